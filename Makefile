@@ -1,0 +1,33 @@
+PYTHON ?= python3
+VENV := .venv
+STAMP := $(VENV)/.installed
+BIN := $(VENV)/bin
+
+.PHONY: run test check format clean help
+
+help:  ## Show the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit("Roomfix needs Python 3.11 or later; set PYTHON=python3.x") if sys.version_info < (3, 11) else None'
+	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[demo,dev]'
+	touch $(STAMP)
+
+run: $(STAMP)  ## Build the demonstration venue and serve it on 127.0.0.1:8000
+	$(BIN)/roomfix demo
+
+test: $(STAMP)  ## Run the whole test suite
+	$(BIN)/python -m pytest
+
+check: $(STAMP)  ## Lint, format check, types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(STAMP)  ## Format and fix
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:  ## Remove the environment and the demonstration data
+	rm -rf $(VENV) .roomfix

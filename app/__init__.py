@@ -1,0 +1,1 @@
+"""Roomfix: tells a camera where it is inside a building."""

@@ -1,0 +1,136 @@
+"""Builds: from an uploaded scan to a map, watched and cancelled."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, File, Form, UploadFile
+from pydantic import BaseModel, Field
+from sse_starlette.sse import EventSourceResponse
+from starlette.concurrency import run_in_threadpool
+
+from app.api.deps import AppState, State, require
+from app.api.schemas import problems
+from app.errors import InvalidInputError
+from app.services.submit_build import submit_build
+from app.storage.builds import Build, cancel_build, get_build, list_builds
+
+router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
+EVENT_INTERVAL_S = 0.3
+
+
+class Submitted(BaseModel):
+    """A queued build and where to watch it."""
+
+    build: str
+    status_url: str
+    events_url: str
+
+
+class BuildBody(BaseModel):
+    """A build as it is now; `report` when it has succeeded, `error` when it has failed."""
+
+    build: str
+    venue: str
+    state: str = Field(description="queued, running, succeeded, failed or cancelled")
+    stage: str | None
+    done: int
+    total: int
+    attempts: int
+    error: str | None
+    error_code: str | None
+    report: dict[str, Any] | None
+    map_version: int | None
+    created_at: str | None
+    started_at: str | None
+    finished_at: str | None
+
+    @staticmethod
+    def of(build: Build) -> BuildBody:
+        """Return the body of a build."""
+        times = {
+            name: None if getattr(build, name) is None else getattr(build, name).isoformat()
+            for name in ("created_at", "started_at", "finished_at")
+        }
+        return BuildBody(
+            build=build.id,
+            venue=build.venue_id,
+            state=build.state,
+            stage=build.stage,
+            done=build.done,
+            total=build.total,
+            attempts=build.attempts,
+            error=build.error,
+            error_code=build.error_code,
+            report=build.report,
+            map_version=build.map_version,
+            **times,
+        )
+
+
+@router.post("/build", status_code=202, responses=problems(401, 404, 413, 422))
+def build(
+    state: State,
+    archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
+    venue: Annotated[str, Form(description="The venue that the map is for")],
+    options: Annotated[str, Form(description="JSON: format, camera, depth_scale, features, ...")] = "{}",
+) -> Submitted:
+    """Queue a build of a map from an RGB-D scan."""
+    build_id = submit_build(state.resources, venue, _json(options), archive.file)
+    state.runner.wake()
+    url = f"/database/builds/{build_id}"
+    return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
+
+
+@router.get("/builds", responses=problems(401))
+def list_all(state: State, venue: str | None = None) -> list[BuildBody]:
+    """List builds, newest first."""
+    with state.resources.database.read() as connection:
+        return [BuildBody.of(item) for item in list_builds(connection, venue)]
+
+
+@router.get("/builds/{build}", responses=problems(401, 404))
+def status(state: State, build: str) -> BuildBody:
+    """Return where a build is."""
+    return _read(state, build)
+
+
+@router.get("/builds/{build}/events", responses=problems(401, 404))
+async def events(state: State, build: str) -> EventSourceResponse:
+    """Send the build as a server-sent event whenever it changes, until it has ended."""
+    first = await run_in_threadpool(_read, state, build)
+    return EventSourceResponse(_follow(state, first))
+
+
+@router.delete("/builds/{build}", status_code=202, responses=problems(401, 404, 409))
+def cancel(state: State, build: str) -> BuildBody:
+    """Cancel a build; a running one stops at its next step."""
+    with state.resources.database.write() as connection:
+        return BuildBody.of(cancel_build(connection, build))
+
+
+async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, str]]:
+    sent = None
+    while True:
+        if body != sent:
+            yield {"event": "build", "data": body.model_dump_json()}
+            sent = body
+        if body.state in ("succeeded", "failed", "cancelled"):
+            return
+        await asyncio.sleep(EVENT_INTERVAL_S)
+        body = await run_in_threadpool(_read, state, body.build)
+
+
+def _read(state: AppState, build: str) -> BuildBody:
+    with state.resources.database.read() as connection:
+        return BuildBody.of(get_build(connection, build))
+
+
+def _json(text: str) -> object:
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(f"options is not JSON: {error}.") from None

@@ -1,0 +1,86 @@
+"""One table from domain errors to status codes; every error body is RFC 9457 problem+json."""
+
+from __future__ import annotations
+
+import logging
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from app import errors
+
+log = logging.getLogger("roomfix.api")
+
+# The first class that fits decides, so that special ones stand above their base.
+STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
+    (errors.ImageTooLargeError, 413),
+    (errors.UploadTooLargeError, 413),
+    (errors.UnsupportedImageError, 415),
+    (errors.InvalidInputError, 422),
+    (errors.DegenerateGeometryError, 422),
+    (errors.AuthenticationError, 401),
+    (errors.PermissionDeniedError, 403),
+    (errors.NotFoundError, 404),
+    (errors.ConflictError, 409),
+    (errors.BusyError, 503),
+)
+RETRY_AFTER_S = 1
+
+
+def status_of(error: errors.RoomfixError) -> int:
+    """Return the status code of a domain error."""
+    return next((status for kind, status in STATUS if isinstance(error, kind)), 500)
+
+
+def problem(
+    status: int, code: str, detail: str, headers: dict[str, str] | None = None, **more: Any
+) -> JSONResponse:
+    """Return a problem+json answer."""
+    body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "code": code}
+    body["detail"] = detail
+    return JSONResponse(
+        {**body, **more}, status_code=status, media_type="application/problem+json", headers=headers
+    )
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Make every error of the app a problem+json answer."""
+
+    async def domain(_: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, errors.RoomfixError)  # noqa: S101 - registered for this class
+        status = status_of(error)
+        if status == 500:
+            log.error("unmapped error", exc_info=error)
+        headers = {503: {"Retry-After": str(RETRY_AFTER_S)}, 401: {"WWW-Authenticate": "Bearer"}}
+        return problem(status, error.code, str(error), headers.get(status))
+
+    async def validation(_: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
+        fields = [_field(entry) for entry in error.errors()]
+        detail = "; ".join(f"{field['field']}: {field['message']}" for field in fields)
+        return problem(422, "invalid_request", detail or "The request is not valid.", fields=fields)
+
+    async def http(_: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, HTTPException)  # noqa: S101 - registered for this class
+        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request"}
+        detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
+        headers = dict(error.headers) if error.headers else None
+        return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
+
+    async def unexpected(_: Request, error: Exception) -> JSONResponse:
+        log.error("unexpected error", exc_info=error)
+        return problem(500, "internal", "Something went wrong here; the log has it under this request's id.")
+
+    app.add_exception_handler(errors.RoomfixError, domain)
+    app.add_exception_handler(RequestValidationError, validation)
+    app.add_exception_handler(HTTPException, http)
+    app.add_exception_handler(Exception, unexpected)
+
+
+def _field(entry: Any) -> dict[str, str]:
+    place = ".".join(str(part) for part in entry["loc"] if part != "body")
+    return {"field": place or "body", "message": str(entry["msg"])}

@@ -1,0 +1,140 @@
+"""Floors and their plan images."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, File, Form, Response, UploadFile
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.api.deps import FloorId, State, VenueId, require
+from app.api.schemas import problems
+from app.errors import InvalidInputError, NotFoundError
+from app.services.floor_plans import as_dict, parse_plan_from_world, store_plan_image
+from app.storage.floors import delete_floor, get_floor, list_floors, put_floor
+from app.storage.venues import get_venue
+
+router = APIRouter(prefix="/venues/{venue}/floors", tags=["floors"])
+
+
+class NewFloor(BaseModel):
+    """A floor. `plan_from_world` is a 4x4 matrix, or pairs of points to fit it to."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "name": "Ground floor",
+                "level": 0,
+                "z_min_m": -0.5,
+                "z_max_m": 3.0,
+                "plan_from_world": {
+                    "correspondences": [
+                        {"world": [0.0, 0.0, 0.0], "plan": [2.0, 1.5]},
+                        {"world": [10.0, 0.0, 0.0], "plan": [12.0, 1.5]},
+                    ]
+                },
+            }
+        }
+    )
+
+    name: str = Field(min_length=1, max_length=200)
+    level: int = Field(ge=-100, le=1000)
+    z_min_m: float = Field(allow_inf_nan=False)
+    z_max_m: float = Field(allow_inf_nan=False)
+    plan_from_world: Any = None
+
+    @model_validator(mode="after")
+    def _heights(self) -> NewFloor:
+        if self.z_min_m >= self.z_max_m:
+            raise ValueError("z_min_m must be below z_max_m")
+        return self
+
+
+@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+def list_all(state: State, venue: VenueId) -> list[dict[str, Any]]:
+    """List a venue's floors, lowest first."""
+    with state.resources.database.read() as connection:
+        get_venue(connection, venue)
+        return [as_dict(floor) for floor in list_floors(connection, venue)]
+
+
+@router.put("/{floor}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
+def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[str, Any]:
+    """Add or change a floor; says how well fitted correspondences agree."""
+    alignment = parse_plan_from_world(body.plan_from_world)
+    with state.resources.database.write() as connection:
+        get_venue(connection, venue)
+        stored = put_floor(
+            connection,
+            venue,
+            floor,
+            name=body.name,
+            level=body.level,
+            z_min_m=body.z_min_m,
+            z_max_m=body.z_max_m,
+            plan_from_world=None if alignment is None else alignment.matrix,
+            plan_residual_m=None if alignment is None else alignment.residual_m,
+        )
+    return {**as_dict(stored), "plan_scale": None if alignment is None else alignment.scale}
+
+
+@router.get("/{floor}", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+def get(state: State, venue: VenueId, floor: FloorId) -> dict[str, Any]:
+    """Return a floor."""
+    with state.resources.database.read() as connection:
+        return as_dict(get_floor(connection, venue, floor))
+
+
+@router.delete(
+    "/{floor}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404)
+)
+def remove(state: State, venue: VenueId, floor: FloorId) -> Response:
+    """Delete a floor with its plan."""
+    with state.resources.database.write() as connection:
+        delete_floor(connection, venue, floor)
+    return Response(status_code=204)
+
+
+@router.put(
+    "/{floor}/plan", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 413, 415, 422)
+)
+def put_plan(
+    state: State,
+    venue: VenueId,
+    floor: FloorId,
+    image: Annotated[UploadFile, File(description="PNG or JPEG")],
+    meters_per_pixel: Annotated[float, Form(description="Metres that one pixel shows")],
+    origin_px: Annotated[str, Form(description="u,v of plan (0, 0) in the image, e.g. 100,820")],
+) -> dict[str, Any]:
+    """Store a floor's plan image."""
+    with state.resources.database.read() as connection:
+        get_floor(connection, venue, floor)
+    stored = store_plan_image(
+        state.resources, venue, floor, image.file.read(), meters_per_pixel, _pixel(origin_px)
+    )
+    return as_dict(stored)
+
+
+@router.get(
+    "/{floor}/plan",
+    dependencies=[Depends(require("locate"))],
+    responses={200: {"content": {"image/png": {}, "image/jpeg": {}}}, **problems(401, 404)},
+    response_class=Response,
+)
+def get_plan(state: State, venue: VenueId, floor: FloorId) -> Response:
+    """Return a floor's plan image."""
+    with state.resources.database.read() as connection:
+        plan = get_floor(connection, venue, floor).plan
+    if plan is None:
+        raise NotFoundError(f"Floor {floor!r} has no plan image.")
+    return Response(state.resources.blobs.get(plan.blob), media_type=plan.media_type)
+
+
+def _pixel(text: str) -> tuple[float, float]:
+    try:
+        values = json.loads(text) if text.strip().startswith("[") else text.split(",")
+        u, v = (float(value) for value in values)
+    except (TypeError, ValueError):
+        raise InvalidInputError("origin_px must be two numbers, u,v.") from None
+    return u, v

@@ -1,0 +1,59 @@
+"""Liveness, readiness and metrics."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Depends, Response
+from pydantic import BaseModel
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.api.deps import State, require
+from app.api.errors import problem
+
+router = APIRouter(tags=["operation"])
+
+
+class Health(BaseModel):
+    """The state of the server."""
+
+    status: str
+
+
+class Readiness(BaseModel):
+    """Whether queries can be answered, part by part."""
+
+    status: str
+    checks: dict[str, str]
+
+
+@router.get("/healthz")
+def healthz() -> Health:
+    """Answer as long as the process lives."""
+    return Health(status="ok")
+
+
+@router.get("/readyz", response_model=Readiness, responses={503: {"model": Readiness}})
+def readyz(state: State) -> Readiness | Response:
+    """Answer 200 when database, blobs and build worker are there."""
+    checks: dict[str, str] = {}
+    try:
+        state.resources.database.ping()
+        checks["database"] = "ok"
+    except SQLAlchemyError as error:
+        checks["database"] = type(error).__name__
+    try:
+        state.resources.blobs.check_writable()
+        checks["blobs"] = "ok"
+    except OSError as error:
+        checks["blobs"] = str(error)
+    # Without the worker builds wait, but queries are answered: that is no reason to take the server out.
+    checks["build_worker"] = "ok" if state.runner.alive() else "restarting"
+    if checks["database"] != "ok" or checks["blobs"] != "ok":
+        return problem(503, "not_ready", "A part of the server doesn't answer.", checks=checks)
+    return Readiness(status="ok", checks=checks)
+
+
+@router.get("/metrics", response_class=Response, dependencies=[Depends(require("admin"))])
+def metrics(state: State) -> Response:
+    """Return metrics in Prometheus's text format."""
+    state.metrics.pending.set(state.executor.pending)
+    return Response(state.metrics.render(), media_type="text/plain; version=0.0.4; charset=utf-8")

@@ -1,0 +1,172 @@
+"""Locate: an image in, a pose and a point on the plan out."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Literal
+
+import numpy as np
+from fastapi import APIRouter, Depends, File, Form, UploadFile
+from pydantic import BaseModel, Field
+
+from app.api.deps import State, require
+from app.api.schemas import CameraBody, PoseBody, problems
+from app.errors import InvalidInputError
+from app.geometry.camera import Camera
+from app.services.build_options import parse_camera
+from app.services.locate import LocateRequest, LocateResult, Method, Prior
+
+router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
+
+
+class PlanBody(BaseModel):
+    """A point on the floor plan: metres, degrees counter-clockwise from plan x, pixels of the plan image."""
+
+    x: float
+    y: float
+    heading_deg: float
+    u_px: float | None
+    v_px: float | None
+    area: str | None = None
+    nearest_landmark: str | None = None
+
+
+class AccuracyBody(BaseModel):
+    """One sigma, from the pose covariance."""
+
+    position_m: float
+    orientation_deg: float
+
+
+class KeyframeBody(BaseModel):
+    """A keyframe that was matched."""
+
+    keyframe: int
+    matches: int
+    inliers: int
+
+
+class LocateBody(BaseModel):
+    """Where the camera is, or the reason why that can't be said. `pose` is world_from_camera."""
+
+    located: bool
+    reason: (
+        Literal["no_match", "too_few_inliers", "ambiguous", "outside_venue", "poor_image", "no_map"] | None
+    )
+    method: str
+    venue: str
+    map_version: int | None
+    floor: str | None
+    pose: PoseBody | None
+    plan: PlanBody | None
+    accuracy: AccuracyBody | None
+    confidence: float = Field(description="Probability that the error is below 0.5 m and 5 degrees")
+    inliers: int
+    matches: int
+    keyframes: list[KeyframeBody]
+    camera: CameraBody | None
+    narrowed: bool = Field(description="Whether floor or prior held; false also when the search was widened")
+    timings_ms: dict[str, float]
+
+
+@router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
+async def locate(
+    state: State,
+    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    venue: Annotated[str | None, Form(description="May be left out when there is one venue")] = None,
+    floor: Annotated[str | None, Form(description="Search this floor first")] = None,
+    camera: Annotated[
+        str | None, Form(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or JSON {model, width, height, params}')
+    ] = None,
+    gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
+    prior: Annotated[str | None, Form(description='JSON {"position": {x, y, z}, "radius_m"}')] = None,
+    method: Annotated[Method, Form()] = "auto",
+) -> LocateBody:
+    """Locate one image."""
+    request = LocateRequest(
+        image=await image.read(),
+        venue=venue or None,
+        floor=floor or None,
+        camera=_camera(camera),
+        gravity=_gravity(gravity),
+        prior=_prior(prior),
+        method=method,
+    )
+    result = await state.executor.run(lambda: state.locate.locate(request))
+    state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
+    return body_of(result)
+
+
+def body_of(result: LocateResult) -> LocateBody:
+    """Return the body of a result."""
+    pose, plan = result.world_from_camera, result.plan
+    return LocateBody(
+        located=pose is not None,
+        reason=result.reason,
+        method=result.method,
+        venue=result.venue,
+        map_version=result.map_version,
+        floor=result.floor.id if result.floor is not None else None,
+        pose=PoseBody.of(pose) if pose is not None else None,
+        plan=None
+        if plan is None
+        else PlanBody(
+            x=plan.x, y=plan.y, heading_deg=plan.heading_deg, u_px=plan.u_px, v_px=plan.v_px
+        ),
+        accuracy=None
+        if result.position_m is None or result.orientation_deg is None
+        else AccuracyBody(position_m=result.position_m, orientation_deg=result.orientation_deg),
+        confidence=round(result.confidence, 4),
+        inliers=result.inliers,
+        matches=result.matches,
+        keyframes=[
+            KeyframeBody(keyframe=vote.keyframe, matches=vote.matches, inliers=vote.inliers)
+            for vote in result.keyframes
+        ],
+        camera=None if result.camera is None else CameraBody.of(result.camera, result.camera_source),
+        narrowed=result.narrowed,
+        timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
+    )
+
+
+def _camera(text: str | None) -> Camera | tuple[float, ...] | None:
+    if text is None or not text.strip():
+        return None
+    if text.lstrip().startswith("{"):
+        return parse_camera(_json(text, "camera"))
+    return parse_camera(text)
+
+
+def _gravity(text: str | None) -> tuple[float, float, float] | None:
+    if text is None or not text.strip():
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InvalidInputError("gravity must be three numbers, x,y,z in camera axes.") from None
+    length = float(np.linalg.norm([x, y, z]))
+    if not np.isfinite(length) or length < 1e-6:
+        raise InvalidInputError("gravity must have a direction: finite numbers that are not all zero.")
+    return x, y, z
+
+
+def _prior(text: str | None) -> Prior | None:
+    if text is None or not text.strip():
+        return None
+    value = _json(text, "prior")
+    try:
+        position = value["position"]  # type: ignore[index]
+        numbers = [float(position[axis]) for axis in ("x", "y", "z")]
+        radius_m = float(value["radius_m"])  # type: ignore[index]
+    except (KeyError, TypeError, ValueError):
+        raise InvalidInputError('prior must be {"position": {"x", "y", "z"}, "radius_m"}, all numbers.') from None
+    if not np.isfinite([*numbers, radius_m]).all() or radius_m <= 0:
+        raise InvalidInputError("prior must hold finite numbers, with radius_m above zero.")
+    return Prior((numbers[0], numbers[1], numbers[2]), radius_m)
+
+
+def _json(text: str, name: str) -> object:
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(f"{name} is not JSON: {error}.") from None

@@ -1,0 +1,56 @@
+"""Map versions: what there is, and which one serves."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from fastapi import APIRouter, Depends
+from pydantic import BaseModel
+
+from app.api.deps import State, VenueId, require
+from app.api.schemas import problems
+from app.storage.maps import MapVersion, get_map, list_maps
+from app.storage.venues import get_venue, set_active_map
+
+router = APIRouter(prefix="/venues/{venue}/maps", tags=["maps"])
+
+
+class MapBody(BaseModel):
+    """A map version with the statistics of its build."""
+
+    version: int
+    active: bool
+    build: str | None
+    created_at: datetime
+    statistics: dict[str, Any]
+
+
+def _body(version: MapVersion, active: int | None) -> MapBody:
+    return MapBody(
+        version=version.version,
+        active=version.version == active,
+        build=version.build_id,
+        created_at=version.created_at,
+        statistics=version.statistics,
+    )
+
+
+@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+def list_all(state: State, venue: VenueId) -> list[MapBody]:
+    """List a venue's map versions, newest first."""
+    with state.resources.database.read() as connection:
+        active = get_venue(connection, venue).active_map_version
+        return [_body(version, active) for version in list_maps(connection, venue)]
+
+
+@router.post(
+    "/{version}/activate", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
+)
+def activate(state: State, venue: VenueId, version: int) -> MapBody:
+    """Let a map version serve the venue: roll back, or forward again."""
+    with state.resources.database.write() as connection:
+        get_venue(connection, venue)
+        found = get_map(connection, venue, version)
+        set_active_map(connection, venue, version)
+    return _body(found, version)

@@ -1,0 +1,46 @@
+"""Prometheus metrics, in a registry of the app's own."""
+
+from __future__ import annotations
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+
+BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+
+
+class Metrics:
+    """What operators watch."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self._requests = Counter(
+            "roomfix_requests_total", "HTTP requests", ["method", "route", "status"], registry=self.registry
+        )
+        self._seconds = Histogram(
+            "roomfix_request_seconds", "Time of an HTTP request", ["route"], buckets=BUCKETS_S, registry=self.registry
+        )
+        self._located = Counter(
+            "roomfix_locate_total", "Queries by outcome", ["venue", "outcome"], registry=self.registry
+        )
+        self._stages = Histogram(
+            "roomfix_locate_stage_seconds",
+            "Time of a query's stages",
+            ["stage"],
+            buckets=BUCKETS_S,
+            registry=self.registry,
+        )
+        self.pending = Gauge("roomfix_queries_pending", "Queries that run or wait", registry=self.registry)
+
+    def observe_request(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count one request."""
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(route).observe(seconds)
+
+    def observe_query(self, venue: str, outcome: str, timings_ms: dict[str, float]) -> None:
+        """Count one query; `outcome` is `located` or the reason."""
+        self._located.labels(venue, outcome).inc()
+        for stage, milliseconds in timings_ms.items():
+            self._stages.labels(stage).observe(milliseconds / 1e3)
+
+    def render(self) -> bytes:
+        """Return the text that Prometheus scrapes."""
+        return generate_latest(self.registry)

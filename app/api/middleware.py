@@ -1,0 +1,101 @@
+"""Request ids, upload limits and request metrics, as plain ASGI middleware."""
+
+from __future__ import annotations
+
+import re
+import time
+import uuid
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.errors import problem
+from app.api.metrics import Metrics
+from app.errors import UploadTooLargeError
+
+REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+# Room for the other fields of a form and its boundaries.
+FORM_OVERHEAD = 1_000_000
+
+
+class RequestIdMiddleware:
+    """Gives every answer an `X-Request-ID`: the caller's own if it is a sane one, else a new one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get("x-request-id", "")
+        request_id = given if REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
+
+        async def send_with_id(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message)["X-Request-ID"] = request_id
+            await send(message)
+
+        await self._app(scope, receive, send_with_id)
+
+
+class MetricsMiddleware:
+    """Counts requests by route and status, and times them."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started, status = time.perf_counter(), 500
+
+        async def send_and_note(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_and_note)
+        finally:
+            # The template, not the path: ids in a label would make a series each.
+            route = getattr(scope.get("route"), "path", "unmatched")
+            self._metrics.observe_request(scope["method"], route, status, time.perf_counter() - started)
+
+
+class UploadLimitMiddleware:
+    """Refuses bodies over the limit: by their declared length at once, else as soon as they pass it."""
+
+    def __init__(self, app: ASGIApp, max_archive_bytes: int, max_image_bytes: int) -> None:
+        self._app = app
+        self._max_archive_bytes = max_archive_bytes
+        self._max_image_bytes = max_image_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        is_archive = scope["path"].startswith("/database/")
+        limit = (self._max_archive_bytes if is_archive else self._max_image_bytes) + FORM_OVERHEAD
+        message = f"The upload is larger than {limit - FORM_OVERHEAD:,} bytes, the limit of this server."
+        declared = Headers(scope=scope).get("content-length", "0")
+        if declared.isdigit() and int(declared) > limit:
+            await problem(413, UploadTooLargeError.code, message)(scope, receive, send)
+            return
+        received = 0
+
+        async def limited_receive() -> Message:
+            nonlocal received
+            event = await receive()
+            received += len(event.get("body", b""))
+            if received > limit:
+                raise UploadTooLargeError(message)
+            return event
+
+        await self._app(scope, limited_receive, send)

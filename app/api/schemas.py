@@ -1,0 +1,76 @@
+"""The bodies that several routes share."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, Field
+
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+
+
+class Position(BaseModel):
+    """A point in metres."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(BaseModel):
+    """A unit quaternion, scalar last."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class PoseBody(BaseModel):
+    """A pose, always world_from_camera."""
+
+    position: Position
+    quaternion: Quaternion
+
+    @staticmethod
+    def of(world_from_camera: Pose) -> PoseBody:
+        """Return the body of a pose."""
+        (x, y, z), (qx, qy, qz, qw) = world_from_camera.translation, world_from_camera.quaternion
+        return PoseBody(position=Position(x=x, y=y, z=z), quaternion=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+class CameraBody(BaseModel):
+    """Intrinsics by COLMAP's names, and where they come from: the request, or the search during the query."""
+
+    model: str
+    width: int
+    height: int
+    params: list[float]
+    source: str | None = Field(None, description="request, search or unknown")
+
+    @staticmethod
+    def of(camera: Camera, source: str | None = None) -> CameraBody:
+        """Return the body of a camera."""
+        return CameraBody(
+            model=camera.model,
+            width=camera.width,
+            height=camera.height,
+            params=list(camera.params),
+            source=source,
+        )
+
+
+class Problem(BaseModel):
+    """An error as RFC 9457 describes it, with a stable code."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    code: str
+    detail: str
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
+    """Return the OpenAPI description of a route's errors."""
+    return {
+        status: {"model": Problem, "content": {"application/problem+json": {}}} for status in statuses
+    }

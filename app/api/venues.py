@@ -1,0 +1,84 @@
+"""Venues."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.deps import ID_PATTERN, State, VenueId, require
+from app.api.schemas import problems
+from app.storage.venues import Venue, create_venue, delete_venue, get_venue, list_venues, rename_venue
+
+router = APIRouter(prefix="/venues", tags=["venues"])
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class NewVenue(BaseModel):
+    """A venue to add."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"id": "museum", "name": "City museum"}})
+
+    id: str = Field(pattern=ID_PATTERN)
+    name: Name
+
+
+class VenueChange(BaseModel):
+    """What can be changed of a venue."""
+
+    name: Name
+
+
+class VenueBody(BaseModel):
+    """A venue; `map_version` is the map that serves it, null before the first build."""
+
+    id: str
+    name: str
+    created_at: datetime
+    map_version: int | None
+
+
+def _body(venue: Venue) -> VenueBody:
+    return VenueBody(
+        id=venue.id, name=venue.name, created_at=venue.created_at, map_version=venue.active_map_version
+    )
+
+
+@router.post("", status_code=201, dependencies=[Depends(require("admin"))], responses=problems(401, 409, 422))
+def create(state: State, venue: NewVenue) -> VenueBody:
+    """Add a venue."""
+    with state.resources.database.write() as connection:
+        return _body(create_venue(connection, venue.id, venue.name))
+
+
+@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401))
+def list_all(state: State) -> list[VenueBody]:
+    """List the venues."""
+    with state.resources.database.read() as connection:
+        return [_body(venue) for venue in list_venues(connection)]
+
+
+@router.get("/{venue}", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+def get(state: State, venue: VenueId) -> VenueBody:
+    """Return a venue."""
+    with state.resources.database.read() as connection:
+        return _body(get_venue(connection, venue))
+
+
+@router.patch("/{venue}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
+def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
+    """Change a venue's name."""
+    with state.resources.database.write() as connection:
+        return _body(rename_venue(connection, venue, change.name))
+
+
+@router.delete(
+    "/{venue}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404)
+)
+def remove(state: State, venue: VenueId) -> Response:
+    """Delete a venue with its floors, maps and builds."""
+    with state.resources.database.write() as connection:
+        delete_venue(connection, venue)
+    return Response(status_code=204)

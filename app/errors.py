@@ -1,0 +1,97 @@
+"""The error tree. It knows no HTTP: `app/api/errors.py` maps each class to a status code."""
+
+
+class RoomfixError(Exception):
+    """Base of every error that a caller can act on. `code` is stable, the message says what to change."""
+
+    code = "error"
+
+
+class InvalidInputError(RoomfixError):
+    """A value that a caller gave can't be used."""
+
+    code = "invalid_input"
+
+
+class InvalidCameraError(InvalidInputError):
+    """Intrinsics that no real camera has, or that can't belong to the image."""
+
+    code = "invalid_camera"
+
+
+class InvalidPoseError(InvalidInputError):
+    """A pose with numbers that are not finite, or a rotation too far from SO(3)."""
+
+    code = "invalid_pose"
+
+
+class InvalidImageError(InvalidInputError):
+    """Bytes that are not an image that can be read."""
+
+    code = "invalid_image"
+
+
+class UnsupportedImageError(InvalidImageError):
+    """An image in a format that is not accepted."""
+
+    code = "unsupported_image"
+
+
+class ImageTooLargeError(InvalidImageError):
+    """An image of more pixels or bytes than the limit."""
+
+    code = "image_too_large"
+
+
+class InvalidScanError(InvalidInputError):
+    """A scan archive that can't become a map; the message says which file or frame and why."""
+
+    code = "invalid_scan"
+
+
+class UploadTooLargeError(InvalidInputError):
+    """More bytes than the limit for an upload."""
+
+    code = "upload_too_large"
+
+
+class DegenerateGeometryError(RoomfixError):
+    """A geometric problem with too few or badly placed points to have one answer."""
+
+    code = "degenerate_geometry"
+
+
+class NotFoundError(RoomfixError):
+    """A venue, floor, map or build that does not exist."""
+
+    code = "not_found"
+
+
+class ConflictError(RoomfixError):
+    """A request that the present state doesn't allow."""
+
+    code = "conflict"
+
+
+class BusyError(RoomfixError):
+    """All workers are occupied and the queue is full; try again later."""
+
+    code = "busy"
+
+
+class CancelledBuildError(RoomfixError):
+    """The build was cancelled while it ran."""
+
+    code = "cancelled"
+
+
+class AuthenticationError(RoomfixError):
+    """No key, or one that is not known."""
+
+    code = "unauthenticated"
+
+
+class PermissionDeniedError(RoomfixError):
+    """The key is known but lacks the scope."""
+
+    code = "forbidden"

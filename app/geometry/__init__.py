@@ -1,0 +1,1 @@
+"""Poses, cameras and the papers' equations on NumPy. `README.md` maps each equation to its function."""

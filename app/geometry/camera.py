@@ -1,0 +1,235 @@
+"""Camera intrinsics with COLMAP's model names, projection and undistortion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.errors import InvalidCameraError
+
+Array = NDArray[np.float64]
+
+# model -> number of parameters: fx fy cx cy, then the distortion coefficients in COLMAP's order.
+# OPENCV: k1 k2 p1 p2. FULL_OPENCV: k1 k2 p1 p2 k3 k4 k5 k6. OPENCV_FISHEYE: k1 k2 k3 k4 (equidistant).
+MODEL_PARAMETERS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
+
+# No lens that takes a photograph is outside: 160 degrees of view at one end, 3 degrees at the other.
+MIN_FOCAL_PER_WIDTH, MAX_FOCAL_PER_WIDTH = 0.15, 20.0
+# A sensor crop can move the principal point, but not out of the middle part of the picture.
+MAX_PRINCIPAL_POINT_OFFSET = 0.35
+# Nearer than this, in the unit of the points, is not in front of a camera.
+MIN_DEPTH = 1e-9
+# The tangent of 84 degrees off the axis: how far out a lens model is searched for a fold.
+MAX_TANGENT = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Intrinsics: COLMAP model name, size in pixels, parameters (fx fy cx cy in pixels first).
+
+    The centre of the first pixel is at (0, 0). Raises `InvalidCameraError` for an unknown model, a wrong
+    number of parameters, numbers that are not finite, or intrinsics that no camera of this size has.
+    """
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        expected = MODEL_PARAMETERS.get(self.model)
+        if expected is None:
+            raise InvalidCameraError(
+                f"Camera model {self.model!r} is not known; use one of {', '.join(MODEL_PARAMETERS)}."
+            )
+        if len(self.params) != expected:
+            raise InvalidCameraError(f"{self.model} takes {expected} parameters, got {len(self.params)}.")
+        if not np.isfinite(self.params).all():
+            raise InvalidCameraError("Camera parameters must be finite numbers.")
+        if self.width < 1 or self.height < 1:
+            raise InvalidCameraError("A camera's width and height are at least one pixel.")
+        self._check_plausible()
+
+    def _check_plausible(self) -> None:
+        fx, fy, cx, cy = self.params[:4]
+        size = max(self.width, self.height)
+        for name, focal in (("fx", fx), ("fy", fy)):
+            if not MIN_FOCAL_PER_WIDTH * size <= focal <= MAX_FOCAL_PER_WIDTH * size:
+                raise InvalidCameraError(
+                    f"{name} = {focal:g} px can't belong to an image of {self.width} x {self.height} pixels."
+                )
+        if not 0.5 <= fx / fy <= 2.0:
+            raise InvalidCameraError(f"fx = {fx:g} and fy = {fy:g} differ by more than a factor of two.")
+        offsets = abs(cx - self.width / 2) / self.width, abs(cy - self.height / 2) / self.height
+        if max(offsets) > MAX_PRINCIPAL_POINT_OFFSET:
+            raise InvalidCameraError(
+                f"The principal point ({cx:g}, {cy:g}) is far from the centre of an image of "
+                f"{self.width} x {self.height} pixels."
+            )
+        # Past any real lens, and past what undistortion can invert without wild numbers.
+        if any(abs(k) > 50 for k in self.params[4:]):
+            raise InvalidCameraError("A distortion coefficient above 50 belongs to no real lens.")
+
+    @staticmethod
+    def from_values(values: ArrayLike, width: int, height: int) -> Camera:
+        """Return the camera of `fx fy cx cy [k1 k2 p1 p2 [k3]]`, its model chosen by the count."""
+        v = [float(x) for x in np.asarray(values, dtype=np.float64).reshape(-1)]
+        if len(v) == 4:
+            return Camera("PINHOLE", width, height, tuple(v))
+        if len(v) == 8:
+            return Camera("OPENCV", width, height, tuple(v))
+        if len(v) == 9:
+            return Camera("FULL_OPENCV", width, height, (*v, 0.0, 0.0, 0.0))
+        raise InvalidCameraError(
+            f"Intrinsics are fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]: 4, 8 or 9 numbers, got {len(v)}."
+        )
+
+    @property
+    def K(self) -> Array:
+        """The calibration matrix (3, 3) (A eq. 10)."""
+        fx, fy, cx, cy = self.params[:4]
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+
+    @property
+    def focal_px(self) -> float:
+        """The mean focal length in pixels."""
+        return 0.5 * (self.params[0] + self.params[1])
+
+    @property
+    def distortion(self) -> Array:
+        """The coefficients in OpenCV's order (none, 4 or 8 of them)."""
+        return np.array(self.params[4:], dtype=np.float64)
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any distortion coefficient is not zero (a fisheye always is)."""
+        return self.model == "OPENCV_FISHEYE" or bool(np.any(self.distortion != 0))
+
+    def scaled_to(self, width: int, height: int) -> Camera:
+        """Return the camera for the same picture resampled; raises for another aspect ratio."""
+        if (width, height) == (self.width, self.height):
+            return self
+        sx, sy = width / self.width, height / self.height
+        if abs(sx / sy - 1) > 0.02:
+            raise InvalidCameraError(
+                f"The camera is for {self.width} x {self.height} pixels, the image has {width} x {height}: "
+                "another aspect ratio, so a crop, for which these intrinsics don't hold."
+            )
+        fx, fy, cx, cy = self.params[:4]
+        # With pixel centres on integers a resampled image is scaled about (-0.5, -0.5).
+        scaled = (fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
+        return Camera(self.model, width, height, (*scaled, *self.params[4:]))
+
+    def normalize(self, points_px: ArrayLike) -> Array:
+        """Return undistorted image-plane coordinates (n, 2) of pixels (n, 2) (A eq. 5, lens removed)."""
+        points = np.asarray(points_px, dtype=np.float64).reshape(-1, 2)
+        if not self.is_distorted or len(points) == 0:
+            fx, fy, cx, cy = self.params[:4]
+            return np.asarray((points - [cx, cy]) / [fx, fy])
+        if self.model == "OPENCV_FISHEYE":
+            out = cv2.fisheye.undistortPoints(points[:, None], self.K, self.distortion)
+        else:
+            criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-10)
+            out = cv2.undistortPointsIter(
+                points[:, None], self.K, self.distortion, np.eye(3), np.eye(3), criteria
+            )
+        return np.asarray(out[:, 0], dtype=np.float64)
+
+    def undistort(self, points_px: ArrayLike) -> Array:
+        """Return the pixels (n, 2) that a pinhole with the same K would have seen for pixels (n, 2)."""
+        fx, fy, cx, cy = self.params[:4]
+        return np.asarray(self.normalize(points_px) * [fx, fy] + [cx, cy])
+
+    def project(self, points_in_camera: ArrayLike) -> Array:
+        """Return the pixels (n, 2) of camera-frame points (n, 3); NaN if not in view.
+
+        Not in view is behind the camera, or so far aside that the lens model no longer holds. Source: A eq.
+        10, B eq. 7, C eq. 4.2.1.
+        """
+        points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
+        out = np.full((len(points), 2), np.nan)
+        in_view = self._in_view(points)
+        seen = points[in_view]
+        if self.is_distorted and len(seen):
+            out[in_view] = self._opencv_projection(seen)[0]
+        else:
+            fx, fy, cx, cy = self.params[:4]
+            out[in_view] = seen[:, :2] / seen[:, 2:] * [fx, fy] + [cx, cy]
+        return out
+
+    def projection_jacobian(self, points_in_camera: ArrayLike) -> Array:
+        """Return how the pixels of camera-frame points (n, 3) move with the points, (n, 2, 3) in px/m.
+
+        NaN for points not in view.
+        """
+        points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
+        out = np.full((len(points), 2, 3), np.nan)
+        in_view = self._in_view(points)
+        if in_view.any():
+            out[in_view] = self._opencv_projection(points[in_view])[1].reshape(-1, 2, 3)
+        return out
+
+    def _opencv_projection(self, points: Array) -> tuple[Array, Array]:
+        """Return the pixels (n, 2) of points (n, 3) in view and their derivatives by the point (2n, 3)."""
+        zero = np.zeros(3)
+        # OpenCV derives by its translation, which at the identity is the same as by the point itself.
+        if self.model == "OPENCV_FISHEYE":
+            pixels, jacobian = cv2.fisheye.projectPoints(points[:, None], zero, zero, self.K, self.distortion)
+            by_point = jacobian[:, 11:14]
+        else:
+            pixels, jacobian = cv2.projectPoints(points, zero, zero, self.K, self.distortion)
+            by_point = jacobian[:, 3:6]
+        return np.asarray(pixels[:, 0], dtype=np.float64), np.asarray(by_point, dtype=np.float64)
+
+    def _in_view(self, points: Array) -> NDArray[np.bool_]:
+        """Return which points (n, 3) are in front and not so far aside that the lens folds them back."""
+        fold = _fold_radius(self.model, self.params[4:])
+        with np.errstate(invalid="ignore"):
+            front = points[:, 2] > MIN_DEPTH
+            if np.isinf(fold):
+                return np.asarray(front)
+            return np.asarray(front & (np.hypot(points[:, 0], points[:, 1]) < fold * points[:, 2]))
+
+    def unproject(self, points_px: ArrayLike, depth_m: ArrayLike) -> Array:
+        """Return camera-frame points (n, 3) of pixels (n, 2) at z-depths (n,) in metres.
+
+        Source: A eq. 5-6, C eq. 4.2.2.
+        """
+        z = np.asarray(depth_m, dtype=np.float64).reshape(-1, 1)
+        return np.hstack([self.normalize(points_px) * z, z])
+
+    def contains(self, points_px: ArrayLike) -> NDArray[np.bool_]:
+        """Return which of the pixels (n, 2) lie inside the image."""
+        p = np.asarray(points_px, dtype=np.float64).reshape(-1, 2)
+        with np.errstate(invalid="ignore"):
+            inside = (p >= -0.5) & (p <= np.array([self.width, self.height]) - 0.5)
+        return np.asarray(inside.all(axis=1))
+
+
+@lru_cache(maxsize=256)
+def _fold_radius(model: str, distortion: tuple[float, ...]) -> float:
+    """Return the distance from the axis, at z = 1, from which a lens model's radius shrinks again.
+
+    A fitted polynomial says nothing out there; taken at its word it would show things far outside the view in
+    the middle of the picture. Infinity for a model that never folds.
+    """
+    if not any(distortion):
+        return float("inf")
+    if model == "OPENCV_FISHEYE":
+        angle = np.linspace(0.0, np.pi / 2, 2000)[:-1]
+        radius, distorted = np.tan(angle), angle * np.polyval([*distortion[::-1], 1.0], angle**2)
+    else:
+        k1, k2, k3, k4, k5, k6 = (*distortion[:2], *distortion[4:], 0.0, 0.0, 0.0, 0.0)[:6]
+        radius = np.linspace(0.0, MAX_TANGENT, 5000)
+        squared = radius**2
+        divisor = np.polyval([k6, k5, k4, 1.0], squared)
+        distorted = (
+            radius * np.polyval([k3, k2, k1, 1.0], squared) / np.where(divisor > 1e-6, divisor, np.nan)
+        )
+    # Written so that a NaN, past a pole of the rational model, counts as a fold.
+    folds = ~(np.diff(distorted) > 0)
+    return float(radius[np.argmax(folds)]) if folds.any() else float("inf")

@@ -1,0 +1,106 @@
+"""How far a camera's pose may be off, from the geometry of the points it was computed from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.errors import DegenerateGeometryError, InvalidInputError
+from app.geometry.camera import Camera
+from app.geometry.reprojection import project_from_world, reprojection_jacobian
+from app.geometry.se3 import Pose
+from app.geometry.validation import finite_pairs
+
+Array = NDArray[np.float64]
+
+# A fit to few points explains their noise away; no feature is localized better than about a fifth of a pixel.
+MIN_SIGMA_PX = 0.2
+# The median absolute value of a standard normal variable, inverted.
+SIGMA_PER_MAD = 1.4826
+# Above this the pose has a direction that the points don't see, up to rounding.
+MAX_CONDITION = 1e12
+
+
+def pose_covariance(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    world_from_camera: Pose,
+    sigma_px: float | None = None,
+    *,
+    point_sigma_m: ArrayLike | None = None,
+) -> Array:
+    """Return the covariance (6, 6) of a pose that fits pixels (n, 2) to world points (n, 3) by least squares.
+
+    Order: rotation vector in world axes (rad, applied on the left: R = exp(w) R_estimate), then the camera
+    centre in world metres; see `app.geometry.reprojection.perturbed`. `sigma_px` is the noise of one pixel
+    coordinate, by default estimated from the residuals; `point_sigma_m`, (n,) or one number, the noise of one
+    world coordinate, as from depth. Give inliers only. An error all points share, such as the map's own, is
+    not in it. Raises `DegenerateGeometryError` for points that leave the pose undetermined,
+    `InvalidInputError` for a bad number. Source: first-order error propagation.
+    """
+    pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
+    jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
+    seen = np.isfinite(jacobian).all(axis=(1, 2))
+    if np.count_nonzero(seen) < 3:
+        raise DegenerateGeometryError("A pose covariance needs at least three points in front of the camera.")
+    jacobian, by_point = jacobian[seen], by_point[seen]
+    point_variance = _variances(point_sigma_m, len(points), "point_sigma_m")[seen]
+    noise = point_variance[:, None, None] * (by_point @ by_point.transpose(0, 2, 1))
+    if sigma_px is None:
+        residuals = project_from_world(points[seen], camera, world_from_camera) - pixels[seen]
+        sigma_px = _sigma_of_pixels(residuals, noise)
+    pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
+    return _least_squares_covariance(jacobian, noise + pixel_variance * np.eye(2))
+
+
+def pose_accuracy(covariance: ArrayLike) -> tuple[float, float]:
+    """Return one sigma of position in metres and of orientation in degrees, from a covariance (6, 6).
+
+    Each is the square root of the trace of its block: the root mean square of the error's length, so at least
+    the sigma along any single axis.
+    """
+    variances = np.diag(np.asarray(covariance, dtype=np.float64))
+    rotation, position = np.sqrt(variances[:3].sum()), np.sqrt(variances[3:].sum())
+    return float(position), float(np.degrees(rotation))
+
+
+def sigma_px_from_residuals(residuals_px: ArrayLike) -> float:
+    """Return the noise of one pixel coordinate from the residuals (n, 2) of a six-parameter fit.
+
+    The median absolute value, scaled to a normal distribution and by the degrees of freedom; at least 0.2 px.
+    """
+    values = np.abs(np.asarray(residuals_px, dtype=np.float64).reshape(-1))
+    freedom = np.sqrt(values.size / max(values.size - 6, 1))
+    return max(float(SIGMA_PER_MAD * np.median(values) * freedom), MIN_SIGMA_PX)
+
+
+def _sigma_of_pixels(residuals: Array, point_noise: Array) -> float:
+    """Return the part of the residuals' noise that the points' own noise doesn't explain."""
+    total = sigma_px_from_residuals(residuals) ** 2
+    explained = float(np.median(np.diagonal(point_noise, axis1=1, axis2=2)))
+    return float(np.sqrt(max(total - explained, MIN_SIGMA_PX**2)))
+
+
+def _variances(sigma: ArrayLike | None, count: int, name: str) -> Array:
+    values = np.asarray(0.0 if sigma is None else sigma, dtype=np.float64)
+    if values.shape not in ((), (count,)) or not np.isfinite(values).all() or (values < 0).any():
+        raise InvalidInputError(f"{name} must be one number, or one per point, finite and not negative.")
+    return np.broadcast_to(values**2, (count,))
+
+
+def _least_squares_covariance(jacobian: Array, noise: Array) -> Array:
+    """Return (J'J)^-1 J'NJ (J'J)^-1 of a Jacobian (n, 2, 6) and the points' noise N (n, 2, 2)."""
+    # Columns of unit length, so that the condition is one of geometry and not of metres against radians.
+    lengths = np.linalg.norm(jacobian, axis=(0, 1))
+    scaled = jacobian / np.maximum(lengths, 1e-12)
+    rows = scaled.reshape(-1, 6)
+    hessian = rows.T @ rows
+    eigenvalues = np.linalg.eigvalsh(hessian)
+    if eigenvalues[0] * MAX_CONDITION < eigenvalues[-1]:
+        raise DegenerateGeometryError(
+            "The points leave the pose undetermined: are they on one line or in one spot?"
+        )
+    solver = np.linalg.inv(hessian) / np.maximum(lengths, 1e-12)
+    covariance = solver.T @ (rows.T @ (noise @ scaled).reshape(-1, 6)) @ solver
+    return np.asarray(0.5 * (covariance + covariance.T))

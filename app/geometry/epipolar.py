@@ -1,0 +1,237 @@
+"""What two pictures of one place say about each other: fundamental and essential matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+import poselib
+from numpy.typing import ArrayLike, NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.camera import Camera
+from app.geometry.pnp import poselib_camera
+from app.geometry.se3 import Pose, skew
+from app.geometry.triangulation import homogeneous, parallax_deg, pixel_depths
+from app.geometry.validation import finite_pairs, finite_points
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+FundamentalEstimator = Literal["magsac", "ransac"]
+
+MIN_FUNDAMENTAL_POINTS = 8
+FUNDAMENTAL_METHODS = {"magsac": cv2.USAC_MAGSAC, "ransac": cv2.FM_RANSAC}
+
+
+def filter_by_fundamental_matrix(
+    points_a_px: ArrayLike,
+    points_b_px: ArrayLike,
+    *,
+    max_error_px: float = 3.0,
+    confidence: float = 0.999,
+    max_iterations: int = 2000,
+    seed: int = 0,
+    estimator: FundamentalEstimator = "magsac",
+) -> Mask:
+    """Return which matched pixels (n, 2), (n, 2) of two pictures lie on each other's epipolar lines.
+
+    The mask (n,) is all False for fewer than eight matches or when no matrix is found: nothing then speaks
+    for them. Raises `InvalidInputError` for numbers that are not finite. Source: A section 2.3.
+    """
+    a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
+    none = np.zeros(len(a), dtype=bool)
+    if len(a) < MIN_FUNDAMENTAL_POINTS:
+        return none
+    cv2.setRNGSeed(seed)
+    try:
+        _, mask = cv2.findFundamentalMat(
+            a, b, FUNDAMENTAL_METHODS[estimator], max_error_px, confidence, max_iterations
+        )
+    except cv2.error:  # Raised for points in one spot, where no sample gives a matrix.
+        return none
+    return none if mask is None else np.asarray(mask[:, 0] != 0)
+
+
+@dataclass(frozen=True, slots=True)
+class RelativePoseEstimate:
+    """The pose of one camera seen from another, up to scale, and the matches that agree with it.
+
+    `b_from_a` has a translation of length 1. `inlier_mask` (n,) marks matches within the error limit that
+    meet in front of both cameras; `parallax_deg` is the median angle between their rays: near zero the
+    cameras share one place and the translation means nothing.
+    """
+
+    b_from_a: Pose
+    inlier_mask: Mask
+    parallax_deg: float
+
+
+def estimate_relative_pose(
+    points_a_px: ArrayLike,
+    points_b_px: ArrayLike,
+    camera_a: Camera,
+    camera_b: Camera,
+    *,
+    max_error_px: float = 1.5,
+    max_iterations: int = 5000,
+    seed: int = 0,
+) -> RelativePoseEstimate | None:
+    """Return the relative pose that most matched pixels (n, 2), (n, 2) agree on, or None if there is none.
+
+    Locally optimized RANSAC over five-point samples and a robust refinement, with each camera's own model.
+    None for fewer than eight matches or eight inliers. Raises `InvalidInputError` for numbers that are not
+    finite. Source: C eq. 4.2.1-4.2.4 by PoseLib.
+    """
+    a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
+    if len(a) < MIN_FUNDAMENTAL_POINTS:
+        return None
+    ransac = {
+        "max_epipolar_error": max_error_px,
+        "max_iterations": max_iterations,
+        "min_iterations": 100,
+        "seed": seed,
+    }
+    found, info = poselib.estimate_relative_pose(
+        a, b, poselib_camera(camera_a), poselib_camera(camera_b), ransac, {"loss_type": "CAUCHY"}
+    )
+    length = float(np.linalg.norm(found.t))
+    if info["num_inliers"] < MIN_FUNDAMENTAL_POINTS or not np.isfinite(length) or length < 1e-9:
+        return None
+    return _relative_estimate(a, b, camera_a, camera_b, Pose(found.R, found.t / length), max_error_px)
+
+
+def estimate_relative_pose_svd(
+    points_a_px: ArrayLike,
+    points_b_px: ArrayLike,
+    camera_a: Camera,
+    camera_b: Camera,
+    *,
+    max_error_px: float = 1.5,
+    confidence: float = 0.999,
+    seed: int = 0,
+) -> RelativePoseEstimate | None:
+    """Return the relative pose of matched pixels (n, 2), (n, 2) as the thesis finds it, or None.
+
+    Essential matrix by RANSAC on normalized coordinates, which lets the two K differ, then SVD and
+    cheirality. None and raises as in `estimate_relative_pose`. Source: C eq. 4.2.1-4.2.4 and section 4.2.2.
+    """
+    a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
+    if len(a) < MIN_FUNDAMENTAL_POINTS:
+        return None
+    rays_a, rays_b = camera_a.normalize(a), camera_b.normalize(b)
+    cv2.setRNGSeed(seed)
+    E, mask = cv2.findEssentialMat(
+        rays_a, rays_b, np.eye(3), cv2.RANSAC, confidence, max_error_px / _mean_focal_px(camera_a, camera_b)
+    )
+    if E is None or E.shape != (3, 3) or np.count_nonzero(mask) < MIN_FUNDAMENTAL_POINTS:
+        return None
+    chosen = mask[:, 0] != 0
+    try:
+        b_from_a = relative_pose_from_essential(E, rays_a[chosen], rays_b[chosen])
+    except DegenerateGeometryError:
+        return None
+    return _relative_estimate(a, b, camera_a, camera_b, b_from_a, max_error_px)
+
+
+def essential_from_points(normalized_a: ArrayLike, normalized_b: ArrayLike) -> Array:
+    """Return the essential matrix (3, 3) of matches in image-plane coordinates (n, 2), (n, 2).
+
+    Linear least squares of b^T E a = 0 over at least eight matches, all taken as true, then the nearest
+    matrix with two equal singular values. Each side is K^-1 x of its own camera. Raises
+    `DegenerateGeometryError` for fewer than eight or badly placed points. Source: C eq. 4.2.4; Hartley's
+    eight-point algorithm.
+    """
+    a, b = finite_pairs(normalized_a, 2, "image-plane points", normalized_b, 2, "image-plane points")
+    if len(a) < MIN_FUNDAMENTAL_POINTS:
+        raise DegenerateGeometryError("An essential matrix by linear equations needs eight matches.")
+    to_unit_a, to_unit_b = _conditioner(a), _conditioner(b)
+    rays_a, rays_b = homogeneous(a) @ to_unit_a.T, homogeneous(b) @ to_unit_b.T
+    _, singular, vt = np.linalg.svd((rays_b[:, :, None] * rays_a[:, None, :]).reshape(-1, 9))
+    if singular[7] < 1e-9 * singular[0]:
+        raise DegenerateGeometryError(
+            "The matches fit many essential matrices: are they on one plane or line?"
+        )
+    E = to_unit_b.T @ vt[-1].reshape(3, 3) @ to_unit_a
+    u, _, vt = np.linalg.svd(E)
+    return np.asarray(u @ np.diag([1.0, 1.0, 0.0]) @ vt)
+
+
+def essential_from_pose(b_from_a: Pose) -> Array:
+    """Return the essential matrix (3, 3), skew(t) R, of a relative pose (C eq. 4.2.4)."""
+    return np.asarray(skew(b_from_a.translation) @ b_from_a.rotation)
+
+
+def decompose_essential(E: ArrayLike) -> list[Pose]:
+    """Return the four `b_from_a`, with translations of length 1, that an essential matrix (3, 3) leaves open.
+
+    Raises `DegenerateGeometryError` for a matrix that is far from having two equal singular values and a
+    zero. Source: C section 4.2.2; Hartley and Zisserman, result 9.19.
+    """
+    u, values, vt = np.linalg.svd(finite_points(E, 3, "essential matrix rows"))
+    if values[1] < 0.5 * values[0] or values[2] > 0.1 * values[0]:
+        raise DegenerateGeometryError("The matrix is not an essential matrix.")
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    # An essential matrix has no sign, so neither has the determinant of its factors.
+    rotations = [r * np.sign(np.linalg.det(r)) for r in (u @ quarter @ vt, u @ quarter.T @ vt)]
+    return [Pose(r, t) for r in rotations for t in (u[:, 2], -u[:, 2])]
+
+
+def relative_pose_from_essential(E: ArrayLike, normalized_a: ArrayLike, normalized_b: ArrayLike) -> Pose:
+    """Return the `b_from_a`, of the four, that puts most matches (n, 2), (n, 2) in front of both cameras.
+
+    Raises `DegenerateGeometryError` when fewer than three quarters are, or a second pose has as many: then
+    the matches don't tell (no parallax, or no essential matrix). Source: C section 4.2.2, cheirality.
+    """
+    poses = decompose_essential(E)
+    counts = [int(np.count_nonzero(in_front_of_both(normalized_a, normalized_b, pose))) for pose in poses]
+    order = np.argsort(counts)
+    best, second = counts[order[-1]], counts[order[-2]]
+    if best < 0.75 * len(np.asarray(normalized_a)) or best == second:
+        raise DegenerateGeometryError("The matches don't tell on which side of the cameras they lie.")
+    return poses[int(order[-1])]
+
+
+def in_front_of_both(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a: Pose) -> Mask:
+    """Return which matches (n, 2), (n, 2) in image-plane coordinates meet in front of both cameras, (n,)."""
+    s1, s2 = pixel_depths(normalized_a, normalized_b, b_from_a)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((s1 > 0) & (s2 > 0))
+
+
+def sampson_errors(E: ArrayLike, normalized_a: ArrayLike, normalized_b: ArrayLike) -> Array:
+    """Return how far (n,) matches (n, 2), (n, 2) are from b^T E a = 0, to first order, in their unit."""
+    matrix = np.asarray(E, dtype=np.float64)
+    a, b = homogeneous(normalized_a), homogeneous(normalized_b)
+    line_b, line_a = a @ matrix.T, b @ matrix
+    slope = np.sqrt(np.sum(line_a[:, :2] ** 2, axis=1) + np.sum(line_b[:, :2] ** 2, axis=1))
+    return np.asarray(np.abs(np.sum(b * line_b, axis=1)) / np.maximum(slope, 1e-15))
+
+
+def _relative_estimate(
+    a: Array, b: Array, camera_a: Camera, camera_b: Camera, b_from_a: Pose, max_error_px: float
+) -> RelativePoseEstimate | None:
+    rays_a, rays_b = camera_a.normalize(a), camera_b.normalize(b)
+    errors = sampson_errors(essential_from_pose(b_from_a), rays_a, rays_b)
+    near = errors * _mean_focal_px(camera_a, camera_b) <= max_error_px
+    inliers = near & in_front_of_both(rays_a, rays_b, b_from_a)
+    if np.count_nonzero(inliers) < MIN_FUNDAMENTAL_POINTS:
+        return None
+    return RelativePoseEstimate(
+        b_from_a, inliers, float(np.median(parallax_deg(rays_a[inliers], rays_b[inliers], b_from_a)))
+    )
+
+
+def _mean_focal_px(camera_a: Camera, camera_b: Camera) -> float:
+    return 0.5 * (camera_a.focal_px + camera_b.focal_px)
+
+
+def _conditioner(points: Array) -> Array:
+    """Return the matrix (3, 3) that moves points (n, 2) to mean 0 and mean distance sqrt(2)."""
+    mean = points.mean(axis=0)
+    spread = float(np.mean(np.linalg.norm(points - mean, axis=1)))
+    if spread < 1e-9:
+        raise DegenerateGeometryError("All points coincide.")
+    scale = np.sqrt(2.0) / spread
+    return np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

@@ -1,0 +1,81 @@
+"""Lines on the plan, and the point nearest to several of them: where a user stands who is seen along each."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.validation import finite_points, finite_vector
+
+Array = NDArray[np.float64]
+
+# The sine of the angle, about 0.06 degrees, below which two lines count as parallel.
+MIN_CROSSING_SINE = 1e-3
+
+
+def line_through(first: ArrayLike, second: ArrayLike) -> Array:
+    """Return `a b c` (3,) of the line a x + b y + c = 0, a^2 + b^2 = 1, through two points (B eq. 14).
+
+    Raises `DegenerateGeometryError` for points that coincide.
+    """
+    p, q = finite_vector(first, 2, "point"), finite_vector(second, 2, "point")
+    length = float(np.linalg.norm(q - p))
+    if length < 1e-9:
+        raise DegenerateGeometryError("Two points in one spot give no line.")
+    a, b = (p[1] - q[1]) / length, (q[0] - p[0]) / length
+    return np.array([a, b, -(a * p[0] + b * p[1])])
+
+
+def distances_to_lines(point: ArrayLike, lines: ArrayLike) -> Array:
+    """Return the distances (n,) of a point (2,) from lines (n, 3), a b c of any length (B eq. 16)."""
+    unit = _unit_lines(lines)
+    return np.asarray(np.abs(unit[:, :2] @ finite_vector(point, 2, "point") + unit[:, 2]))
+
+
+def point_nearest_to_lines(lines: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """Return the point (2,) with the least sum of distances to lines (n, 3), times weights (n,).
+
+    The sum is convex and bends only on the lines, so a least value lies where two of them cross: the exact
+    answer is the best crossing, or the middle of those that tie. Raises `DegenerateGeometryError` when no two
+    lines cross. Source: B eq. 15.
+    """
+    unit = _unit_lines(lines)
+    share = np.ones(len(unit)) if weights is None else finite_vector(weights, len(unit), "weights")
+    crossings = _crossings(unit)
+    sums = np.abs(crossings @ unit[:, :2].T + unit[:, 2]) @ share
+    best = float(sums.min())
+    return np.asarray(crossings[sums <= best + 1e-9 * (1.0 + best)].mean(axis=0))
+
+
+def point_least_squares_to_lines(lines: ArrayLike) -> Array:
+    """Return the point (2,) with the least sum of squared distances to lines (n, 3).
+
+    One wrong line moves it, unlike `point_nearest_to_lines`. Raises `DegenerateGeometryError` when no two
+    lines cross.
+    """
+    unit = _unit_lines(lines)
+    if len(unit) < 2 or np.linalg.svd(unit[:, :2], compute_uv=False)[1] < MIN_CROSSING_SINE:
+        raise DegenerateGeometryError("The lines are parallel: no point is nearest.")
+    return np.asarray(np.linalg.lstsq(unit[:, :2], -unit[:, 2], rcond=None)[0])
+
+
+def _unit_lines(lines: ArrayLike) -> Array:
+    values = finite_points(lines, 3, "lines")
+    lengths = np.hypot(values[:, 0], values[:, 1])
+    if (lengths < 1e-12).any():
+        raise DegenerateGeometryError("A line whose a and b are both zero has no direction.")
+    return np.asarray(values / lengths[:, None])
+
+
+def _crossings(unit: Array) -> Array:
+    pairs = np.array(list(combinations(range(len(unit)), 2)), dtype=int).reshape(-1, 2)
+    first, second = unit[pairs[:, 0]], unit[pairs[:, 1]]
+    # As homogeneous coordinates the crossing is the cross product, and its last number the sine of the angle.
+    meet = np.cross(first, second)
+    meet = meet[np.abs(meet[:, 2]) > MIN_CROSSING_SINE]
+    if len(meet) == 0:
+        raise DegenerateGeometryError("The lines are parallel: no point is nearest.")
+    return np.asarray(meet[:, :2] / meet[:, 2:])

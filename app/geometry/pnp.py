@@ -1,0 +1,270 @@
+"""The pose of a camera from pixels and the world points they show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import poselib
+from numpy.typing import ArrayLike, NDArray
+
+from app.errors import DegenerateGeometryError, InvalidInputError
+from app.geometry.camera import Camera
+from app.geometry.epnp import MIN_EPNP_POINTS, solve_epnp
+from app.geometry.reprojection import (
+    perturbed,
+    project_from_world,
+    reprojection_errors_px,
+    reprojection_jacobian,
+)
+from app.geometry.se3 import Pose, quaternion_from_rotation
+from app.geometry.validation import finite_pairs
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Loss = Literal["cauchy", "trivial"]
+
+# Three points always fit some pose exactly, so only a fourth says anything.
+MIN_POINTS = 4
+# Beyond twice a good feature's noise a residual counts ever less.
+LOSS_SCALE_PX = 2.0
+# What a point behind the camera costs: more than any pixel error, yet finite so that steps can be compared.
+BEHIND_CAMERA_PX = 1e4
+# A step of ten nanometres and ten nanoradians changes no answer.
+SMALLEST_STEP = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class PnpEstimate:
+    """A camera's pose and the correspondences that agree with it.
+
+    `inlier_mask` (n,) marks the reprojection errors within the limit at this pose; `reprojection_rms_px` is
+    over the inliers; `iterations` counts RANSAC samples, 0 when the estimator keeps them to itself.
+    """
+
+    world_from_camera: Pose
+    inlier_mask: Mask
+    reprojection_rms_px: float
+    iterations: int
+
+
+def estimate_pose_lo_ransac(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    *,
+    max_error_px: float = 8.0,
+    max_iterations: int = 5000,
+    min_iterations: int = 100,
+    loss_scale_px: float = LOSS_SCALE_PX,
+    seed: int = 0,
+    prior: Pose | None = None,
+    sorted_by_quality: bool = False,
+) -> PnpEstimate | None:
+    """Return the pose that most pixels (n, 2) and world points (n, 3) agree on, or None if there is none.
+
+    Locally optimized RANSAC over three-point samples, then a robust refinement on all inliers. `prior` is a
+    `world_from_camera` to start from; with `sorted_by_quality`, best match first, samples grow from the front
+    (PROSAC). The same input and seed give the same answer. None for fewer than four points or four inliers.
+    Raises `InvalidInputError` for numbers that are not finite. Source: LO-RANSAC as in PoseLib; minimizes C
+    eq. 5.1.2.
+    """
+    pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
+    if len(pixels) < MIN_POINTS:
+        return None
+    ransac = {
+        "max_reproj_error": max_error_px,
+        "max_iterations": max_iterations,
+        "min_iterations": min(min_iterations, max_iterations),
+        "progressive_sampling": sorted_by_quality,
+        "seed": seed,
+    }
+    start = None if prior is None else _poselib_pose(prior)
+    found, info = poselib.estimate_absolute_pose(
+        pixels, points, poselib_camera(camera), ransac, _bundle_options(loss_scale_px), start
+    )
+    if info["num_inliers"] < MIN_POINTS:
+        return None
+    return _estimate(pixels, points, camera, _pose_from_poselib(found), max_error_px, int(info["iterations"]))
+
+
+def _estimate(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, max_error_px: float, iterations: int
+) -> PnpEstimate | None:
+    errors = reprojection_errors_px(pixels, points, camera, pose)
+    inliers = errors <= max_error_px
+    if np.count_nonzero(inliers) < MIN_POINTS:
+        return None
+    return PnpEstimate(pose, inliers, float(np.sqrt(np.mean(errors[inliers] ** 2))), iterations)
+
+
+def estimate_pose_epnp_lm(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    *,
+    max_error_px: float = 8.0,
+    max_iterations: int = 1000,
+    confidence: float = 0.999,
+    seed: int = 0,
+) -> PnpEstimate | None:
+    """Return the pose that most pixels (n, 2) and world points (n, 3) agree on, or None if there is none.
+
+    RANSAC finds the inliers, EPnP a pose from all of them, Levenberg-Marquardt the least squared error; the
+    same input and seed give the same answer. None for fewer than five points or inliers; raises as
+    `estimate_pose_lo_ransac`. Source: A eq. 11; C eq. 5.1.2 is the same sum.
+    """
+    pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
+    inliers = _ransac_inliers(pixels, points, camera, max_error_px, max_iterations, confidence, seed)
+    if len(inliers) < MIN_EPNP_POINTS:
+        return None
+    try:
+        rough = solve_epnp(pixels[inliers], points[inliers], camera)
+        pose = refine_pose(pixels[inliers], points[inliers], camera, rough, loss="trivial")
+    except DegenerateGeometryError:
+        return None
+    return _estimate(pixels, points, camera, pose, max_error_px, 0)
+
+
+def _ransac_inliers(
+    pixels: Array,
+    points: Array,
+    camera: Camera,
+    max_error_px: float,
+    max_iterations: int,
+    confidence: float,
+    seed: int,
+) -> NDArray[np.intp]:
+    none = np.empty(0, dtype=np.intp)
+    if len(pixels) < MIN_EPNP_POINTS:
+        return none
+    seen, distortion = _opencv_view(pixels, camera)
+    cv2.setRNGSeed(seed)
+    try:
+        # Four-point samples: EPnP's own of five need three times as long and fail on points of one plane.
+        ok, _, _, index = cv2.solvePnPRansac(
+            points,
+            seen,
+            camera.K,
+            distortion,
+            iterationsCount=max_iterations,
+            reprojectionError=max_error_px,
+            confidence=confidence,
+            flags=cv2.SOLVEPNP_P3P,
+        )
+    except cv2.error:  # OpenCV raises, rather than failing softly, on point sets that no pose fits.
+        return none
+    return np.asarray(index[:, 0], dtype=np.intp) if ok and index is not None else none
+
+
+def refine_pose(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    world_from_camera: Pose,
+    *,
+    loss: Loss = "cauchy",
+    loss_scale_px: float = LOSS_SCALE_PX,
+    weights: ArrayLike | None = None,
+    max_steps: int = 30,
+) -> Pose:
+    """Return the `world_from_camera` of least reprojection error near the given one.
+
+    Minimizes the sum over pixels (n, 2) and world points (n, 3) of `weights` (n,) times the loss of the
+    squared error: 'trivial' takes it as it is (A eq. 11, C eq. 5.1.2), 'cauchy' flattens it beyond
+    `loss_scale_px`. Levenberg-Marquardt with the analytic Jacobian. Raises `DegenerateGeometryError` for
+    fewer than three points in front of the camera, `InvalidInputError` for numbers that are not finite or
+    weights below zero.
+    """
+    pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
+    share = _checked_weights(weights, len(pixels))
+    errors = reprojection_errors_px(pixels, points, camera, world_from_camera)
+    if np.count_nonzero(np.isfinite(errors) & (share > 0)) < 3:
+        raise DegenerateGeometryError("A pose needs at least three points in front of the camera.")
+    scale_px = loss_scale_px if loss == "cauchy" else np.inf
+    return _levenberg_marquardt(pixels, points, camera, world_from_camera, share, scale_px, max_steps)
+
+
+def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
+    if weights is None:
+        return np.ones(count)
+    share = np.asarray(weights, dtype=np.float64)
+    if share.shape != (count,) or not np.isfinite(share).all() or (share < 0).any():
+        raise InvalidInputError(f"Weights must be {count} finite numbers that are not negative.")
+    return share
+
+
+def _levenberg_marquardt(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float, max_steps: int
+) -> Pose:
+    damping, cost = 1e-4, _cost(pixels, points, camera, pose, weights, scale_px)
+    gradient, hessian = _normal_equations(pixels, points, camera, pose, weights, scale_px)
+    for _ in range(max_steps):
+        # Scaling the damping by the diagonal makes metres and radians comparable; the floor is for unseen
+        # directions.
+        diagonal = np.diag(hessian)
+        damped = hessian + np.diag(damping * diagonal + 1e-12 * diagonal.max() + 1e-300)
+        step = -np.linalg.solve(damped, gradient)
+        candidate = perturbed(pose, step)
+        candidate_cost = _cost(pixels, points, camera, candidate, weights, scale_px)
+        if candidate_cost > cost:
+            damping *= 10.0
+            if damping > 1e8:
+                break
+            continue
+        gain, pose, cost = cost - candidate_cost, candidate, candidate_cost
+        if gain <= 1e-10 * cost or float(np.abs(step).max()) < SMALLEST_STEP:
+            break
+        damping = max(damping * 0.1, 1e-10)
+        gradient, hessian = _normal_equations(pixels, points, camera, pose, weights, scale_px)
+    return pose
+
+
+def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float) -> float:
+    errors = np.minimum(reprojection_errors_px(pixels, points, camera, pose), BEHIND_CAMERA_PX)
+    if np.isinf(scale_px):
+        return float(weights @ errors**2)
+    return float(weights @ (scale_px**2 * np.log1p((errors / scale_px) ** 2)))
+
+
+def _normal_equations(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float
+) -> tuple[Array, Array]:
+    residuals = project_from_world(points, camera, pose) - pixels
+    jacobian, _ = reprojection_jacobian(points, camera, pose)
+    seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    residuals, jacobian = residuals[seen], jacobian[seen]
+    # The derivative of the loss by the squared error: each residual's say in a reweighted least-squares step.
+    say = weights[seen] / (1.0 + np.sum(residuals**2, axis=1) / scale_px**2)
+    weighted = (jacobian * say[:, None, None]).reshape(-1, 6)
+    return weighted.T @ residuals.reshape(-1), weighted.T @ jacobian.reshape(-1, 6)
+
+
+def _opencv_view(pixels: Array, camera: Camera) -> tuple[Array, Array]:
+    """Return pixels and distortion as OpenCV's solvers take them, which know no fisheye."""
+    if camera.model == "OPENCV_FISHEYE":
+        return camera.undistort(pixels), np.zeros(4)
+    return pixels, camera.distortion
+
+
+def poselib_camera(camera: Camera) -> poselib.Camera:
+    """Return the camera as PoseLib takes it; both follow COLMAP's names and parameter order."""
+    return poselib.Camera(camera.model, camera.params, camera.width, camera.height)
+
+
+def _bundle_options(loss_scale_px: float) -> dict[str, Any]:
+    return {"loss_type": "CAUCHY", "loss_scale": loss_scale_px, "max_iterations": 50}
+
+
+def _poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
+    camera_from_world = world_from_camera.inverse()
+    x, y, z, w = quaternion_from_rotation(camera_from_world.rotation)
+    pose = poselib.CameraPose()
+    pose.q, pose.t = np.array([w, x, y, z]), np.array(camera_from_world.translation)
+    return pose
+
+
+def _pose_from_poselib(pose: poselib.CameraPose) -> Pose:
+    return Pose(pose.R, pose.t).inverse()

@@ -1,0 +1,61 @@
+"""What a worker does with a build, whichever runner hands it over."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources
+from app.services.run_build import run_build
+from app.storage.builds import Build, State, finish_build, report_progress
+
+log = logging.getLogger("roomfix.jobs")
+# Often enough to watch, seldom enough not to keep the database busy.
+REPORT_INTERVAL_S = 0.25
+
+
+class BuildProgress:
+    """Writes a build's progress to the database and raises `CancelledBuildError` when it should stop."""
+
+    def __init__(self, resources: Resources, build_id: str) -> None:
+        self._resources = resources
+        self._build_id = build_id
+        self._stage = ""
+        self._reported = 0.0
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Note where the build is; reports within a quarter second of the last one of a stage are left out."""
+        now = time.monotonic()
+        if stage == self._stage and done < total and now - self._reported < REPORT_INTERVAL_S:
+            return
+        self._stage, self._reported = stage, now
+        with self._resources.database.write() as connection:
+            stop = report_progress(connection, self._build_id, stage, done, total)
+        if stop:
+            raise CancelledBuildError(f"Build {self._build_id} was cancelled.")
+
+
+def handle_build(build: Build, resources: Resources, library: MapLibrary) -> None:
+    """Run a claimed build to its end, whatever that is; never raises for what is the build's own fault."""
+    try:
+        version = run_build(build, resources, library, BuildProgress(resources, build.id))
+        log.info("build %s: map version %d of venue %s", build.id, version, build.venue_id)
+    except CancelledBuildError:
+        _finish(resources, build, "cancelled", None, None)
+    except RoomfixError as error:
+        _finish(resources, build, "failed", error.code, str(error))
+    except Exception as error:
+        log.exception("build %s failed unexpectedly", build.id)
+        _finish(resources, build, "failed", "internal", f"Unexpected error: {type(error).__name__}: {error}")
+
+
+def _finish(resources: Resources, build: Build, state: State, code: str | None, message: str | None) -> None:
+    log.info("build %s: %s %s", build.id, state, message or "")
+    try:
+        with resources.database.write() as connection:
+            finish_build(connection, build.id, state, error_code=code, error=message)
+    except (ConflictError, NotFoundError):
+        # The venue was deleted under the build, and the build with it.
+        log.info("build %s is gone", build.id)

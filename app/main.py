@@ -1,0 +1,60 @@
+"""The app: `create_app` and its lifespan, the only place that wires."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+
+from fastapi import FastAPI
+
+from app.api import database, floors, health, locate, maps, venues
+from app.api.deps import AppState
+from app.api.errors import install_error_handlers
+from app.api.executor import BoundedExecutor
+from app.api.metrics import Metrics
+from app.api.middleware import MetricsMiddleware, RequestIdMiddleware, UploadLimitMiddleware
+from app.jobs.embedded import EmbeddedRunner
+from app.jobs.runner import BuildRunner, NoRunner
+from app.services.locate import LocateService
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources
+from app.settings import Settings
+from app.web.pages import router as pages
+
+DESCRIPTION = "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
+
+
+def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI:
+    """Return the app; `runner` replaces the build runner that the settings ask for."""
+    metrics = Metrics()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        resources = Resources.open(settings)
+        # The models are opened before the first query has to wait for them.
+        resources.models.extractor("sift")
+        logging.getLogger("roomfix").info("global descriptor %s", resources.models.global_descriptor.sha256[:12])
+        builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
+        library = MapLibrary(resources)
+        executor = BoundedExecutor(settings.workers, settings.queue_size)
+        app.state.roomfix = AppState(resources, LocateService(resources, library), executor, builds, metrics)
+        builds.start()
+        try:
+            yield
+        finally:
+            builds.stop()
+            executor.close()
+            resources.close()
+
+    app = FastAPI(title="Roomfix", version=version("roomfix"), description=DESCRIPTION, lifespan=lifespan)
+    for router in (
+        locate.router, venues.router, floors.router, maps.router, database.router, health.router, pages,
+    ):  # fmt: skip
+        app.include_router(router)
+    install_error_handlers(app)
+    app.add_middleware(UploadLimitMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
+    app.add_middleware(MetricsMiddleware, metrics)
+    app.add_middleware(RequestIdMiddleware)
+    return app

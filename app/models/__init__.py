@@ -1,0 +1,1 @@
+"""The ONNX models that ship with the application; each has a model card of the same name."""

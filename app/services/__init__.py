@@ -1,0 +1,1 @@
+"""What Roomfix does, called alike by the HTTP endpoints, the command line and the jobs."""

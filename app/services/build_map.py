@@ -1,0 +1,234 @@
+"""From a scan to a map: keyframes, features, refined points, global descriptors (A 2.1)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidImageError, InvalidScanError
+from app.geometry.alignment import world_from_scan_by_gravity
+from app.geometry.depth import sample_depth
+from app.geometry.se3 import Pose
+from app.importers.frames import Frame, FrameSource
+from app.services.build_options import BuildOptions, KeyframeRule
+from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
+from app.services.progress import Progress, map_in_order
+from app.services.vision_models import VisionModels
+from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
+from app.vision.images import decode_image, measure_quality, to_gray
+from app.vision.index import GlobalIndex
+from app.vision.keyframes import PoseThresholds, select_by_pose
+from app.vision.local_features import LocalFeatureExtractor, LocalFeatures
+
+# Supporting frames, which only refine points, lie this much closer together than keyframes.
+SUPPORT_SPACING = 0.45
+# A frame is blurred when its sharpness is below this share of the scan's median.
+BLURRED_SHARE = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltMap:
+    """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i)."""
+
+    artifact: MapArtifact
+    index: GlobalIndex
+    keyframes: tuple[Frame, ...]
+    world_from_scan: Pose
+    discarded: dict[str, tuple[str, ...]]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Described:
+    frame: Frame
+    view: View
+    descriptor: NDArray[np.float32] | None
+    sharpness: float
+    is_poor: bool
+
+
+def build_map(
+    source: FrameSource,
+    options: BuildOptions,
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+    world_from_scan: Pose | None = None,
+) -> BuiltMap:
+    """Build a map from a scan; raises `InvalidScanError` when nothing in it can become a keyframe.
+
+    `world_from_scan` overrides what the options say (a registration against the present map).
+    """
+    clock = _Clock()
+    extractor = models.extractor(options.features)
+    placed = world_from_scan or scan_placement(options, source)
+    poses = [placed @ frame.scan_from_camera for frame in source.frames]
+    wanted = _select(poses, options.keyframes)
+    support = _support(poses, options.keyframes, wanted) if options.refine_depth else []
+    clock.lap("select")
+    chosen = sorted({*wanted, *support})
+    keyframe_rows = set(wanted)
+
+    def describe(row: int) -> _Described:
+        return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
+
+    described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
+    clock.lap("describe")
+    usable, left_out = _without_blurred(described, wanted)
+    points = _refine(described, usable, source, options, extractor, executor, progress)
+    clock.lap("refine")
+    artifact, index, kept = _pack(described, usable, points, source, options, models)
+    clock.lap("pack")
+    frames = tuple(described[row].frame for row in kept)
+    return BuiltMap(artifact, index, frames, placed, {**dict(source.discarded), **left_out}, clock.seconds)
+
+
+def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
+    """Return `world_from_scan`: as given, or by gravity, or the scan's frame itself."""
+    if options.world_from_scan is not None:
+        return options.world_from_scan
+    if options.gravity is not None:
+        return world_from_scan_by_gravity(options.gravity)
+    if source.gravity is not None:
+        return world_from_scan_by_gravity(source.gravity)
+    return Pose.identity()
+
+
+def _select(poses: Sequence[Pose], rule: KeyframeRule) -> list[int]:
+    if rule.rule == "interval":
+        return list(range(0, len(poses), rule.every))
+    return select_by_pose(poses, rule.thresholds)
+
+
+def _support(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
+    thresholds = PoseThresholds(
+        SUPPORT_SPACING * rule.thresholds.position_m, SUPPORT_SPACING * rule.thresholds.attitude_rad
+    )
+    return sorted(set(select_by_pose(poses, thresholds)) - set(keyframes))
+
+
+def _describe(
+    source: FrameSource,
+    row: int,
+    world_from_camera: Pose,
+    is_keyframe: bool,
+    models: VisionModels,
+    extractor: LocalFeatureExtractor,
+) -> _Described:
+    frame = source.frames[row]
+    try:
+        rgb = decode_image(source.color_bytes(frame))
+    except InvalidImageError as error:
+        raise InvalidScanError(f"{frame.name} can't be used: {error}") from None
+    camera = source.camera
+    if rgb.shape[:2] != (camera.height, camera.width):
+        raise InvalidScanError(
+            f"{frame.name} has {rgb.shape[1]} x {rgb.shape[0]} pixels, the camera {camera.width} x {camera.height}."
+        )
+    gray = to_gray(rgb)
+    quality = measure_quality(gray)
+    features = extractor.extract(gray)
+    depth_m = sample_depth(source.depth_m(frame), features.keypoints_px)
+    descriptor = models.global_descriptor.describe(rgb) if is_keyframe else None
+    view = View(world_from_camera, features, depth_m)
+    return _Described(frame, view, descriptor, quality.sharpness, quality.is_poor)
+
+
+def _without_blurred(
+    described: dict[int, _Described], wanted: Sequence[int]
+) -> tuple[list[int], dict[str, tuple[str, ...]]]:
+    limit = BLURRED_SHARE * float(np.median([item.sharpness for item in described.values()]))
+    dark = [row for row in wanted if described[row].is_poor]
+    blurred = [row for row in wanted if row not in dark and described[row].sharpness < limit]
+    usable = [row for row in wanted if row not in dark and row not in blurred]
+    if not usable:
+        raise InvalidScanError("No frame of the scan is sharp and bright enough to become a keyframe.")
+    named = {"badly_exposed": dark, "blurred": blurred}
+    return usable, {
+        reason: tuple(described[row].frame.name for row in rows) for reason, rows in named.items() if rows
+    }
+
+
+def _refine(
+    described: dict[int, _Described],
+    keyframes: Sequence[int],
+    source: FrameSource,
+    options: BuildOptions,
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> list[MapPoints]:
+    rows = sorted(described)
+    poses = [described[row].view.world_from_camera for row in rows]
+
+    def refine(row: int) -> MapPoints:
+        view = described[row].view
+        if not options.refine_depth:
+            return points_from_depth(view, source.camera)
+        others = [described[rows[i]].view for i in nearby_views(view.world_from_camera, poses)]
+        return refined_points(view, others, source.camera, extractor.ratio, extractor.binary)
+
+    return list(map_in_order(executor, refine, keyframes, "refine", progress))
+
+
+def _pack(
+    described: dict[int, _Described],
+    usable: Sequence[int],
+    points: Sequence[MapPoints],
+    source: FrameSource,
+    options: BuildOptions,
+    models: VisionModels,
+) -> tuple[MapArtifact, GlobalIndex, list[int]]:
+    kept = [(row, own) for row, own in zip(usable, points, strict=True) if len(own.features)]
+    if not kept:
+        raise InvalidScanError(
+            "No feature of any keyframe has a valid depth: check depth_scale and that depth fits the colour images."
+        )
+    poses = [described[row].view.world_from_camera for row, _ in kept]
+    counts = [len(own.features) for _, own in kept]
+    features = [own.features for _, own in kept]
+    arrays = MapArrays(
+        positions=np.stack([pose.translation for pose in poses]),
+        quaternions=np.stack([pose.quaternion for pose in poses]),
+        camera_rows=np.zeros(len(kept), np.int32),
+        offsets=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        keypoints_px=np.concatenate([f.keypoints_px for f in features]).astype(np.float32),
+        points_in_world=np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32),
+        point_sigma_m=np.concatenate([own.sigma_m for _, own in kept]).astype(np.float32),
+        descriptors=_stack_descriptors(features),
+    )
+    descriptors = [described[row].descriptor for row, _ in kept]
+    model = models.global_descriptor
+    metadata = MapMetadata(
+        options.features,
+        model.sha256,
+        model.size,
+        (source.camera,),
+        tuple(described[row].frame.name for row, _ in kept),
+    )
+    index = GlobalIndex.from_descriptors(np.stack([d for d in descriptors if d is not None]))
+    return MapArtifact(metadata, arrays), index, [row for row, _ in kept]
+
+
+def _stack_descriptors(features: Sequence[LocalFeatures]) -> NDArray[np.uint8] | NDArray[np.float16]:
+    stacked = np.concatenate([f.descriptors for f in features])
+    # Half precision is far below the noise of a learned descriptor.
+    return stacked.astype(np.float16) if stacked.dtype == np.float32 else stacked.astype(np.uint8)
+
+
+class _Clock:
+    """Seconds by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.seconds[stage] = round(now - self._last, 3)
+        self._last = now

@@ -1,0 +1,113 @@
+"""The 3-D points of keyframe features: from depth, then refined by the other views of the scan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera
+from app.geometry.ray_depth import DEPTH_PRIOR_SIGMA, Observations, refine_depth_along_rays
+from app.geometry.se3 import Pose
+from app.vision.local_features import LocalFeatures
+from app.vision.matching import match_unit_vectors, to_unit_vectors
+
+# Views further apart share little; nearer ones than this many are enough to average out the noise.
+MAX_BASELINE_M = 1.5
+MIN_AXES_COSINE = float(np.cos(np.radians(35)))
+MAX_VIEWS = 20
+# A match that far from where depth puts the point is a wrong match, not a wrong depth.
+GATE_PX = 12.0
+# With this many views in disagreement about a point, the point is no good for a pose.
+MAX_ERROR_PX = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One frame of the scan: pose, features, and the features' depths (n,) in metres, 0 = none."""
+
+    world_from_camera: Pose
+    features: LocalFeatures
+    depth_m: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class MapPoints:
+    """A keyframe's features that have a point: features, points (n, 3) in the world, sigma (n,) in metres."""
+
+    features: LocalFeatures
+    points_in_world: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+
+
+def nearby_views(keyframe: Pose, views: Sequence[Pose]) -> list[int]:
+    """Return the views that can see what the keyframe sees, at most `MAX_VIEWS`, spread over the distances."""
+    positions = np.stack([view.translation for view in views])
+    axes = np.stack([view.rotation[:, 2] for view in views])
+    distances = np.linalg.norm(positions - keyframe.translation, axis=1)
+    near = (distances < MAX_BASELINE_M) & (axes @ keyframe.rotation[:, 2] > MIN_AXES_COSINE)
+    candidates = np.flatnonzero(near & (distances > 1e-6))
+    ordered = candidates[np.argsort(distances[candidates])]
+    if len(ordered) <= MAX_VIEWS:
+        return [int(i) for i in ordered]
+    picks = np.unique(np.linspace(0, len(ordered) - 1, MAX_VIEWS).round().astype(int))
+    return [int(i) for i in ordered[picks]]
+
+
+def points_from_depth(view: View, camera: Camera) -> MapPoints:
+    """Return a keyframe's points by its own depth alone (A eq. 5-9)."""
+    valid = view.depth_m > 0
+    features = view.features.take(valid)
+    in_camera = camera.unproject(features.keypoints_px, view.depth_m[valid])
+    return MapPoints(
+        features, view.world_from_camera.apply(in_camera), DEPTH_PRIOR_SIGMA * in_camera[:, 2]
+    )
+
+
+def refined_points(
+    view: View, others: Sequence[View], camera: Camera, ratio: float, binary: bool
+) -> MapPoints:
+    """Return a keyframe's points by its own depth and by the matches with other views."""
+    own = points_from_depth(view, camera)
+    if len(own.features) == 0:
+        return own
+    depth_m = view.depth_m[view.depth_m > 0].astype(np.float64)
+    rays = camera.unproject(own.features.keypoints_px, np.ones(len(depth_m)))
+    rays_in_world = rays @ view.world_from_camera.rotation.T
+    seen = _observations(own, others, camera, ratio, binary)
+    if len(seen) == 0:
+        return own
+    refined = refine_depth_along_rays(rays_in_world, view.world_from_camera.translation, depth_m, seen)
+    points = view.world_from_camera.translation + refined.depth_m[:, None] * rays_in_world
+    keep = ~((refined.views >= 3) & (refined.error_px > MAX_ERROR_PX))
+    return MapPoints(own.features.take(keep), points[keep], refined.sigma_m[keep])
+
+
+def _observations(
+    own: MapPoints, others: Sequence[View], camera: Camera, ratio: float, binary: bool
+) -> Observations:
+    descriptors = to_unit_vectors(own.features.descriptors, binary)
+    gate = GATE_PX * max(camera.width, camera.height) / 640.0
+    rows, normalized, poses = [], [], []
+    for other in others:
+        theirs = to_unit_vectors(other.features.descriptors, binary)
+        a, b, _ = match_unit_vectors(descriptors, theirs, ratio, binary)
+        camera_from_world = other.world_from_camera.inverse()
+        predicted = camera.project(camera_from_world.apply(own.points_in_world[a]))
+        with np.errstate(invalid="ignore"):
+            close = np.linalg.norm(predicted - other.features.keypoints_px[b], axis=1) < gate
+        rows.append(a[close])
+        normalized.append(camera.normalize(other.features.keypoints_px[b[close]]))
+        poses.append((camera_from_world, int(close.sum())))
+    if not rows:
+        return Observations(np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    counts = [count for _, count in poses]
+    return Observations(
+        np.concatenate(rows),
+        np.concatenate(normalized),
+        np.full(sum(counts), camera.focal_px),
+        np.repeat(np.stack([pose.rotation for pose, _ in poses]), counts, axis=0),
+        np.repeat(np.stack([pose.translation for pose, _ in poses]), counts, axis=0),
+    )

@@ -1,0 +1,75 @@
+"""Where a scan lies in the world, found by locating its frames in the venue's present map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.errors import InvalidScanError
+from app.geometry.alignment import average_poses
+from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.importers.frames import Frame, FrameSource
+from app.services.localizer import Localizer
+from app.services.progress import Progress, map_in_order
+from app.vision.images import decode_image
+
+SAMPLE = 40
+MIN_AGREEING = 5
+MIN_AGREEING_SHARE = 0.5
+AGREE_M = 0.15
+AGREE_RAD = float(np.radians(2.5))
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """`world_from_scan`, from `agreeing` of the `located` frames among `tried`."""
+
+    world_from_scan: Pose
+    tried: int
+    located: int
+    agreeing: int
+
+
+def register_scan(
+    source: FrameSource, localizer: Localizer, executor: Executor, progress: Progress
+) -> Registration:
+    """Locate up to 40 frames of the scan and average the placements that agree.
+
+    Raises `InvalidScanError` with the figures when too few are located or agree.
+    """
+    frames = spread(source.frames, SAMPLE)
+
+    def place(frame: Frame) -> Pose | None:
+        found = localizer.localize(decode_image(source.color_bytes(frame)), source.camera).world_from_camera
+        return None if found is None else found @ frame.scan_from_camera.inverse()
+
+    results = list(map_in_order(executor, place, frames, "register", progress))
+    placements = [pose for pose in results if pose is not None]
+    agreeing = largest_agreement(placements)
+    if len(agreeing) < max(MIN_AGREEING, MIN_AGREEING_SHARE * len(placements)):
+        raise InvalidScanError(
+            f"The scan can't be placed in the present map: of {len(frames)} frames {len(placements)} were located "
+            f"and {len(agreeing)} agree; give world_from_scan, or scan more of what the map holds."
+        )
+    return Registration(average_poses(agreeing), len(frames), len(placements), len(agreeing))
+
+
+def largest_agreement(placements: Sequence[Pose]) -> list[Pose]:
+    """Return the largest group of placements that are close to one of them."""
+    groups = [[other for other in placements if _agree(one, other)] for one in placements]
+    return max(groups, key=len, default=[])
+
+
+def _agree(a: Pose, b: Pose) -> bool:
+    # The scan's own origin may be far from its frames, where a small turn moves it far: the limits allow for that.
+    return position_difference_m(a, b) < AGREE_M and attitude_difference_rad(a, b) < AGREE_RAD
+
+
+def spread(frames: Sequence[Frame], count: int) -> list[Frame]:
+    """Return at most `count` frames, evenly spread."""
+    if len(frames) <= count:
+        return list(frames)
+    return [frames[i] for i in np.linspace(0, len(frames) - 1, count).round().astype(int)]

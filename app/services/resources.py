@@ -1,0 +1,63 @@
+"""What services stand on: database, blobs, models, the executor and the scratch folder."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import faiss
+from threadpoolctl import threadpool_limits
+
+from app.services.vision_models import VisionModels
+from app.settings import Settings
+from app.storage.blobs import BlobStore
+from app.storage.db import Database
+
+
+@dataclass(frozen=True, slots=True)
+class Resources:
+    """Opened once per process by whoever wires it: the server, the build worker, the command line."""
+
+    settings: Settings
+    database: Database
+    blobs: BlobStore
+    models: VisionModels
+    executor: Executor
+    scratch_dir: Path
+
+    @staticmethod
+    def open(settings: Settings) -> Resources:
+        """Open everything, the database brought to its newest form."""
+        cap_threads()
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        settings.scratch_dir.mkdir(parents=True, exist_ok=True)
+        database = Database(settings.resolved_database_url)
+        database.migrate()
+        return Resources(
+            settings,
+            database,
+            BlobStore.open(settings.blob_url, settings.data_dir, settings.cache_dir),
+            open_models(settings),
+            ThreadPoolExecutor(settings.workers, thread_name_prefix="compute"),
+            settings.scratch_dir,
+        )
+
+    def close(self) -> None:
+        """Stop the executor and close the database."""
+        self.executor.shutdown(wait=True, cancel_futures=True)
+        self.database.close()
+
+
+def open_models(settings: Settings) -> VisionModels:
+    """Return the models that the settings name."""
+    size = settings.descriptor_width, settings.descriptor_height
+    return VisionModels(settings.descriptor_model, size)
+
+
+def cap_threads() -> None:
+    """Let OpenCV, FAISS and BLAS use one thread a call: the executor's threads are what keeps the cores busy."""
+    cv2.setNumThreads(1)
+    faiss.omp_set_num_threads(1)
+    threadpool_limits(1)

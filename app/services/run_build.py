@@ -1,0 +1,185 @@
+"""A build from its row in the database to a published map version."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.errors import InvalidScanError
+from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.importers.archive import ArchiveLimits, extract_archive
+from app.importers.frames import Frame, FrameSource, open_scan
+from app.services.build_map import BuiltMap, build_map, scan_placement
+from app.services.build_options import BuildOptions, parse_build_options
+from app.services.extend_map import join_maps
+from app.services.localizer import Localizer
+from app.services.map_library import MapLibrary
+from app.services.progress import Progress
+from app.services.register_scan import register_scan
+from app.services.resources import Resources
+from app.services.self_check import SelfCheck, check_map
+from app.storage.builds import Build, finish_build
+from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
+
+# A registration this close to the scan's own frame says that the frame is the world already.
+SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """`world_from_scan`, and where it comes from: `given`, `gravity`, `registered` or `scan_frame`."""
+
+    world_from_scan: Pose
+    source: str
+    figures: dict[str, Any]
+
+
+def run_build(build: Build, resources: Resources, library: MapLibrary, progress: Progress) -> int:
+    """Run a build and publish its map in one transaction; return the version.
+
+    Raises `InvalidScanError`, `InvalidInputError` or `CancelledBuildError`; nothing is visible then.
+    """
+    started = time.perf_counter()
+    options = parse_build_options(build.options)
+    with _scratch(resources.scratch_dir / build.id) as folder:
+        source = _unpack(build, options, resources, folder, progress)
+        unpacked = time.perf_counter()
+        present = library.active(build.venue_id)
+        placement = _place(source, options, present, resources, progress)
+        placed = time.perf_counter()
+        built = build_map(
+            source, options, resources.models, resources.executor, progress, placement.world_from_scan
+        )
+        seconds = {
+            "unpack": round(unpacked - started, 3),
+            "place": round(placed - unpacked, 3),
+            **built.seconds,
+        }
+        began = time.perf_counter()
+        check = check_map(built, source, resources.models, resources.executor, progress)
+        seconds["verify"] = round(time.perf_counter() - began, 3)
+        return _publish(build, options, source, built, placement, check, seconds, present, resources, folder, progress)
+
+
+@contextmanager
+def _scratch(folder: Path) -> Iterator[Path]:
+    # A worker that was killed may have left a half-unpacked scan.
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _unpack(
+    build: Build, options: BuildOptions, resources: Resources, folder: Path, progress: Progress
+) -> FrameSource:
+    archive = resources.blobs.local_path(build.archive_blob)
+    limits = ArchiveLimits(max_total_bytes=resources.settings.max_unpacked_bytes)
+
+    def report(done: int, total: int) -> None:
+        progress.report("unpack", done, total)
+
+    root = extract_archive(archive, folder / "scan", limits, report)
+    progress.report("read", 0, 1)
+    return open_scan(root, options.format, options.scan)
+
+
+def _place(
+    source: FrameSource,
+    options: BuildOptions,
+    present: tuple[Localizer, MapVersion] | None,
+    resources: Resources,
+    progress: Progress,
+) -> Placement:
+    own = scan_placement(options, source)
+    if options.world_from_scan is not None:
+        return Placement(own, "given", {})
+    if present is None:
+        by_gravity = options.gravity is not None or source.gravity is not None
+        return Placement(own, "gravity" if by_gravity else "scan_frame", {})
+    try:
+        found = register_scan(source, present[0], resources.executor, progress)
+    except InvalidScanError:
+        if options.mode == "extend":
+            raise
+        return Placement(own, "gravity" if options.gravity is not None else "scan_frame", {})
+    figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
+    same = (
+        position_difference_m(found.world_from_scan, own) < SAME_FRAME_M
+        and attitude_difference_rad(found.world_from_scan, own) < SAME_FRAME_RAD
+    )
+    # When the scan is in the present map's frame already, its own poses are better than any registration.
+    return Placement(own if same else found.world_from_scan, "registered", figures)
+
+
+def _publish(
+    build: Build,
+    options: BuildOptions,
+    source: FrameSource,
+    built: BuiltMap,
+    placement: Placement,
+    check: SelfCheck,
+    seconds: dict[str, float],
+    present: tuple[Localizer, MapVersion] | None,
+    resources: Resources,
+    folder: Path,
+    progress: Progress,
+) -> int:
+    began = time.perf_counter()
+    progress.report("store", 0, 1)
+    artifact, index, images = built.artifact, built.index, _store_images(source, built, options, resources)
+    if options.mode == "extend" and present is not None:
+        localizer, old = present
+        artifact, index = join_maps(localizer.artifact, localizer.index, artifact, index)
+        with resources.database.read() as connection:
+            before = list_keyframe_images(connection, build.venue_id, old.version)
+        # Pictures are kept for all keyframes or for none.
+        images = [*before, *images] if len(before) == localizer.artifact.keyframe_count and images else []
+    artifact_path, index_path = folder / "map.rfmap", folder / "global.faiss"
+    artifact.write(artifact_path)
+    index.write(index_path)
+    artifact_blob = resources.blobs.put_file(artifact_path)
+    index_blob = resources.blobs.put_file(index_path)
+    seconds["store"] = round(time.perf_counter() - began, 3)
+    report = {
+        "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
+        "discarded": {reason: len(names) for reason, names in built.discarded.items()},
+        "discarded_frames": {reason: list(names[:100]) for reason, names in built.discarded.items()},
+        "keyframes": built.artifact.keyframe_count,
+        "features": built.artifact.feature_count,
+        "feature_method": options.features,
+        "map_keyframes": artifact.keyframe_count,
+        "bytes": {"features": artifact_path.stat().st_size, "index": index_path.stat().st_size},
+        "seconds": seconds,
+        "world_from_scan": placement.world_from_scan.matrix.tolist(),
+        "placement": {"source": placement.source, **placement.figures},
+        "self_check": check.as_dict(),
+    }
+    progress.report("publish", 0, 1)
+    with resources.database.write() as connection:
+        version = publish_map(
+            connection, build.venue_id, build.id, artifact_blob, index_blob, report, images
+        )
+        finish_build(connection, build.id, "succeeded", report=report, map_version=version)
+    return version
+
+
+def _store_images(
+    source: FrameSource, built: BuiltMap, options: BuildOptions, resources: Resources
+) -> list[KeyframeImages]:
+    if not options.store_images:
+        return []
+
+    def store(frame: Frame) -> KeyframeImages:
+        return KeyframeImages(resources.blobs.put_file(frame.color), resources.blobs.put_file(frame.depth))
+
+    return [store(frame) for frame in built.keyframes]
+
+

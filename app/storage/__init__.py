@@ -1,0 +1,1 @@
+"""Database, blobs and map artefacts: explicit queries per aggregate."""

@@ -1,0 +1,128 @@
+"""Content-addressed blobs: a directory by default, any store that obstore knows by URL."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import uuid
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import obstore
+from obstore.store import LocalStore, ObjectStore, from_url
+
+from app.errors import NotFoundError
+from app.storage.db import now
+
+PREFIX = "sha256"
+READ_CHUNK = 1 << 20
+# obstore writes a local file under this kind of name, then renames it; a killed process leaves it behind.
+STAGING_MARK = "#"
+
+
+class BlobStore:
+    """Bytes by their SHA-256. A blob is there whole or not at all, and never changes."""
+
+    def __init__(self, store: ObjectStore, cache_dir: Path, root: Path | None = None) -> None:
+        self._store = store
+        self._root = root
+        self._cache_dir = cache_dir
+
+    @staticmethod
+    def open(url: str | None, data_dir: Path, cache_dir: Path) -> BlobStore:
+        """Open the store of a URL (`s3://bucket/prefix`, ...), or the folder `blobs` in `data_dir`."""
+        if url is not None:
+            return BlobStore(from_url(url), cache_dir)
+        root = (data_dir / "blobs").resolve()
+        root.mkdir(parents=True, exist_ok=True)
+        return BlobStore(LocalStore(str(root)), cache_dir, root)
+
+    def put(self, data: bytes) -> str:
+        """Store bytes and return their SHA-256."""
+        digest = hashlib.sha256(data).hexdigest()
+        # Written even if it is there: that renews its age, which the sweep goes by.
+        obstore.put(self._store, _path(digest), data)
+        return digest
+
+    def put_file(self, path: Path) -> str:
+        """Store a file's contents and return their SHA-256."""
+        hasher = hashlib.sha256()
+        with path.open("rb") as file:
+            while chunk := file.read(READ_CHUNK):
+                hasher.update(chunk)
+        digest = hasher.hexdigest()
+        obstore.put(self._store, _path(digest), path)
+        return digest
+
+    def get(self, digest: str) -> bytes:
+        """Return a blob's bytes; raises `NotFoundError`."""
+        try:
+            return bytes(obstore.get(self._store, _path(digest)).bytes())
+        except FileNotFoundError:
+            raise NotFoundError(f"Blob {digest} is missing from the store.") from None
+
+    def local_path(self, digest: str) -> Path:
+        """Return a file with the blob's contents, for memory-mapping; a remote blob is fetched into the cache."""
+        if self._root is not None:
+            path = self._root / _path(digest)
+            if not path.is_file():
+                raise NotFoundError(f"Blob {digest} is missing from the store.")
+            return path
+        path = self._cache_dir / digest
+        if not path.is_file():
+            self._fetch(digest, path)
+        return path
+
+    def _fetch(self, digest: str, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f"{digest}.{uuid.uuid4().hex}")
+        try:
+            with partial.open("wb") as file:
+                for chunk in obstore.get(self._store, _path(digest)).stream():
+                    file.write(chunk)
+            partial.replace(path)
+        except FileNotFoundError:
+            raise NotFoundError(f"Blob {digest} is missing from the store.") from None
+        finally:
+            partial.unlink(missing_ok=True)
+
+    def sweep(self, referenced: Iterable[str], grace: timedelta) -> int:
+        """Delete blobs that nothing refers to and that are older than `grace`; return how many."""
+        keep = set(referenced)
+        limit = now() - grace
+        paths = [
+            item["path"]
+            for page in obstore.list(self._store, PREFIX)
+            for item in page
+            if item["path"].rsplit("/", 1)[-1] not in keep and item["last_modified"] <= limit
+        ]
+        if paths:
+            obstore.delete(self._store, paths)
+        return len(paths) + self._sweep_staging(limit)
+
+    def _sweep_staging(self, limit: datetime) -> int:
+        if self._root is None:
+            return 0
+        count = 0
+        for path in self._root.rglob(f"*{STAGING_MARK}*"):
+            if path.is_file() and path.stat().st_mtime <= limit.timestamp():
+                path.unlink(missing_ok=True)
+                count += 1
+        return count
+
+    def digests(self) -> set[str]:
+        """Return the SHA-256 of every blob in the store."""
+        return {item["path"].rsplit("/", 1)[-1] for page in obstore.list(self._store, PREFIX) for item in page}
+
+    def check_writable(self) -> None:
+        """Raise `OSError` if the store's folder can't be written (a remote store is asked for a listing)."""
+        if self._root is not None:
+            if not os.access(self._root, os.W_OK):
+                raise PermissionError(f"{self._root} can't be written.")
+            return
+        next(iter(obstore.list(self._store, PREFIX)), None)
+
+
+def _path(digest: str) -> str:
+    return f"{PREFIX}/{digest[:2]}/{digest}"

@@ -1,0 +1,173 @@
+"""Builds: the queue, what runs, and how it ended."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+from sqlalchemy import Connection, Row, insert, select, update
+
+from app.errors import ConflictError, NotFoundError
+from app.storage.db import as_utc, now
+from app.storage.tables import builds
+
+State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+ENDED = ("succeeded", "failed", "cancelled")
+# A build that took its worker down this often is not tried again.
+MAX_ATTEMPTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """A build as it is now."""
+
+    id: str
+    venue_id: str
+    state: State
+    stage: str | None
+    done: int
+    total: int
+    options: dict[str, Any]
+    archive_blob: str
+    attempts: int
+    cancel_requested: bool
+    error_code: str | None
+    error: str | None
+    report: dict[str, Any] | None
+    map_version: int | None
+    created_at: datetime | None
+    started_at: datetime | None
+    finished_at: datetime | None
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing will change any more."""
+        return self.state in ENDED
+
+
+def create_build(connection: Connection, venue_id: str, options: dict[str, Any], archive_blob: str) -> str:
+    """Queue a build and return its id."""
+    build_id = uuid.uuid4().hex
+    connection.execute(
+        insert(builds).values(
+            id=build_id,
+            venue_id=venue_id,
+            state="queued",
+            done=0,
+            total=0,
+            options=options,
+            archive_blob=archive_blob,
+            attempts=0,
+            cancel_requested=False,
+            created_at=now(),
+        )
+    )
+    return build_id
+
+
+def get_build(connection: Connection, build_id: str) -> Build:
+    """Return a build; raises `NotFoundError`."""
+    row = connection.execute(select(builds).where(builds.c.id == build_id)).first()
+    if row is None:
+        raise NotFoundError(f"There is no build {build_id!r}.")
+    return _build(row)
+
+
+def list_builds(connection: Connection, venue_id: str | None = None) -> list[Build]:
+    """Return the builds of a venue, or all, newest first."""
+    query = select(builds).order_by(builds.c.created_at.desc())
+    if venue_id is not None:
+        query = query.where(builds.c.venue_id == venue_id)
+    return [_build(row) for row in connection.execute(query)]
+
+
+def claim_build(connection: Connection) -> Build | None:
+    """Take the oldest queued build and mark it as running, or return None."""
+    query = select(builds.c.id).where(builds.c.state == "queued").order_by(builds.c.created_at).limit(1)
+    build_id = connection.execute(query.with_for_update(skip_locked=True)).scalar()
+    if build_id is None:
+        return None
+    connection.execute(
+        update(builds)
+        .where(builds.c.id == build_id)
+        .values(state="running", stage="start", started_at=now(), attempts=builds.c.attempts + 1)
+    )
+    return get_build(connection, build_id)
+
+
+def report_progress(connection: Connection, build_id: str, stage: str, done: int, total: int) -> bool:
+    """Note how far a build is; return whether it should stop: cancelled, or gone with its venue."""
+    here = (builds.c.id == build_id) & (builds.c.state == "running")
+    changed = connection.execute(update(builds).where(here).values(stage=stage, done=done, total=total))
+    if changed.rowcount == 0:
+        return True
+    return bool(connection.execute(select(builds.c.cancel_requested).where(here)).scalar())
+
+
+def finish_build(
+    connection: Connection,
+    build_id: str,
+    state: State,
+    *,
+    report: dict[str, Any] | None = None,
+    map_version: int | None = None,
+    error_code: str | None = None,
+    error: str | None = None,
+) -> None:
+    """Record how a running build ended; raises `ConflictError` when it doesn't run any more."""
+    here = (builds.c.id == build_id) & (builds.c.state == "running")
+    changed = connection.execute(
+        update(builds)
+        .where(here)
+        .values(
+            state=state,
+            report=report,
+            map_version=map_version,
+            error_code=error_code,
+            error=error,
+            finished_at=now(),
+        )
+    )
+    if changed.rowcount == 0:
+        raise ConflictError(f"Build {build_id} is not running.")
+
+
+def cancel_build(connection: Connection, build_id: str) -> Build:
+    """Cancel a build: at once when it is queued, else at its next step; raises `ConflictError` if it has ended."""
+    build = get_build(connection, build_id)
+    if build.ended:
+        raise ConflictError(f"Build {build_id} has {build.state} already.")
+    queued = (builds.c.id == build_id) & (builds.c.state == "queued")
+    connection.execute(update(builds).where(queued).values(state="cancelled", finished_at=now()))
+    connection.execute(update(builds).where(builds.c.id == build_id).values(cancel_requested=True))
+    return get_build(connection, build_id)
+
+
+def recover_builds(connection: Connection) -> tuple[list[str], list[str]]:
+    """Requeue builds whose worker died, or fail those that died `MAX_ATTEMPTS` times; return both lists of ids.
+
+    To be called only by a worker that knows that no other one is alive.
+    """
+    requeued, failed = [], []
+    for row in connection.execute(select(builds).where(builds.c.state == "running")).all():
+        build = _build(row)
+        if build.cancel_requested:
+            finish_build(connection, build.id, "cancelled")
+        elif build.attempts >= MAX_ATTEMPTS:
+            message = f"The worker died {build.attempts} times in this build, last in stage {build.stage!r}."
+            finish_build(connection, build.id, "failed", error_code="worker_died", error=message)
+            failed.append(build.id)
+        else:
+            values = {"state": "queued", "stage": None, "done": 0, "total": 0}
+            connection.execute(update(builds).where(builds.c.id == build.id).values(**values))
+            requeued.append(build.id)
+    return requeued, failed
+
+
+def _build(row: Row[tuple[Any, ...]]) -> Build:
+    values = {name: getattr(row, name) for name in Build.__slots__}
+    for name in ("created_at", "started_at", "finished_at"):
+        values[name] = as_utc(values[name])
+    return Build(**values)

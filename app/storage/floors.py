@@ -1,0 +1,141 @@
+"""Floors: heights, the way from the world to the plan, and the plan image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, Row, delete, insert, select, update
+
+from app.errors import NotFoundError
+from app.storage.tables import floors
+
+
+@dataclass(frozen=True, slots=True)
+class PlanImage:
+    """A floor's drawing: blob, media type, size, and where plan (0, 0) lies in it."""
+
+    blob: str
+    media_type: str
+    width_px: int
+    height_px: int
+    meters_per_pixel: float
+    origin_px: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world."""
+
+    venue_id: str
+    id: str
+    name: str
+    level: int
+    z_min_m: float
+    z_max_m: float
+    plan_from_world: NDArray[np.float64] | None
+    plan_residual_m: float | None
+    plan: PlanImage | None
+    features: dict[str, Any] | None
+
+
+def put_floor(
+    connection: Connection,
+    venue_id: str,
+    floor_id: str,
+    *,
+    name: str,
+    level: int,
+    z_min_m: float,
+    z_max_m: float,
+    plan_from_world: NDArray[np.float64] | None,
+    plan_residual_m: float | None,
+) -> Floor:
+    """Add a floor, or change it and keep its plan image and features."""
+    values = {
+        "name": name,
+        "level": level,
+        "z_min_m": z_min_m,
+        "z_max_m": z_max_m,
+        "plan_from_world": None if plan_from_world is None else plan_from_world.tolist(),
+        "plan_residual_m": plan_residual_m,
+    }
+    here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
+    if connection.execute(update(floors).where(here).values(**values)).rowcount == 0:
+        connection.execute(insert(floors).values(venue_id=venue_id, id=floor_id, **values))
+    return get_floor(connection, venue_id, floor_id)
+
+
+def set_plan_image(connection: Connection, venue_id: str, floor_id: str, plan: PlanImage) -> Floor:
+    """Give a floor its plan image; raises `NotFoundError`."""
+    here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
+    connection.execute(
+        update(floors)
+        .where(here)
+        .values(
+            plan_blob=plan.blob,
+            plan_media_type=plan.media_type,
+            plan_width_px=plan.width_px,
+            plan_height_px=plan.height_px,
+            plan_meters_per_pixel=plan.meters_per_pixel,
+            plan_origin_px=list(plan.origin_px),
+        )
+    )
+    return get_floor(connection, venue_id, floor_id)
+
+
+def set_features(connection: Connection, venue_id: str, floor_id: str, features: dict[str, Any]) -> Floor:
+    """Give a floor its GeoJSON features; raises `NotFoundError`."""
+    here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
+    connection.execute(update(floors).where(here).values(features=features))
+    return get_floor(connection, venue_id, floor_id)
+
+
+def get_floor(connection: Connection, venue_id: str, floor_id: str) -> Floor:
+    """Return a floor; raises `NotFoundError`."""
+    here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
+    row = connection.execute(select(floors).where(here)).first()
+    if row is None:
+        raise NotFoundError(f"Venue {venue_id!r} has no floor {floor_id!r}.")
+    return _floor(row)
+
+
+def list_floors(connection: Connection, venue_id: str) -> list[Floor]:
+    """Return a venue's floors, lowest first."""
+    query = select(floors).where(floors.c.venue_id == venue_id).order_by(floors.c.level, floors.c.id)
+    return [_floor(row) for row in connection.execute(query)]
+
+
+def delete_floor(connection: Connection, venue_id: str, floor_id: str) -> None:
+    """Delete a floor; raises `NotFoundError`."""
+    here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
+    if connection.execute(delete(floors).where(here)).rowcount == 0:
+        raise NotFoundError(f"Venue {venue_id!r} has no floor {floor_id!r}.")
+
+
+def _floor(row: Row[tuple[Any, ...]]) -> Floor:
+    plan = None
+    if row.plan_blob is not None:
+        plan = PlanImage(
+            row.plan_blob,
+            row.plan_media_type,
+            row.plan_width_px,
+            row.plan_height_px,
+            row.plan_meters_per_pixel,
+            (row.plan_origin_px[0], row.plan_origin_px[1]),
+        )
+    matrix = None if row.plan_from_world is None else np.array(row.plan_from_world, dtype=np.float64)
+    return Floor(
+        row.venue_id,
+        row.id,
+        row.name,
+        row.level,
+        row.z_min_m,
+        row.z_max_m,
+        matrix,
+        row.plan_residual_m,
+        plan,
+        row.features,
+    )

@@ -1,0 +1,156 @@
+"""A map version's features: one packed file, memory-mapped and shared by all processes.
+
+Layout: the magic, the header's length (8 bytes, little endian), a JSON header (metadata, and name, dtype, shape
+and offset of each array), then the arrays, each aligned to 64 bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import RoomfixError
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+
+MAGIC = b"RFMAP001"
+ALIGNMENT = 64
+
+
+class MapArtifactError(RoomfixError):
+    """A file that is not a map artefact, or one that is cut short."""
+
+    code = "damaged_map"
+
+
+@dataclass(frozen=True, slots=True)
+class MapMetadata:
+    """What a map was made with: feature method, model of the global descriptor, cameras."""
+
+    features: str
+    descriptor_sha256: str
+    descriptor_size: int
+    cameras: tuple[Camera, ...]
+    keyframe_names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MapArrays:
+    """A map's numbers for k keyframes with f features in all.
+
+    `positions` (k, 3) and `quaternions` (k, 4; x y z w) are world_from_camera; `camera_rows` (k,) index the
+    cameras; keyframe i owns the features `offsets[i]:offsets[i + 1]`, `offsets` (k + 1,). Per feature:
+    `keypoints_px` (f, 2), `points_in_world` (f, 3) in metres, `point_sigma_m` (f,) along the ray,
+    `descriptors` (f, d).
+    """
+
+    positions: NDArray[np.float64]
+    quaternions: NDArray[np.float64]
+    camera_rows: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    keypoints_px: NDArray[np.float32]
+    points_in_world: NDArray[np.float32]
+    point_sigma_m: NDArray[np.float32]
+    descriptors: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class MapArtifact:
+    """A map in memory or memory-mapped; immutable."""
+
+    metadata: MapMetadata
+    arrays: MapArrays
+
+    @property
+    def keyframe_count(self) -> int:
+        """How many keyframes the map has."""
+        return len(self.arrays.positions)
+
+    @property
+    def feature_count(self) -> int:
+        """How many features the map has."""
+        return len(self.arrays.points_in_world)
+
+    def pose(self, keyframe: int) -> Pose:
+        """Return the `world_from_camera` of a keyframe."""
+        return Pose.from_quaternion(self.arrays.positions[keyframe], self.arrays.quaternions[keyframe])
+
+    def camera(self, keyframe: int) -> Camera:
+        """Return the camera of a keyframe."""
+        return self.metadata.cameras[int(self.arrays.camera_rows[keyframe])]
+
+    def rows(self, keyframe: int) -> slice:
+        """Return the rows of a keyframe's features."""
+        return slice(int(self.arrays.offsets[keyframe]), int(self.arrays.offsets[keyframe + 1]))
+
+    def write(self, path: Path) -> None:
+        """Write the map to a file."""
+        arrays = {name: np.ascontiguousarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
+        header = {"metadata": _metadata_to_json(self.metadata), "arrays": _table(arrays)}
+        text = json.dumps(header, separators=(",", ":")).encode()
+        start = _aligned(len(MAGIC) + 8 + len(text))
+        with path.open("wb") as file:
+            file.write(MAGIC + len(text).to_bytes(8, "little") + text)
+            for name, array in arrays.items():
+                file.seek(start + header["arrays"][name]["offset"])
+                file.write(array.tobytes())
+            file.truncate(max(file.tell(), start))
+
+    @staticmethod
+    def open(path: Path) -> MapArtifact:
+        """Memory-map a file that `write` made; raises `MapArtifactError`."""
+        try:
+            data = np.memmap(path, dtype=np.uint8, mode="r")
+            length = int.from_bytes(bytes(data[8:16]), "little")
+            if bytes(data[:8]) != MAGIC or 16 + length > len(data):
+                raise MapArtifactError(f"{path.name} is not a map artefact.")
+            header = json.loads(bytes(data[16 : 16 + length]))
+            start = _aligned(16 + length)
+            arrays = {name: _view(data, start, entry) for name, entry in header["arrays"].items()}
+            return MapArtifact(_metadata_from_json(header["metadata"]), MapArrays(**arrays))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise MapArtifactError(f"{path.name} is not a map artefact ({error}).") from error
+
+
+def _aligned(offset: int) -> int:
+    return -(-offset // ALIGNMENT) * ALIGNMENT
+
+
+def _table(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
+    table, offset = {}, 0
+    for name, array in arrays.items():
+        table[name] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
+        offset = _aligned(offset + array.nbytes)
+    return table
+
+
+def _view(data: NDArray[np.uint8], start: int, entry: Mapping[str, Any]) -> NDArray[Any]:
+    dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
+    first = start + entry["offset"]
+    size = int(np.prod(shape)) * dtype.itemsize
+    if first + size > len(data):
+        raise MapArtifactError("The map artefact is cut short.")
+    return data[first : first + size].view(dtype).reshape(shape)
+
+
+def _metadata_to_json(metadata: MapMetadata) -> dict[str, Any]:
+    return asdict(metadata)
+
+
+def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:
+    cameras = tuple(
+        Camera(c["model"], c["width"], c["height"], tuple(c["params"])) for c in values["cameras"]
+    )
+    return MapMetadata(
+        values["features"],
+        values["descriptor_sha256"],
+        values["descriptor_size"],
+        cameras,
+        tuple(values["keyframe_names"]),
+    )

@@ -1,0 +1,114 @@
+"""Map versions: immutable once they are there; one of them serves the venue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Row, func, insert, select
+
+from app.errors import NotFoundError
+from app.storage.db import as_utc, now
+from app.storage.tables import keyframe_images, map_versions
+from app.storage.venues import set_active_map
+
+
+@dataclass(frozen=True, slots=True)
+class MapVersion:
+    """A map version: its blobs and the statistics of its build."""
+
+    venue_id: str
+    version: int
+    build_id: str | None
+    artifact_blob: str
+    index_blob: str
+    statistics: dict[str, Any]
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeImages:
+    """The stored pictures of a keyframe, as blobs."""
+
+    color_blob: str
+    depth_blob: str
+
+
+def publish_map(
+    connection: Connection,
+    venue_id: str,
+    build_id: str,
+    artifact_blob: str,
+    index_blob: str,
+    statistics: dict[str, Any],
+    images: Sequence[KeyframeImages],
+) -> int:
+    """Add the next version of a venue's map, make it the one that serves, and return its number."""
+    newest = connection.execute(
+        select(func.max(map_versions.c.version)).where(map_versions.c.venue_id == venue_id)
+    ).scalar()
+    version = (newest or 0) + 1
+    connection.execute(
+        insert(map_versions).values(
+            venue_id=venue_id,
+            version=version,
+            build_id=build_id,
+            artifact_blob=artifact_blob,
+            index_blob=index_blob,
+            statistics=statistics,
+            created_at=now(),
+        )
+    )
+    if images:
+        rows = [
+            {
+                "venue_id": venue_id,
+                "version": version,
+                "keyframe": keyframe,
+                "color_blob": image.color_blob,
+                "depth_blob": image.depth_blob,
+            }
+            for keyframe, image in enumerate(images)
+        ]
+        connection.execute(insert(keyframe_images), rows)
+    set_active_map(connection, venue_id, version)
+    return version
+
+
+def get_map(connection: Connection, venue_id: str, version: int) -> MapVersion:
+    """Return a map version; raises `NotFoundError`."""
+    here = (map_versions.c.venue_id == venue_id) & (map_versions.c.version == version)
+    row = connection.execute(select(map_versions).where(here)).first()
+    if row is None:
+        raise NotFoundError(f"Venue {venue_id!r} has no map version {version}.")
+    return _map(row)
+
+
+def list_maps(connection: Connection, venue_id: str) -> list[MapVersion]:
+    """Return a venue's map versions, newest first."""
+    query = (
+        select(map_versions)
+        .where(map_versions.c.venue_id == venue_id)
+        .order_by(map_versions.c.version.desc())
+    )
+    return [_map(row) for row in connection.execute(query)]
+
+
+def list_keyframe_images(connection: Connection, venue_id: str, version: int) -> list[KeyframeImages]:
+    """Return the pictures of a map's keyframes in order; empty for a map that was built without them."""
+    query = (
+        select(keyframe_images)
+        .where((keyframe_images.c.venue_id == venue_id) & (keyframe_images.c.version == version))
+        .order_by(keyframe_images.c.keyframe)
+    )
+    return [KeyframeImages(row.color_blob, row.depth_blob) for row in connection.execute(query)]
+
+
+def _map(row: Row[tuple[Any, ...]]) -> MapVersion:
+    created = as_utc(row.created_at)
+    assert created is not None  # noqa: S101 - the column is not nullable
+    return MapVersion(
+        row.venue_id, row.version, row.build_id, row.artifact_blob, row.index_blob, row.statistics, created
+    )

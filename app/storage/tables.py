@@ -1,0 +1,105 @@
+"""The tables, as SQLAlchemy Core; `migrations/` creates them."""
+
+from __future__ import annotations
+
+from sqlalchemy import (
+    JSON,
+    Boolean,
+    Column,
+    DateTime,
+    Float,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+)
+
+metadata = MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_name)s",
+    }
+)
+
+venues = Table(
+    "venues",
+    metadata,
+    Column("id", String(64), primary_key=True),
+    Column("name", String(200), nullable=False),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+    # Not a foreign key: map_versions refers to venues already, and SQLite can't add the circle.
+    Column("active_map_version", Integer),
+)
+
+floors = Table(
+    "floors",
+    metadata,
+    Column("venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), primary_key=True),
+    Column("id", String(64), primary_key=True),
+    Column("name", String(200), nullable=False),
+    Column("level", Integer, nullable=False),
+    Column("z_min_m", Float, nullable=False),
+    Column("z_max_m", Float, nullable=False),
+    Column("plan_from_world", JSON),
+    Column("plan_residual_m", Float),
+    Column("plan_blob", String(64)),
+    Column("plan_media_type", String(32)),
+    Column("plan_width_px", Integer),
+    Column("plan_height_px", Integer),
+    Column("plan_meters_per_pixel", Float),
+    Column("plan_origin_px", JSON),
+    Column("features", JSON),
+)
+
+builds = Table(
+    "builds",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column(
+        "venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), nullable=False, index=True
+    ),
+    Column("state", String(16), nullable=False, index=True),
+    Column("stage", String(32)),
+    Column("done", Integer, nullable=False),
+    Column("total", Integer, nullable=False),
+    Column("options", JSON, nullable=False),
+    Column("archive_blob", String(64), nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("cancel_requested", Boolean, nullable=False),
+    Column("error_code", String(64)),
+    Column("error", Text),
+    Column("report", JSON),
+    Column("map_version", Integer),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+    Column("started_at", DateTime(timezone=True)),
+    Column("finished_at", DateTime(timezone=True)),
+)
+
+map_versions = Table(
+    "map_versions",
+    metadata,
+    Column("venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), primary_key=True),
+    Column("version", Integer, primary_key=True),
+    Column("build_id", String(32)),
+    Column("artifact_blob", String(64), nullable=False),
+    Column("index_blob", String(64), nullable=False),
+    Column("statistics", JSON, nullable=False),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+)
+
+keyframe_images = Table(
+    "keyframe_images",
+    metadata,
+    Column("venue_id", String(64), primary_key=True),
+    Column("version", Integer, primary_key=True),
+    Column("keyframe", Integer, primary_key=True),
+    Column("color_blob", String(64), nullable=False),
+    Column("depth_blob", String(64), nullable=False),
+    ForeignKeyConstraint(
+        ["venue_id", "version"], ["map_versions.venue_id", "map_versions.version"], ondelete="CASCADE"
+    ),
+)

@@ -1,0 +1,1 @@
+"""Images to descriptors, matches and keyframes."""

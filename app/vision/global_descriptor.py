@@ -1,0 +1,51 @@
+"""The global descriptor: one vector for a whole image, by an ONNX model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidInputError
+from app.vision.images import Rgb
+from app.vision.local_features import MODELS_DIR
+from app.vision.onnx_session import model_sha256, open_session
+
+DEFAULT_MODEL = MODELS_DIR / "global_descriptor.onnx"
+
+
+class GlobalDescriptor:
+    """Describes images by an ONNX model: (1, 3, height, width) float32 RGB, (x - 127) / 128, to (1, d).
+
+    Any model of that form can be used; `sha256` is its identity and `size` its d. Raises `InvalidInputError`
+    for a file that is missing or of another form.
+    """
+
+    def __init__(
+        self, path: Path = DEFAULT_MODEL, width: int = 320, height: int = 240, threads: int = 1
+    ) -> None:
+        if not path.is_file():
+            raise InvalidInputError(f"There is no global descriptor model at {path}.")
+        self.sha256 = model_sha256(path)
+        self._size_px = (width, height)
+        self._session = open_session(path, threads)
+        self._input = self._session.get_inputs()[0].name
+        probe = self.describe(np.zeros((height, width, 3), np.uint8))
+        self.size = len(probe)
+
+    def describe(self, rgb: Rgb) -> NDArray[np.float32]:
+        """Return the descriptor (d,), of unit length, of an RGB image (height, width, 3)."""
+        small = cv2.resize(rgb, self._upright_size(rgb), interpolation=cv2.INTER_AREA)
+        blob = ((small.astype(np.float32) - 127.0) / 128.0).transpose(2, 0, 1)[None]
+        (output,) = self._session.run(None, {self._input: np.ascontiguousarray(blob)})
+        vector = np.asarray(output, dtype=np.float32).reshape(-1)
+        return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12), dtype=np.float32)
+
+    def _upright_size(self, rgb: Rgb) -> tuple[int, int]:
+        width, height = self._size_px
+        # A portrait picture keeps its proportions where the model takes any size.
+        if rgb.shape[0] > rgb.shape[1] and not isinstance(self._session.get_inputs()[0].shape[2], int):
+            return height, width
+        return width, height

@@ -1,0 +1,78 @@
+"""Choice of keyframes by pose difference (A 2.1, eq. 1-3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.geometry.se3 import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class PowerLaw:
+    """matches(x) = a x^b: how many matches are left at a difference x between two camera poses."""
+
+    a: float
+    b: float
+
+    def __call__(self, difference: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(self.a * np.asarray(difference, dtype=np.float64) ** self.b)
+
+    def inverse(self, matches: float) -> float:
+        """Return the difference at which `matches` matches are left."""
+        return float((matches / self.a) ** (1.0 / self.b))
+
+
+# The curves that the paper fitted on TUM scenes.
+POSITION_CURVE = PowerLaw(19.43, -0.5435)
+ATTITUDE_CURVE = PowerLaw(8.846, -0.8503)
+WANTED_MATCHES = 50.0
+
+
+def matches_by_position_difference(difference_m: ArrayLike) -> NDArray[np.float64]:
+    """Return the matches expected at a position difference in metres (A eq. 1)."""
+    return POSITION_CURVE(difference_m)
+
+
+def matches_by_attitude_difference(difference_rad: ArrayLike) -> NDArray[np.float64]:
+    """Return the matches expected at an attitude difference in radians (A eq. 2)."""
+    return ATTITUDE_CURVE(difference_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseThresholds:
+    """A frame is close to a keyframe when both differences are below these."""
+
+    position_m: float
+    attitude_rad: float
+
+
+def thresholds_for_matches(
+    wanted: float = WANTED_MATCHES, position: PowerLaw = POSITION_CURVE, attitude: PowerLaw = ATTITUDE_CURVE
+) -> PoseThresholds:
+    """Return the pose differences at which `wanted` matches are left: 0.1757 m, 0.1304 rad for 50 (A eq. 3)."""
+    return PoseThresholds(position.inverse(wanted), attitude.inverse(wanted))
+
+
+def select_by_pose(world_from_camera: Sequence[Pose], thresholds: PoseThresholds) -> list[int]:
+    """Return the frames that become keyframes (A 2.1): those with no earlier keyframe close in both respects.
+
+    The first frame joins. The paper compares with the last keyframe first to save time; the result is the same,
+    since a frame joins only when it is close to none.
+    """
+    if not world_from_camera:
+        return []
+    positions = np.stack([pose.translation for pose in world_from_camera])
+    rotations = np.stack([pose.rotation for pose in world_from_camera])
+    # The angle between two rotations is below t exactly when trace(A^T B) is above 1 + 2 cos t.
+    min_trace = 1.0 + 2.0 * np.cos(min(thresholds.attitude_rad, np.pi))
+    chosen: list[int] = []
+    for i in range(len(world_from_camera)):
+        near = np.linalg.norm(positions[chosen] - positions[i], axis=1) < thresholds.position_m
+        alike = np.einsum("nij,ij->n", rotations[chosen], rotations[i]) > min_trace
+        if not np.any(near & alike):
+            chosen.append(i)
+    return chosen

@@ -1,0 +1,177 @@
+"""Local features behind one protocol: ORB, RootSIFT, A-KAZE and XFeat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidInputError
+from app.vision.images import Gray, shrink
+from app.vision.onnx_session import open_session
+from app.vision.xfeat import decode
+
+Descriptors = NDArray[np.uint8] | NDArray[np.float32]
+MODELS_DIR = Path(__file__).parent.parent / "models"
+
+# RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
+ROOT_SIFT_SCALE = 512.0
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFeatures:
+    """Keypoints (n, 2) in pixels of the full image (centre of the first pixel at 0, 0) and descriptors (n, d)."""
+
+    keypoints_px: NDArray[np.float32]
+    descriptors: Descriptors
+
+    def __len__(self) -> int:
+        return len(self.keypoints_px)
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> LocalFeatures:
+        """Return the features of the given rows."""
+        return LocalFeatures(self.keypoints_px[rows], self.descriptors[rows])
+
+
+class LocalFeatureExtractor(Protocol):
+    """What finds and describes keypoints. `name` is what a map records; `ratio` its matching threshold."""
+
+    name: str
+    binary: bool
+    ratio: float
+    descriptor_size: int
+    descriptor_dtype: type
+
+    def extract(self, gray: Gray) -> LocalFeatures:
+        """Return the features of a grey image (height, width), best first where the method ranks them."""
+        ...
+
+
+class RootSift:
+    """SIFT with Hellinger-normalised descriptors, quantised to bytes.
+
+    `max_side_px` is the size at which it works. OpenCV's SIFT doubles its input first, so that 400 px is a
+    first octave of 800 px: as many useful keypoints as the full 640 px at two fifths of the time
+    (measured: docs/features.md).
+    """
+
+    binary = False
+    ratio = 0.85
+    descriptor_size = 128
+    descriptor_dtype = np.uint8
+
+    def __init__(self, max_features: int = 2000, max_side_px: int = 400, name: str = "sift") -> None:
+        self.name = name
+        self._max_side_px = max_side_px
+        self._max_features = max_features
+
+    def extract(self, gray: Gray) -> LocalFeatures:
+        """Return the features of a grey image (height, width)."""
+        small, scale = shrink(gray, self._max_side_px)
+        # A detector object is not safe to share between threads, and costs nothing to make.
+        sift = cv2.SIFT.create(self._max_features)
+        keypoints, descriptors = sift.detectAndCompute(small, None)
+        if not len(keypoints):
+            return _none(self)
+        sums = np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
+        rooted = np.sqrt(descriptors / sums) * ROOT_SIFT_SCALE
+        quantised = np.minimum(np.rint(rooted), 255).astype(np.uint8)
+        return LocalFeatures(_points(keypoints, scale), quantised)
+
+
+class Orb:
+    """ORB: 256-bit descriptors of oriented FAST corners (the RGB-D paper's features)."""
+
+    binary = True
+    ratio = 0.85
+    descriptor_size = 32
+    descriptor_dtype = np.uint8
+
+    def __init__(self, max_features: int = 1000, name: str = "orb") -> None:
+        self.name = name
+        self._max_features = max_features
+
+    def extract(self, gray: Gray) -> LocalFeatures:
+        """Return the features of a grey image (height, width)."""
+        small, scale = shrink(gray, 960)
+        keypoints, descriptors = cv2.ORB.create(self._max_features).detectAndCompute(small, None)
+        if not len(keypoints):
+            return _none(self)
+        return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
+
+
+class Akaze:
+    """A-KAZE with its 486-bit M-LDB descriptors (the monitoring-camera thesis's features)."""
+
+    binary = True
+    ratio = 0.85
+    descriptor_size = 61
+    descriptor_dtype = np.uint8
+    name = "akaze"
+
+    def extract(self, gray: Gray) -> LocalFeatures:
+        """Return the features of a grey image (height, width)."""
+        small, scale = shrink(gray, 960)
+        keypoints, descriptors = cv2.AKAZE.create().detectAndCompute(small, None)
+        if not len(keypoints):
+            return _none(self)
+        return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
+
+
+class XFeat:
+    """XFeat's learned 64-number descriptors by ONNX Runtime; wants upright images."""
+
+    binary = False
+    ratio = 1.0
+    descriptor_size = 64
+    descriptor_dtype = np.float32
+    name = "xfeat"
+
+    def __init__(self, max_features: int = 1000, max_side_px: int = 640, threads: int = 1) -> None:
+        self._session = open_session(MODELS_DIR / "xfeat.onnx", threads)
+        self._max_features = max_features
+        self._max_side_px = max_side_px
+
+    def extract(self, gray: Gray) -> LocalFeatures:
+        """Return the features of a grey image (height, width)."""
+        small, scale = shrink(gray, self._max_side_px)
+        # The network takes multiples of 32: crop the remainder rather than stretch the picture.
+        height, width = (max(32, side // 32 * 32) for side in small.shape)
+        image = small[:height, :width].astype(np.float32)[None, None] / 255.0
+        outputs = self._session.run(["features", "keypoints", "reliability"], {"image": image})
+        keypoints_px, _, descriptors = decode(*outputs, top_k=self._max_features)
+        return LocalFeatures(((keypoints_px + 0.5) / scale - 0.5).astype(np.float32), descriptors)
+
+
+def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
+    """Return the extractor that a map or a request names; raises `InvalidInputError` for an unknown name."""
+    if name == "sift":
+        return RootSift()
+    if name == "sift-full":
+        return RootSift(max_side_px=960, name=name)
+    if name == "orb":
+        return Orb()
+    if name == "orb-2000":
+        return Orb(2000, name)
+    if name == "akaze":
+        return Akaze()
+    if name == "xfeat":
+        return XFeat(threads=threads)
+    raise InvalidInputError(f"Features {name!r} are not known; use one of {', '.join(FEATURE_NAMES)}.")
+
+
+FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat")
+
+
+def _points(keypoints: tuple[cv2.KeyPoint, ...], scale: float) -> NDArray[np.float32]:
+    points = cv2.KeyPoint.convert(keypoints)
+    return np.asarray((points + 0.5) / scale - 0.5, dtype=np.float32)
+
+
+def _none(extractor: LocalFeatureExtractor) -> LocalFeatures:
+    shape = (0, extractor.descriptor_size)
+    return LocalFeatures(np.zeros((0, 2), np.float32), np.zeros(shape, dtype=extractor.descriptor_dtype))

@@ -1,0 +1,54 @@
+"""Matching of descriptors: one matrix product per image pair, ratio test and mutual nearest neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.local_features import Descriptors
+
+Unit = NDArray[np.float32]
+
+
+def to_unit_vectors(descriptors: Descriptors, binary: bool) -> Unit:
+    """Return descriptors (n, d) as float32 rows of unit length, whose scalar product ranks like the distance.
+
+    Bits become +1 and -1: with b bits the product is 1 - 2 Hamming / b, so that 2 - 2 s is 4 Hamming / b.
+    """
+    if binary:
+        signs = np.unpackbits(np.asarray(descriptors, dtype=np.uint8), axis=1).astype(np.float32)
+        signs *= 2.0
+        signs -= 1.0
+        signs /= np.float32(np.sqrt(signs.shape[1]))
+        return signs
+    values = np.asarray(descriptors, dtype=np.float32)
+    norms = np.sqrt(np.einsum("ij,ij->i", values, values))
+    return np.asarray(values / np.maximum(norms, np.float32(1e-9))[:, None], dtype=np.float32)
+
+
+def match_unit_vectors(
+    a: Unit, b: Unit, ratio: float, binary: bool = False
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+    """Match rows of `a` (n, d) to rows of `b` (m, d): mutual nearest neighbours that pass the ratio test.
+
+    Returns rows of `a`, rows of `b`, and distance over second distance (small: distinctive). The ratio is of
+    Euclidean distances, or of Hamming distances for `binary` ones (B eq. 3-4); `ratio` 1 keeps all mutual ones.
+    """
+    if len(a) == 0 or len(b) < 2:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.float32)
+    similarity = a @ b.T
+    rows = np.arange(len(a))
+    nearest = similarity.argmax(axis=1)
+    mutual = similarity.argmax(axis=0)[nearest] == rows
+    rows, nearest = rows[mutual], nearest[mutual]
+    best = similarity[rows, nearest]
+    candidates = similarity[rows]
+    candidates[np.arange(len(rows)), nearest] = -1.0
+    ratios = _distance(best, binary) / np.maximum(_distance(candidates.max(axis=1), binary), 1e-6)
+    keep = ratios < ratio if ratio < 1.0 else np.ones(len(rows), dtype=bool)
+    return rows[keep], nearest[keep], ratios[keep].astype(np.float32)
+
+
+def _distance(similarity: NDArray[np.float32], binary: bool) -> NDArray[np.float32]:
+    squared = np.maximum(2.0 - 2.0 * similarity, 0.0)
+    return squared if binary else np.sqrt(squared)

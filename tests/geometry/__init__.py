@@ -1,0 +1,1 @@
+"""Geometry by its properties, on seeded synthetic scenes."""
