@@ -21,9 +21,11 @@ from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
-from app.web.pages import router as pages
+from app.web.pages import install_pages
 
-DESCRIPTION = "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
+DESCRIPTION = (
+    "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
+)
 
 
 def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI:
@@ -35,7 +37,9 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         resources = Resources.open(settings)
         # The models are opened before the first query has to wait for them.
         resources.models.extractor("sift")
-        logging.getLogger("roomfix").info("global descriptor %s", resources.models.global_descriptor.sha256[:12])
+        logging.getLogger("roomfix").info(
+            "global descriptor %s", resources.models.global_descriptor.sha256[:12]
+        )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         library = MapLibrary(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
@@ -48,11 +52,19 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
             executor.close()
             resources.close()
 
-    app = FastAPI(title="Roomfix", version=version("roomfix"), description=DESCRIPTION, lifespan=lifespan)
+    app = FastAPI(
+        title="Roomfix",
+        version=version("roomfix"),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+    )
     for router in (
-        locate.router, venues.router, floors.router, maps.router, database.router, health.router, pages,
+        locate.router, venues.router, floors.router, maps.router, database.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
+    install_pages(app)
     install_error_handlers(app)
     app.add_middleware(UploadLimitMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     app.add_middleware(MetricsMiddleware, metrics)

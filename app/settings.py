@@ -15,21 +15,27 @@ class Settings(BaseSettings):
 
     data_dir: Path = Field(Path(".roomfix"), description="Folder for database, blobs and scratch files.")
     database_url: str | None = Field(
-        None, description="SQLAlchemy URL; default: SQLite in the data folder. PostgreSQL: postgresql+psycopg://..."
+        None,
+        description="SQLAlchemy URL; default: SQLite in the data folder. PostgreSQL: postgresql+psycopg://...",
     )
     blob_url: str | None = Field(
-        None, description="Where blobs live, for example s3://bucket/prefix; default: a folder in the data folder."
+        None,
+        description="Where blobs live, for example s3://bucket/prefix; default: a folder in the data folder.",
     )
     admin_key: SecretStr | None = Field(None, description="The key that is asked on every call but health.")
     open: bool = Field(False, description="Serve without a key; allowed on a loopback address only.")
     host: str = Field("127.0.0.1", description="Address to listen on.")
     port: int = Field(8000, ge=1, le=65535, description="Port to listen on.")
-    workers: int = Field(2, ge=1, le=64, description="Threads that compute, in the server and in the build worker.")
+    workers: int = Field(
+        2, ge=1, le=64, description="Threads that compute, in the server and in the build worker."
+    )
     queue_size: int = Field(16, ge=1, le=10_000, description="Queries that may wait before 503.")
     run_worker: bool = Field(True, description="Start the embedded build worker with the server.")
     max_image_bytes: int = Field(25_000_000, ge=1000, description="Largest image that is accepted.")
     max_image_pixels: int = Field(50_000_000, ge=10_000, description="Most pixels that are decoded.")
-    max_archive_bytes: int = Field(8_000_000_000, ge=1000, description="Largest scan archive that is accepted.")
+    max_archive_bytes: int = Field(
+        8_000_000_000, ge=1000, description="Largest scan archive that is accepted."
+    )
     max_unpacked_bytes: int = Field(20_000_000_000, ge=1000, description="Most bytes a scan may unpack to.")
     descriptor_model: Path | None = Field(
         None, description="ONNX file of another global descriptor; default: the shipped one."

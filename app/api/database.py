@@ -14,9 +14,9 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api.deps import AppState, State, require
 from app.api.schemas import problems
-from app.errors import InvalidInputError
-from app.services.submit_build import submit_build
-from app.storage.builds import Build, cancel_build, get_build, list_builds
+from app.errors import InvalidInputError, NotFoundError
+from app.services.submit_build import submit_build, withdraw_build
+from app.storage.builds import Build, get_build, list_builds
 
 router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
 EVENT_INTERVAL_S = 0.3
@@ -108,8 +108,7 @@ async def events(state: State, build: str) -> EventSourceResponse:
 @router.delete("/builds/{build}", status_code=202, responses=problems(401, 404, 409))
 def cancel(state: State, build: str) -> BuildBody:
     """Cancel a build; a running one stops at its next step."""
-    with state.resources.database.write() as connection:
-        return BuildBody.of(cancel_build(connection, build))
+    return BuildBody.of(withdraw_build(state.resources, build))
 
 
 async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, str]]:
@@ -121,7 +120,11 @@ async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, s
         if body.state in ("succeeded", "failed", "cancelled"):
             return
         await asyncio.sleep(EVENT_INTERVAL_S)
-        body = await run_in_threadpool(_read, state, body.build)
+        try:
+            body = await run_in_threadpool(_read, state, body.build)
+        except NotFoundError:
+            # The venue was deleted, and its builds with it.
+            return
 
 
 def _read(state: AppState, build: str) -> BuildBody:
@@ -132,5 +135,5 @@ def _read(state: AppState, build: str) -> BuildBody:
 def _json(text: str) -> object:
     try:
         return json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"options is not JSON: {error}.") from None

@@ -19,7 +19,9 @@ from app.services.resources import Resources
 
 Scope = Literal["locate", "anchor", "admin"]
 ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
-bearer = HTTPBearer(auto_error=False, description="The key of the server; none is asked when it was started open.")
+bearer = HTTPBearer(
+    auto_error=False, description="The key of the server; none is asked when it was started open."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,8 @@ def require(scope: Scope) -> Callable[..., None]:
         expected = settings.admin_key.get_secret_value() if settings.admin_key is not None else ""
         given = credentials.credentials if credentials is not None else ""
         if not expected or not hmac.compare_digest(given.encode(), expected.encode()):
-            raise AuthenticationError(f"This call needs a key with the scope {scope}, as 'Authorization: Bearer KEY'.")
+            raise AuthenticationError(
+                f"This call needs a key with the scope {scope}, as 'Authorization: Bearer KEY'."
+            )
 
     return check

@@ -48,7 +48,7 @@ def problem(
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Make every error of the app a problem+json answer."""
+    """Make every expected error a problem+json answer; `RequestIdMiddleware` answers all others."""
 
     async def domain(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, errors.RoomfixError)  # noqa: S101 - registered for this class
@@ -71,14 +71,9 @@ def install_error_handlers(app: FastAPI) -> None:
         headers = dict(error.headers) if error.headers else None
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
-    async def unexpected(_: Request, error: Exception) -> JSONResponse:
-        log.error("unexpected error", exc_info=error)
-        return problem(500, "internal", "Something went wrong here; the log has it under this request's id.")
-
     app.add_exception_handler(errors.RoomfixError, domain)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
-    app.add_exception_handler(Exception, unexpected)
 
 
 def _field(entry: Any) -> dict[str, str]:

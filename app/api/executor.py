@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Lock
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from app.errors import BusyError
 
@@ -33,15 +33,15 @@ class BoundedExecutor:
             if self._pending >= self._capacity:
                 raise BusyError("The server is busy: all workers are occupied and the queue is full.")
             self._pending += 1
-        # Counted down by the work itself: a client that goes away doesn't free the thread that works for it.
-        return await asyncio.wrap_future(self._pool.submit(self._counted, function))
+        future = self._pool.submit(function)
+        # Counted down when the work ends or is cancelled while it waits: a client that goes away doesn't free the
+        # thread that works for it.
+        future.add_done_callback(self._release)
+        return await asyncio.wrap_future(future)
 
-    def _counted(self, function: Callable[[], Result]) -> Result:
-        try:
-            return function()
-        finally:
-            with self._lock:
-                self._pending -= 1
+    def _release(self, _: Future[Any]) -> None:
+        with self._lock:
+            self._pending -= 1
 
     def close(self) -> None:
         """Wait for what runs and drop what waits."""

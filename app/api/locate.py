@@ -76,7 +76,8 @@ async def locate(
     venue: Annotated[str | None, Form(description="May be left out when there is one venue")] = None,
     floor: Annotated[str | None, Form(description="Search this floor first")] = None,
     camera: Annotated[
-        str | None, Form(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or JSON {model, width, height, params}')
+        str | None,
+        Form(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or JSON {model, width, height, params}'),
     ] = None,
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     prior: Annotated[str | None, Form(description='JSON {"position": {x, y, z}, "radius_m"}')] = None,
@@ -110,9 +111,7 @@ def body_of(result: LocateResult) -> LocateBody:
         pose=PoseBody.of(pose) if pose is not None else None,
         plan=None
         if plan is None
-        else PlanBody(
-            x=plan.x, y=plan.y, heading_deg=plan.heading_deg, u_px=plan.u_px, v_px=plan.v_px
-        ),
+        else PlanBody(x=plan.x, y=plan.y, heading_deg=plan.heading_deg, u_px=plan.u_px, v_px=plan.v_px),
         accuracy=None
         if result.position_m is None or result.orientation_deg is None
         else AccuracyBody(position_m=result.position_m, orientation_deg=result.orientation_deg),
@@ -142,7 +141,7 @@ def _gravity(text: str | None) -> tuple[float, float, float] | None:
         return None
     try:
         x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
+    except (ValueError, OverflowError):
         raise InvalidInputError("gravity must be three numbers, x,y,z in camera axes.") from None
     length = float(np.linalg.norm([x, y, z]))
     if not np.isfinite(length) or length < 1e-6:
@@ -158,8 +157,10 @@ def _prior(text: str | None) -> Prior | None:
         position = value["position"]  # type: ignore[index]
         numbers = [float(position[axis]) for axis in ("x", "y", "z")]
         radius_m = float(value["radius_m"])  # type: ignore[index]
-    except (KeyError, TypeError, ValueError):
-        raise InvalidInputError('prior must be {"position": {"x", "y", "z"}, "radius_m"}, all numbers.') from None
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InvalidInputError(
+            'prior must be {"position": {"x", "y", "z"}, "radius_m"}, all numbers.'
+        ) from None
     if not np.isfinite([*numbers, radius_m]).all() or radius_m <= 0:
         raise InvalidInputError("prior must hold finite numbers, with radius_m above zero.")
     return Prior((numbers[0], numbers[1], numbers[2]), radius_m)
@@ -168,5 +169,5 @@ def _prior(text: str | None) -> Prior | None:
 def _json(text: str, name: str) -> object:
     try:
         return json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"{name} is not JSON: {error}.") from None

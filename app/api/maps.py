@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Path
 from pydantic import BaseModel
 
 from app.api.deps import State, VenueId, require
@@ -47,7 +47,7 @@ def list_all(state: State, venue: VenueId) -> list[MapBody]:
 @router.post(
     "/{version}/activate", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
 )
-def activate(state: State, venue: VenueId, version: int) -> MapBody:
+def activate(state: State, venue: VenueId, version: Annotated[int, Path(ge=1, le=2**31 - 1)]) -> MapBody:
     """Let a map version serve the venue: roll back, or forward again."""
     with state.resources.database.write() as connection:
         get_venue(connection, venue)

@@ -16,7 +16,11 @@ class Metrics:
             "roomfix_requests_total", "HTTP requests", ["method", "route", "status"], registry=self.registry
         )
         self._seconds = Histogram(
-            "roomfix_request_seconds", "Time of an HTTP request", ["route"], buckets=BUCKETS_S, registry=self.registry
+            "roomfix_request_seconds",
+            "Time of an HTTP request",
+            ["route"],
+            buckets=BUCKETS_S,
+            registry=self.registry,
         )
         self._located = Counter(
             "roomfix_locate_total", "Queries by outcome", ["venue", "outcome"], registry=self.registry

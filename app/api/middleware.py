@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import time
 import uuid
+from contextlib import suppress
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -13,13 +15,18 @@ from app.api.errors import problem
 from app.api.metrics import Metrics
 from app.errors import UploadTooLargeError
 
+log = logging.getLogger("roomfix.api")
+UNEXPECTED = "Something went wrong here; the log has it under this request's id."
 REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 # Room for the other fields of a form and its boundaries.
 FORM_OVERHEAD = 1_000_000
 
 
 class RequestIdMiddleware:
-    """Gives every answer an `X-Request-ID`: the caller's own if it is a sane one, else a new one."""
+    """Gives every answer an `X-Request-ID`: the caller's own if it is a sane one, else a new one.
+
+    Answers unexpected errors too: Starlette's own handler for them stands outside of all middleware.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -32,12 +39,22 @@ class RequestIdMiddleware:
         given = Headers(scope=scope).get("x-request-id", "")
         request_id = given if REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
 
+        started = False
+
         async def send_with_id(message: Message) -> None:
+            nonlocal started
             if message["type"] == "http.response.start":
+                started = True
                 MutableHeaders(scope=message)["X-Request-ID"] = request_id
             await send(message)
 
-        await self._app(scope, receive, send_with_id)
+        try:
+            await self._app(scope, receive, send_with_id)
+        except Exception:
+            log.exception("request %s: %s %s failed", request_id, scope["method"], scope["path"])
+            if started:
+                raise
+            await problem(500, "internal", UNEXPECTED)(scope, receive, send_with_id)
 
 
 class MetricsMiddleware:
@@ -98,4 +115,12 @@ class UploadLimitMiddleware:
                 raise UploadTooLargeError(message)
             return event
 
-        await self._app(scope, limited_receive, send)
+        async def send_if_within(event: Message) -> None:
+            # Whatever the readers of the body make of the error, the answer is the one below.
+            if received <= limit:
+                await send(event)
+
+        with suppress(UploadTooLargeError):
+            await self._app(scope, limited_receive, send_if_within)
+        if received > limit:
+            await problem(413, UploadTooLargeError.code, message)(scope, receive, send)

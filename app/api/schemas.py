@@ -71,6 +71,4 @@ class Problem(BaseModel):
 
 def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
     """Return the OpenAPI description of a route's errors."""
-    return {
-        status: {"model": Problem, "content": {"application/problem+json": {}}} for status in statuses
-    }
+    return {status: {"model": Problem, "content": {"application/problem+json": {}}} for status in statuses}

@@ -1,0 +1,37 @@
+"""A building of two floors, rendered by the project itself: scans, phone pictures and plans to try it with.
+
+Rendering needs the `demo` extra (embreex) and raises `MissingRendererError` without it; venue and plans don't.
+"""
+
+from __future__ import annotations
+
+from app.demonstration.layout import CORRIDORS, WING_ROOMS
+from app.demonstration.queries import PHONE_CAMERA, REGIONS, DemoQuery, render_queries
+from app.demonstration.raycast import render
+from app.demonstration.scan import SCAN_CAMERA, VENUE_FRAMES, WING_FRAMES, DemoScan, render_venue, render_wing
+from app.demonstration.scene import MissingRendererError, Scene, demo_scene
+from app.demonstration.venue import VENUE, DemoFloor, DemoVenue, floor_plans, write_floor_plans
+
+__all__ = [
+    "CORRIDORS",
+    "PHONE_CAMERA",
+    "REGIONS",
+    "SCAN_CAMERA",
+    "VENUE",
+    "VENUE_FRAMES",
+    "WING_FRAMES",
+    "WING_ROOMS",
+    "DemoFloor",
+    "DemoQuery",
+    "DemoScan",
+    "DemoVenue",
+    "MissingRendererError",
+    "Scene",
+    "demo_scene",
+    "floor_plans",
+    "render",
+    "render_queries",
+    "render_venue",
+    "render_wing",
+    "write_floor_plans",
+]

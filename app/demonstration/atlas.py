@@ -25,7 +25,8 @@ COARSE_TEXELS_PER_M = {"outdoors": 24.0, "cardboard": 220.0, "drawers": 280.0}
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """What to draw: the name of a material (periodic) or print, a seed, and for prints a size in metres and a text."""
+    """What to draw: the name of a material (periodic) or print, a seed, and a print's size in metres and
+    text."""
 
     kind: str
     seed: int = 0
@@ -64,8 +65,8 @@ def mipmaps(image: Bytes) -> list[Bytes]:
 class Atlas:
     """The image (h, w, 3) and, per texture and level, where it lies.
 
-    `origin_px` (n, LEVELS, 2) is the centre of the first texel; `size_px` (n, LEVELS, 2) the width and height;
-    `periodic` (n,) says which textures repeat; `texels_per_m` (n,) is 0 for prints, which fill their surface.
+    `origin_px` (n, LEVELS, 2) is the first texel; `size_px` (n, LEVELS, 2) the width and height; `periodic`
+    (n,) says which textures repeat; `texels_per_m` (n,) is 0 for prints, which fill their surface.
     """
 
     image: Bytes
@@ -90,18 +91,23 @@ def _shelves(tiles: list[Bytes]) -> tuple[list[tuple[int, int]], int]:
 
 
 def build_atlas(textures: list[Texture]) -> Atlas:
-    """Draw and pack textures; the border of each is wrapped (materials) or repeated (prints) against bleeding."""
+    """Draw and pack textures, each with a border, wrapped (materials) or repeated (prints), against
+    bleeding."""
     tiles: list[Bytes] = []
     for texture in textures:
         border = cv2.BORDER_WRAP if texture.is_material else cv2.BORDER_REPLICATE
         p = PADDING
-        tiles += [np.asarray(cv2.copyMakeBorder(m, p, p, p, p, border), np.uint8) for m in mipmaps(draw(texture))]
+        tiles += [
+            np.asarray(cv2.copyMakeBorder(m, p, p, p, p, border), np.uint8) for m in mipmaps(draw(texture))
+        ]
     places, height = _shelves(tiles)
     image = np.zeros((height, ATLAS_WIDTH, 3), np.uint8)
     for tile, (x, y) in zip(tiles, places, strict=True):
         image[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
     shape = (len(textures), LEVELS, 2)
-    sizes = np.array([(t.shape[1] - 2 * PADDING, t.shape[0] - 2 * PADDING) for t in tiles], np.float32).reshape(shape)
+    sizes = np.array(
+        [(t.shape[1] - 2 * PADDING, t.shape[0] - 2 * PADDING) for t in tiles], np.float32
+    ).reshape(shape)
     return Atlas(
         image=image,
         index={texture: k for k, texture in enumerate(textures)},
@@ -109,7 +115,10 @@ def build_atlas(textures: list[Texture]) -> Atlas:
         size_px=sizes,
         periodic=np.array([t.is_material for t in textures]),
         texels_per_m=np.array(
-            [MATERIAL_TEXELS_PER_M[int(s[0, 0])] if t.is_material else 0.0 for t, s in zip(textures, sizes, strict=True)],
+            [
+                MATERIAL_TEXELS_PER_M[int(s[0, 0])] if t.is_material else 0.0
+                for t, s in zip(textures, sizes, strict=True)
+            ],
             np.float32,
         ),
     )

@@ -1,4 +1,4 @@
-"""The shell of the building as surfaces: floors, walls with their openings, ceilings, lamps, stairs, the outdoors."""
+"""The shell of the building as surfaces: floors, walls with openings, ceilings, lamps, stairs, outdoors."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def _room(room: Room) -> list[Surface]:
     top = room.base_m + room.height_m
     if room.id != "stair":
         ground = Texture(room.ground)
-        found.append(rectangle((x0, y1, room.base_m), (x1 - x0, 0, 0), (0, y0 - y1, 0), ground, room.id, look + "/g"))
+        found.append(
+            rectangle((x0, y1, room.base_m), (x1 - x0, 0, 0), (0, y0 - y1, 0), ground, room.id, look + "/g")
+        )
     else:
         ground = Texture(room.ground)
         found.append(rectangle((x0, y1, 0), (x1 - x0, 0, 0), (0, y0 - y1, 0), ground, room.id, look + "/g"))
@@ -59,12 +61,14 @@ def _room(room: Room) -> list[Surface]:
 
 
 def lamp_places(room: Room) -> list[tuple[float, float, float]]:
-    """Return the world points just under the ceiling where a room has its lamps, about one every three metres."""
+    """Return the world points of a room's lamps, just under the ceiling, about one every three metres."""
     x0, y0, x1, y1 = room.interior
     nx, ny = max(1, round((x1 - x0) / 3.0)), max(1, round((y1 - y0) / 3.0))
     z = room.base_m + room.height_m - 0.02
     return [
-        (x0 + (x1 - x0) * (i + 0.5) / nx, y0 + (y1 - y0) * (j + 0.5) / ny, z) for i in range(nx) for j in range(ny)
+        (x0 + (x1 - x0) * (i + 0.5) / nx, y0 + (y1 - y0) * (j + 0.5) / ny, z)
+        for i in range(nx)
+        for j in range(ny)
     ]
 
 
@@ -73,9 +77,13 @@ def _lamp(room: Room, place: tuple[float, float, float]) -> Surface:
     half = LAMP_SIZE_M / 2
     texture = Texture("lamp", size_m=(LAMP_SIZE_M, LAMP_SIZE_M))
     return Surface(
-        np.array([x - half, y - half, z]), np.array([2 * half, 0, 0]), np.array([0, 2 * half, 0]), texture, room.id,
+        np.array([x - half, y - half, z]),
+        np.array([2 * half, 0, 0]),
+        np.array([0, 2 * half, 0]),
+        texture,
+        room.id,
         is_bright=True,
-    )  # fmt: skip
+    )
 
 
 def _reveal(opening: Opening, line_a: float, line_b: float, room: str, material: str) -> list[Surface]:
@@ -83,8 +91,11 @@ def _reveal(opening: Opening, line_a: float, line_b: float, room: str, material:
     a, b, z0, z1 = opening.start_m, opening.end_m, opening.bottom_m, opening.top_m
     depth, texture = line_b - line_a, Texture(material)
 
-    def face(corner: tuple[float, float, float], right: tuple[float, float, float],
-             down: tuple[float, float, float]) -> Surface:  # fmt: skip
+    def face(
+        corner: tuple[float, float, float],
+        right: tuple[float, float, float],
+        down: tuple[float, float, float],
+    ) -> Surface:
         if opening.side in "EW":
             corner, right, down = ((v[1], v[0], v[2]) for v in (corner, right, down))
         return rectangle(corner, right, down, texture, room, f"reveal/{opening.side}")
@@ -126,8 +137,15 @@ def _door(door: Door) -> list[Surface]:
     if door.closed:
         centre = (door.at_m, line) if side_a in "NS" else (line, door.at_m)
         picture = Texture("door")
-        leaf = Box(centre, base, (door.width_m, 0.05, door.height_m), Wall.of_room(room_by_id(door.a), side_a).yaw_deg,
-                   "wood_light", picture, picture)  # fmt: skip
+        leaf = Box(
+            centre,
+            base,
+            (door.width_m, 0.05, door.height_m),
+            Wall.of_room(room_by_id(door.a), side_a).yaw_deg,
+            "wood_light",
+            picture,
+            picture,
+        )
         found += leaf.surfaces(door.a, "leaf")
     return found
 
@@ -156,12 +174,20 @@ def stair_boxes() -> list[Box]:
     rise = FLOOR_HEIGHT_M / STAIR_RISERS
     middle, width = (x0 + x1) / 2, x1 - x0
     steps = [
-        Box((middle, STAIR_START_Y_M + (k + 0.5) * STAIR_TREAD_M), 0.0, (width, STAIR_TREAD_M, (k + 1) * rise),
-            material="concrete")
+        Box(
+            (middle, STAIR_START_Y_M + (k + 0.5) * STAIR_TREAD_M),
+            0.0,
+            (width, STAIR_TREAD_M, (k + 1) * rise),
+            material="concrete",
+        )
         for k in range(STAIR_RISERS - 1)
-    ]  # fmt: skip
+    ]
     landing = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
-    steps.append(Box((middle, (landing + y1) / 2), 0.0, (width, y1 - landing, FLOOR_HEIGHT_M), material="linoleum_grey"))
+    steps.append(
+        Box(
+            (middle, (landing + y1) / 2), 0.0, (width, y1 - landing, FLOOR_HEIGHT_M), material="linoleum_grey"
+        )
+    )
     return steps
 
 
@@ -177,7 +203,7 @@ def _stairs() -> list[Surface]:
 
 
 def _outdoors() -> list[Surface]:
-    """Return four painted walls, a lawn and a sky around the building, far enough to move against the windows."""
+    """Return painted walls, a lawn and a sky around the building, far enough to move against the windows."""
     w, d = BUILDING_M
     far, low, high = 14.0, -0.4, 16.0
     corners = [(-far, d + far), (w + far, d + far), (w + far, -far), (-far, -far)]
@@ -185,13 +211,35 @@ def _outdoors() -> list[Surface]:
     for k in range(4):
         (xa, ya), (xb, yb) = corners[k], corners[(k + 1) % 4]
         size = (abs(xb - xa) + abs(yb - ya), high - low)
-        found.append(Surface(np.array([xa, ya, high]), np.array([xb - xa, yb - ya, 0]), np.array([0, 0, low - high]),
-                             Texture("outdoors", k, size), "", is_bright=True))  # fmt: skip
+        found.append(
+            Surface(
+                np.array([xa, ya, high]),
+                np.array([xb - xa, yb - ya, 0]),
+                np.array([0, 0, low - high]),
+                Texture("outdoors", k, size),
+                "",
+                is_bright=True,
+            )
+        )
     span_x, span_y = w + 2 * far, d + 2 * far
-    found.append(Surface(np.array([-far, d + far, low]), np.array([span_x, 0, 0]), np.array([0, -span_y, 0]),
-                         Texture("grass"), "", is_bright=True))  # fmt: skip
-    found.append(Surface(np.array([-far, -far, high]), np.array([span_x, 0, 0]), np.array([0, span_y, 0]),
-                         Texture("outdoors", 9, (4.0, 4.0)), "", is_bright=True))  # fmt: skip
+    found.append(
+        Surface(
+            np.array([-far, d + far, low]),
+            np.array([span_x, 0, 0]),
+            np.array([0, -span_y, 0]),
+            Texture("grass"),
+            "",
+            is_bright=True,
+        )
+    )
+    found.append(
+        Surface(
+            np.array([-far, -far, high]),
+            np.array([span_x, 0, 0]),
+            np.array([0, span_y, 0]),
+            Texture("outdoors", 9, (4.0, 4.0)),
+            "",
+            is_bright=True,
+        )
+    )
     return found
-
-

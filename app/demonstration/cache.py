@@ -1,4 +1,5 @@
-"""Directories that are either complete or not there: made beside their place, resumed if interrupted, then renamed."""
+"""Directories that are complete or not there: made beside their place, resumed if interrupted, then
+renamed."""
 
 from __future__ import annotations
 
@@ -21,17 +22,19 @@ def is_complete(directory: Path, recipe: dict[str, Any]) -> bool:
 
 
 def make_directory(directory: Path, recipe: dict[str, Any], fill: Callable[[Path], None]) -> None:
-    """Have `fill` write into a directory that appears only once complete; does nothing when it is there already.
+    """Have `fill` write into a directory that appears only once complete; do nothing when it is there.
 
-    A part left by a killed process is handed to `fill` again if it was for the same recipe. An older render is
-    replaced. Raises `InvalidInputError` when the directory holds something else.
+    A part left by a killed process is handed to `fill` again if it was for the same recipe. An older render
+    is replaced. Raises `InvalidInputError` when the directory holds something else.
     """
     directory.parent.mkdir(parents=True, exist_ok=True)
     with _locked(directory.with_name(directory.name + ".lock")):
         if is_complete(directory, recipe):
             return
         if directory.exists() and _recipe_in(directory) is None and any(directory.iterdir()):
-            raise InvalidInputError(f"{directory} is not empty and holds no demonstration render; choose another.")
+            raise InvalidInputError(
+                f"{directory} is not empty and holds no demonstration render; choose another."
+            )
         partial = directory.with_name(directory.name + ".partial")
         plan = partial / "recipe.json"
         if not plan.is_file() or json.loads(plan.read_text()) != recipe:

@@ -1,4 +1,5 @@
-"""What hangs on the walls: paintings with labels, posters, boards and name plates, spread along each free stretch."""
+"""What hangs on the walls: paintings with labels, posters, boards and name plates, along each free
+stretch."""
 
 from __future__ import annotations
 
@@ -10,7 +11,16 @@ from app.demonstration.atlas import Texture
 from app.demonstration.building import SIDES, stair_boxes
 from app.demonstration.furnishing import FURNITURE
 from app.demonstration.furniture import build
-from app.demonstration.layout import CORRIDORS, DOORS, ROOMS, Opening, Room, openings_of, room_by_id, shared_wall
+from app.demonstration.layout import (
+    CORRIDORS,
+    DOORS,
+    ROOMS,
+    Opening,
+    Room,
+    openings_of,
+    room_by_id,
+    shared_wall,
+)
 from app.demonstration.noise import seeded
 from app.demonstration.surfaces import Box, Surface, Wall
 
@@ -30,7 +40,7 @@ SIZES_M: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
     "whiteboard": ((1.5, 2.0), (1.0, 1.1)),
 }
 MIDDLE_HEIGHT_M = 1.55
-# In each corridor the poster of this number is another one: a person could tell them apart, if they knew where to look.
+# In each corridor the piece of this number is another one: who knows where to look can tell them apart.
 ODD_POSTER = 4
 
 
@@ -65,11 +75,11 @@ def _hung(room: Room) -> Iterator[Box]:
         for start, end in _free_stretches(room, wall, openings):
             rng = seeded(room.seed_key, side, round((start - wall.start_m) * 100))
             for kind, at, size in _spread(rng, start, end, room.art):
-                seed = int(rng.integers(0, 2**30))
+                picture = Texture(kind, int(rng.integers(0, 2**30)))
                 if room.id in CORRIDORS and number == ODD_POSTER:
-                    kind, seed = "poster", 1000 + CORRIDORS.index(room.id)
+                    picture = Texture("poster", 1000 + CORRIDORS.index(room.id))
                 number += 1
-                yield from _piece(wall, kind, seed, at, size, room.art == "gallery")
+                yield from _piece(wall, picture, at, size, room.art == "gallery")
 
 
 def _free_stretches(room: Room, wall: Wall, openings: list[Opening]) -> list[tuple[float, float]]:
@@ -89,8 +99,9 @@ def _free_stretches(room: Room, wall: Wall, openings: list[Opening]) -> list[tup
     return free
 
 
-def _spread(rng: np.random.Generator, start: float, end: float,
-            art: str) -> Iterator[tuple[str, float, tuple[float, float]]]:  # fmt: skip
+def _spread(
+    rng: np.random.Generator, start: float, end: float, art: str
+) -> Iterator[tuple[str, float, tuple[float, float]]]:
     """Yield kind, middle and size (width, height) of the pieces along a free stretch."""
     shares, gaps = STYLES[art]
     at = start + float(rng.uniform(0, gaps[0]))
@@ -104,24 +115,38 @@ def _spread(rng: np.random.Generator, start: float, end: float,
         at += width + float(rng.uniform(*gaps))
 
 
-def _piece(wall: Wall, kind: str, seed: int, at: float, size: tuple[float, float], labelled: bool) -> Iterator[Box]:
+def _piece(
+    wall: Wall, picture: Texture, at: float, size: tuple[float, float], labelled: bool
+) -> Iterator[Box]:
     width, height = size
-    base = wall.bottom_m + MIDDLE_HEIGHT_M - height / 2 + (seed % 100 - 50) * 0.002
-    yield _plaque(wall, Texture(kind, seed), at, base, (width, height), 0.03)
+    base = wall.bottom_m + MIDDLE_HEIGHT_M - height / 2 + (picture.seed % 100 - 50) * 0.002
+    yield _plaque(wall, picture, at, base, (width, height), 0.03)
     if labelled:
         beside = at + (width / 2 + 0.16) * (1 if wall.forward else -1)
         if wall.start_m + 0.2 < beside < wall.end_m - 0.2:
-            yield _plaque(wall, Texture("plate", seed), beside, wall.bottom_m + 1.15, (0.2, 0.14), 0.01)
+            yield _plaque(
+                wall, Texture("plate", picture.seed), beside, wall.bottom_m + 1.15, (0.2, 0.14), 0.01
+            )
 
 
-def _plaque(wall: Wall, texture: Texture, at: float, base: float, size: tuple[float, float], depth: float) -> Box:
+def _plaque(
+    wall: Wall, texture: Texture, at: float, base: float, size: tuple[float, float], depth: float
+) -> Box:
     x, y, _ = wall.point(at, base, depth / 2 + 0.001)
-    return Box((float(x), float(y)), base, (size[0], depth, size[1]), wall.yaw_deg, "wood_dark", texture,
-               is_obstacle=False)  # fmt: skip
+    return Box(
+        (float(x), float(y)),
+        base,
+        (size[0], depth, size[1]),
+        wall.yaw_deg,
+        "wood_dark",
+        texture,
+        is_obstacle=False,
+    )
 
 
 def _name_plates(room: Room) -> Iterator[Box]:
-    """Yield a sign over (in corridors: a small number beside) each door of a room, naming the room behind it."""
+    """Yield a sign over each door of a room, naming the room behind it; in corridors a small number beside
+    it."""
     for door in DOORS:
         if room.id not in (door.a, door.b):
             continue
@@ -135,4 +160,11 @@ def _name_plates(room: Room) -> Iterator[Box]:
             yield _plaque(wall, Texture("plate", 0, text=text), at, bottom + 1.5, (0.16, 0.1), 0.01)
         else:
             base = bottom + door.height_m + 0.12
-            yield _plaque(wall, Texture("sign", other.floor, text=other.name.upper()), door.at_m, base, (0.95, 0.24), 0.02)
+            yield _plaque(
+                wall,
+                Texture("sign", other.floor, text=other.name.upper()),
+                door.at_m,
+                base,
+                (0.95, 0.24),
+                0.02,
+            )

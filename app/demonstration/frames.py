@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -27,7 +29,7 @@ SCENE_FOLDER = ".scene"
 
 @dataclass(frozen=True, slots=True)
 class FrameJob:
-    """One frame to make: where it is seen from, the files to write (no depth file: none), the noise's seed."""
+    """One frame to make: where it is seen from, the files to write (depth maybe none), the noise's seed."""
 
     camera: Camera
     world_from_camera: Pose
@@ -61,8 +63,20 @@ def _encoded(extension: str, image: np.ndarray, flags: list[int]) -> bytes:
     return data.tobytes()
 
 
-def _make_in_worker(scene_directory: Path, jobs: Sequence[FrameJob]) -> int:
+def _start_worker() -> None:
+    """Prepare a worker process: one thread, and an end to it when the process that started it dies."""
     cv2.setNumThreads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _make_in_worker(scene_directory: Path, jobs: Sequence[FrameJob]) -> int:
     scene = loaded_scene(scene_directory)
     for job in jobs:
         make_frame(scene, job)
@@ -92,7 +106,7 @@ def _in_parallel(scene_directory: Path, jobs: Sequence[FrameJob], workers: int) 
     context = multiprocessing.get_context("spawn")
     batches = [jobs[k : k + 8] for k in range(0, len(jobs), 8)]
     try:
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
             futures = [pool.submit(_make_in_worker, scene_directory, batch) for batch in batches]
             try:
                 for future in as_completed(futures):

@@ -92,7 +92,7 @@ FURNITURE: dict[str, tuple[Item, ...]] = {
     ),
     "0-lobby": (
         Item("sofa", 0.6, 13.8, 90, seed=4),
-        Item("plant", 3.4, 12.5, seed=7),
+        Item("plant", 3.4, 10.4, seed=7),
         Item("vending", 0.6, 3.2, 90, seed=5),
         Item("easel", 2.6, 8.6, 75, seed=6),
     ),
@@ -149,7 +149,10 @@ FURNITURE: dict[str, tuple[Item, ...]] = {
         Item("cartons", 5.9, 2.6, -90, seed=13),
     ),
     "1-library": (
-        *(Item("bookcase", 2.6 + 2.2 * (k % 2), 2.6 + 2.4 * (k // 2), 90 * 0, (2.0, 0.4, 2.0), 41 + k) for k in range(6)),
+        *(
+            Item("bookcase", 2.6 + 2.2 * (k % 2), 2.6 + 2.4 * (k // 2), 90 * 0, (2.0, 0.4, 2.0), 41 + k)
+            for k in range(6)
+        ),
         Item("counter", 8.2, 8.4, -60, seed=21),
         *_workplace(1.2, 10.8, 90, 21),
         Item("sofa", 8.4, 1.0, 180, seed=7),
@@ -196,13 +199,25 @@ FURNITURE: dict[str, tuple[Item, ...]] = {
         *(Item("bed", 1.6 + 2.3 * k, 1.1, 180, seed=k + 11) for k in range(3)),
         Item("cabinet", 1.2, 4.5, 0, seed=27),
     ),
-    "1-room-1": (Item("bed", 1.0, 4.4, 90, seed=21), *_workplace(5.4, 4.6, 0, 23), Item("cabinet", 6.4, 1.4, -90, seed=29)),
+    "1-room-1": (
+        Item("bed", 1.0, 4.4, 90, seed=21),
+        *_workplace(5.4, 4.6, 0, 23),
+        Item("cabinet", 6.4, 1.4, -90, seed=29),
+    ),
     "1-room-2": (Item("bed", 5.4, 4.4, 0, seed=22), *_workplace(2.0, 4.6, 0, 25)),
-    "1-room-3": (Item("bed", 1.2, 1.4, 0, seed=23), *_workplace(4.8, 1.4, 180, 27), Item("plant", 6.2, 5.0, seed=14)),
+    "1-room-3": (
+        Item("bed", 1.2, 1.4, 0, seed=23),
+        *_workplace(4.8, 1.4, 180, 27),
+        Item("plant", 6.2, 5.0, seed=14),
+    ),
     "1-room-4": (Item("bed", 5.4, 4.2, 0, seed=24), Item("cabinet", 1.4, 0.4, 180, seed=31)),
     "1-strip-nw": (
         *(Item("bed", 2.0 + 2.4 * k, 3.4, 0, seed=k + 31) for k in range(4)),
         Item("cabinet", 13.0, 4.3, 0, seed=33),
     ),
-    "1-strip-ne": (Item("rack", 2.0, 1.0, 0, seed=21), Item("rack", 4.4, 3.6, 0, seed=22), Item("cartons", 5.8, 1.6, -90, seed=23)),
-}  # fmt: skip
+    "1-strip-ne": (
+        Item("rack", 2.0, 1.0, 0, seed=21),
+        Item("rack", 4.4, 3.6, 0, seed=22),
+        Item("cartons", 5.8, 1.6, -90, seed=23),
+    ),
+}

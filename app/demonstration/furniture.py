@@ -1,4 +1,4 @@
-"""Pieces of furniture as groups of boxes. Each builder works in the piece's own axes: front towards -y, base at 0."""
+"""Pieces of furniture as groups of boxes, built in the piece's own axes: front towards -y, base at 0."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Builder = Callable[[Size, int], list[Box]]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A piece of furniture in a room: kind, centre (metres from the room's south-west inner corner), yaw and size.
+    """A piece of furniture: kind, centre (metres from the room's south-west inner corner), yaw and size.
 
     A size of zeros takes the kind's own. `seed` picks its colours and prints.
     """
@@ -59,9 +59,22 @@ def _table(size: Size, seed: int) -> list[Box]:
     for k in range(int(rng.integers(1, 4))):
         at = (float(rng.uniform(-0.3, 0.3) * w), float(rng.uniform(-0.25, 0.25) * d))
         sheet = Texture("plate" if k else "poster", seed * 7 + k)
-        papers.append(Box(at, h, (0.22, 0.30, 0.01), float(rng.uniform(0, 360)), "plain_white", top=sheet,
-                          is_obstacle=False))  # fmt: skip
-    return [Box((0, 0), h - 0.04, (w, d, 0.04), material=_wood(seed)), *_legs(w, d, h - 0.04, 0.06, "metal"), *papers]
+        papers.append(
+            Box(
+                at,
+                h,
+                (0.22, 0.30, 0.01),
+                float(rng.uniform(0, 360)),
+                "plain_white",
+                top=sheet,
+                is_obstacle=False,
+            )
+        )
+    return [
+        Box((0, 0), h - 0.04, (w, d, 0.04), material=_wood(seed)),
+        *_legs(w, d, h - 0.04, 0.06, "metal"),
+        *papers,
+    ]
 
 
 def _chair(size: Size, seed: int) -> list[Box]:
@@ -104,12 +117,27 @@ def _cabinet(size: Size, seed: int) -> list[Box]:
 def _counter(size: Size, seed: int) -> list[Box]:
     w, d, h = size
     return [
-        Box((0, 0), 0, (w, d, h - 0.05), material="wood_panel", front=Texture("wood_panel", seed)),
+        Box((0, 0), 0, (w, d, h - 0.05), material="wood_panel"),
         Box((0, 0), h - 0.05, (w + 0.1, d + 0.1, 0.05), material="stone_tile"),
-        Box((w * 0.25, 0.1), h, (0.5, 0.06, 0.36), 180, "plain_dark", _picture("screen", seed), is_obstacle=False),
-        Box((-w * 0.3, 0), h, (0.30, 0.22, 0.16), 20, "plain_white", _picture("plate", seed, "INFO"),
-            is_obstacle=False),
-    ]  # fmt: skip
+        Box(
+            (w * 0.25, 0.1),
+            h,
+            (0.5, 0.06, 0.36),
+            180,
+            "plain_dark",
+            _picture("screen", seed),
+            is_obstacle=False,
+        ),
+        Box(
+            (-w * 0.3, 0),
+            h,
+            (0.30, 0.22, 0.16),
+            20,
+            "plain_white",
+            _picture("plate", seed, "INFO"),
+            is_obstacle=False,
+        ),
+    ]
 
 
 def _pedestal(size: Size, seed: int) -> list[Box]:
@@ -129,14 +157,27 @@ def _vitrine(size: Size, seed: int) -> list[Box]:
     w, d, h = size
     rng = seeded("vitrine", seed)
     things = [
-        Box((float(rng.uniform(-0.4, 0.4) * w), float(rng.uniform(-0.3, 0.3) * d)), h,
+        Box(
+            (float(rng.uniform(-0.4, 0.4) * w), float(rng.uniform(-0.3, 0.3) * d)),
+            h,
             (float(rng.uniform(0.06, 0.2)), float(rng.uniform(0.06, 0.2)), float(rng.uniform(0.04, 0.3))),
-            float(rng.uniform(0, 90)), str(rng.choice(["metal", "brick_red", "wood_dark", "fabric_blue"])),
-            is_obstacle=False)
+            float(rng.uniform(0, 90)),
+            str(rng.choice(["metal", "brick_red", "wood_dark", "fabric_blue"])),
+            is_obstacle=False,
+        )
         for _ in range(7)
-    ]  # fmt: skip
-    return [Box((0, 0), 0, size, material="wood_dark", front=_picture("plate", seed), top=_picture("noticeboard", seed)),
-            *things]  # fmt: skip
+    ]
+    return [
+        Box(
+            (0, 0),
+            0,
+            size,
+            material="wood_dark",
+            front=_picture("plate", seed),
+            top=_picture("noticeboard", seed),
+        ),
+        *things,
+    ]
 
 
 def _plant(size: Size, seed: int) -> list[Box]:
@@ -146,8 +187,15 @@ def _plant(size: Size, seed: int) -> list[Box]:
     for _ in range(9):
         at = (float(rng.normal(0, 0.1)), float(rng.normal(0, 0.1)))
         side = float(rng.uniform(0.18, 0.36))
-        found.append(Box(at, float(rng.uniform(0.42, h - side)), (side, side, side), float(rng.uniform(0, 90)),
-                         "leaves"))  # fmt: skip
+        found.append(
+            Box(
+                at,
+                float(rng.uniform(0.42, h - side)),
+                (side, side, side),
+                float(rng.uniform(0, 90)),
+                "leaves",
+            )
+        )
     return found
 
 
@@ -155,12 +203,29 @@ def _desk(size: Size, seed: int) -> list[Box]:
     w, d, h = size
     return [
         *_table(size, seed),
-        Box((w / 2 - 0.25, 0), 0, (0.4, d - 0.1, h - 0.06), material="metal", front=_picture("drawers", seed)),
-        Box((-0.1, 0.15), h + 0.1, (0.55, 0.05, 0.34), 6, "plain_dark", _picture("screen", seed), is_obstacle=False),
+        Box(
+            (w / 2 - 0.25, 0), 0, (0.4, d - 0.1, h - 0.06), material="metal", front=_picture("drawers", seed)
+        ),
+        Box(
+            (-0.1, 0.15),
+            h + 0.1,
+            (0.55, 0.05, 0.34),
+            6,
+            "plain_dark",
+            _picture("screen", seed),
+            is_obstacle=False,
+        ),
         Box((-0.1, 0.15), h, (0.12, 0.12, 0.1), material="plain_dark", is_obstacle=False),
-        Box((-w / 2 + 0.3, 0.1), h, (0.3, 0.2, 0.18), 15, "fabric_grey", _picture("books", seed),
-            is_obstacle=False),
-    ]  # fmt: skip
+        Box(
+            (-w / 2 + 0.3, 0.1),
+            h,
+            (0.3, 0.2, 0.18),
+            15,
+            "fabric_grey",
+            _picture("books", seed),
+            is_obstacle=False,
+        ),
+    ]
 
 
 def _cartons(size: Size, seed: int) -> list[Box]:
@@ -173,8 +238,18 @@ def _cartons(size: Size, seed: int) -> list[Box]:
             tall = float(rng.uniform(0.25, 0.5))
             at = ((column + 0.5) * w / columns - w / 2, float(rng.normal(0, 0.03)))
             side = Texture("cardboard", int(rng.integers(0, 9)))
-            found.append(Box(at, base, (w / columns * 0.92, d * float(rng.uniform(0.8, 1)), tall),
-                             float(rng.normal(0, 4)), "fabric_grey", side, side, side))  # fmt: skip
+            found.append(
+                Box(
+                    at,
+                    base,
+                    (w / columns * 0.92, d * float(rng.uniform(0.8, 1)), tall),
+                    float(rng.normal(0, 4)),
+                    "fabric_grey",
+                    side,
+                    side,
+                    side,
+                )
+            )
             base += tall
     return found
 
@@ -193,12 +268,18 @@ def _rack(size: Size, seed: int) -> list[Box]:
 def _bed(size: Size, seed: int) -> list[Box]:
     w, d, h = size
     return [
-        Box((0, 0), 0.3, (w, d, h - 0.3), material="plain_white", front=_picture("plate", seed, f"BED {seed}"),
-            top=Texture(_fabric(seed))),
+        Box(
+            (0, 0),
+            0.3,
+            (w, d, h - 0.3),
+            material="plain_white",
+            front=_picture("plate", seed, f"BED {seed}"),
+            top=Texture(_fabric(seed)),
+        ),
         Box((0, d / 2 - 0.25), h, (w * 0.7, 0.35, 0.12), material="plain_white", is_obstacle=False),
         Box((0, d / 2), 0, (w, 0.05, h + 0.4), material=_wood(seed)),
         *_legs(w, d, 0.3, 0.05, "metal"),
-    ]  # fmt: skip
+    ]
 
 
 def _panel(size: Size, seed: int) -> list[Box]:
@@ -223,8 +304,11 @@ def _vending(size: Size, seed: int) -> list[Box]:
 def _easel(size: Size, seed: int) -> list[Box]:
     w, d, h = size
     poster = _picture("poster", 300 + seed)
-    return [Box((0, 0), 0.5, (w, 0.04, h - 0.5), 0, "wood_dark", poster, _picture("poster", 350 + seed)),
-            Box((0, 0), 0, (w, d, 0.05), material="metal"), Box((0, 0), 0.05, (0.06, 0.04, 0.45), material="metal")]  # fmt: skip
+    return [
+        Box((0, 0), 0.5, (w, 0.04, h - 0.5), 0, "wood_dark", poster, _picture("poster", 350 + seed)),
+        Box((0, 0), 0, (w, d, 0.05), material="metal"),
+        Box((0, 0), 0.05, (0.06, 0.04, 0.45), material="metal"),
+    ]
 
 
 # kind -> (builder, the size it has when none is given)

@@ -23,8 +23,8 @@ STAIR_RISERS = 20
 class Room:
     """A rectangular room; `bounds` (x0, y0, x1, y1) are the centre lines of its walls in world metres.
 
-    Rooms that share a `look` get the same textures, lamps and posters at the same places, so that they can hardly
-    be told apart. `accent` gives one wall another material.
+    Rooms that share a `look` get the same textures, lamps and posters at the same places, so that they can
+    hardly be told apart. `accent` gives one wall another material.
     """
 
     id: str
@@ -59,7 +59,8 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """An opening between two rooms, centred at `at_m` along their common wall; a closed one has a leaf in it."""
+    """An opening between two rooms, centred at `at_m` along their common wall; a closed one has a leaf in
+    it."""
 
     a: str
     b: str
@@ -83,17 +84,16 @@ class Window:
 
 
 def _east_rooms(floor: int, names: dict[str, str]) -> list[Room]:
-    """Return the east half, the same walls on both floors: lobby, two look-alike corridors, the rooms off them."""
-    p = f"{floor}-"
+    """Return the east half, its walls the same on both floors: lobby, look-alike corridors, rooms off it."""
     ground = "linoleum_grey" if floor == 0 else "linoleum_green"
-    corridor = {"wall": "plaster_cream", "ground": "linoleum_blue", "look": "corridor", "art": "corridor"}
 
     def plain(key: str, bounds: tuple[float, float, float, float], wall: str, ground: str, art: str) -> Room:
-        return Room(p + key, names[key], floor, bounds, wall, ground, art=art)
+        look = "corridor" if art == "corridor" else ""
+        return Room(f"{floor}-{key}", names[key], floor, bounds, wall, ground, art=art, look=look)
 
     return [
-        Room(p + "corridor-s", names["corridor-s"], floor, (25, 5, 42, 7.4), **corridor),  # type: ignore[arg-type]
-        Room(p + "corridor-n", names["corridor-n"], floor, (25, 18.8, 42, 21.2), **corridor),  # type: ignore[arg-type]
+        plain("corridor-s", (25, 5, 42, 7.4), "plaster_cream", "linoleum_blue", "corridor"),
+        plain("corridor-n", (25, 18.8, 42, 21.2), "plaster_cream", "linoleum_blue", "corridor"),
         plain("lobby", (21, 5, 25, 21.2), "plaster_sand", "terrazzo", "poster"),
         plain("lift", (25, 17, 28, 18.8), "metal", "linoleum_grey", "none"),
         plain("strip-sw", (21, 0, 33, 5), "plaster_white", "concrete", "workshop"),
@@ -160,31 +160,101 @@ _UPPER_NAMES = {
 }
 
 ROOMS: tuple[Room, ...] = (
-    Room("0-reception", "Reception", 0, (0, 0, 10, 8), "plaster_sand", "stone_tile", accent=("E", "wood_panel")),
-    Room("0-gallery-a", "Gallery A", 0, (0, 8, 10, 17), "plaster_white", "parquet_oak", accent=("W", "brick_red"),
-         art="gallery"),
-    Room("0-gallery-b", "Gallery B", 0, (0, 17, 10, 26), "plaster_red", "parquet_dark", "ceiling_panel",
-         art="gallery"),
-    Room("0-gallery-c", "Gallery C", 0, (10, 17, 21, 26), "plaster_blue", "carpet_grey", "ceiling_panel",
-         accent=("E", "wallpaper"), art="gallery"),
-    Room("0-hall", "Central hall", 0, (10, 8, 21, 17), "plaster_cream", "terrazzo", accent=("N", "brick_white"),
-         art="mixed"),
+    Room(
+        "0-reception", "Reception", 0, (0, 0, 10, 8), "plaster_sand", "stone_tile", accent=("E", "wood_panel")
+    ),
+    Room(
+        "0-gallery-a",
+        "Gallery A",
+        0,
+        (0, 8, 10, 17),
+        "plaster_white",
+        "parquet_oak",
+        accent=("W", "brick_red"),
+        art="gallery",
+    ),
+    Room(
+        "0-gallery-b",
+        "Gallery B",
+        0,
+        (0, 17, 10, 26),
+        "plaster_red",
+        "parquet_dark",
+        "ceiling_panel",
+        art="gallery",
+    ),
+    Room(
+        "0-gallery-c",
+        "Gallery C",
+        0,
+        (10, 17, 21, 26),
+        "plaster_blue",
+        "carpet_grey",
+        "ceiling_panel",
+        accent=("E", "wallpaper"),
+        art="gallery",
+    ),
+    Room(
+        "0-hall",
+        "Central hall",
+        0,
+        (10, 8, 21, 17),
+        "plaster_cream",
+        "terrazzo",
+        accent=("N", "brick_white"),
+        art="mixed",
+    ),
     Room("0-cafe", "Cafe", 0, (10, 0, 17.5, 8), "plaster_green", "stone_check", accent=("W", "brick_red")),
     Room("0-restrooms", "Restrooms", 0, (17.5, 0, 21, 8), "wall_tile", "stone_tile", art="none"),
-    Room("stair", "Stairs", 0, (25, 7.4, 28, 17), "plaster_white", "concrete", art="sparse",
-         height_m=FLOOR_HEIGHT_M + ROOM_HEIGHT_M),
+    Room(
+        "stair",
+        "Stairs",
+        0,
+        (25, 7.4, 28, 17),
+        "plaster_white",
+        "concrete",
+        art="sparse",
+        height_m=FLOOR_HEIGHT_M + ROOM_HEIGHT_M,
+    ),
     *_east_rooms(0, _GROUND_NAMES),
-    Room("1-library", "Library", 1, (0, 0, 10, 13), "plaster_green", "carpet_red", accent=("W", "wood_panel")),
-    Room("1-lecture", "Lecture room", 1, (0, 13, 10, 26), "plaster_white", "carpet_grey", "ceiling_panel",
-         accent=("N", "wood_panel"), art="sparse"),
-    Room("1-gallery-d", "Gallery D", 1, (10, 17, 21, 26), "plaster_sand", "parquet_oak", accent=("N", "brick_white"),
-         art="gallery"),
-    Room("1-hall", "Upper hall", 1, (10, 8, 21, 17), "plaster_blue", "stone_tile", accent=("S", "brick_red"),
-         art="mixed"),
+    Room(
+        "1-library", "Library", 1, (0, 0, 10, 13), "plaster_green", "carpet_red", accent=("W", "wood_panel")
+    ),
+    Room(
+        "1-lecture",
+        "Lecture room",
+        1,
+        (0, 13, 10, 26),
+        "plaster_white",
+        "carpet_grey",
+        "ceiling_panel",
+        accent=("N", "wood_panel"),
+        art="sparse",
+    ),
+    Room(
+        "1-gallery-d",
+        "Gallery D",
+        1,
+        (10, 17, 21, 26),
+        "plaster_sand",
+        "parquet_oak",
+        accent=("N", "brick_white"),
+        art="gallery",
+    ),
+    Room(
+        "1-hall",
+        "Upper hall",
+        1,
+        (10, 8, 21, 17),
+        "plaster_blue",
+        "stone_tile",
+        accent=("S", "brick_red"),
+        art="mixed",
+    ),
     Room("1-members", "Members' room", 1, (10, 0, 17.5, 8), "wallpaper", "parquet_dark", art="gallery"),
     Room("1-restrooms", "Restrooms", 1, (17.5, 0, 21, 8), "wall_tile", "stone_tile", art="none"),
     *_east_rooms(1, _UPPER_NAMES),
-)  # fmt: skip
+)
 
 DOORS: tuple[Door, ...] = (
     Door("0-reception", "0-gallery-a", 3.0, 0, 2.4, 2.4),
@@ -225,7 +295,9 @@ _WINDOW_PLACES: tuple[tuple[str, Side, tuple[float, ...]], ...] = (
     ("1-room-2", "E", (10.0,)),
     ("1-strip-nw", "N", (25.0, 31.0)),
 )
-WINDOWS: tuple[Window, ...] = tuple(Window(room, side, at) for room, side, ats in _WINDOW_PLACES for at in ats)
+WINDOWS: tuple[Window, ...] = tuple(
+    Window(room, side, at) for room, side, ats in _WINDOW_PLACES for at in ats
+)
 
 # The rooms of the main wing: what `render_wing` scans.
 WING_ROOMS = ("0-reception", "0-gallery-a", "0-gallery-b", "0-gallery-c", "0-hall", "0-cafe")
@@ -241,7 +313,8 @@ def room_by_id(room_id: str) -> Room:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A hole in one wall of a room: `start_m..end_m` along the wall (world x or y), `bottom_m..top_m` in world z."""
+    """A hole in one wall of a room: `start_m..end_m` along the wall (world x or y), `bottom_m..top_m` in
+    world z."""
 
     side: Side
     start_m: float
@@ -271,7 +344,8 @@ def _spans(bounds: tuple[float, float, float, float], side: Side, door: Door) ->
 
 
 def openings_of(room: Room) -> list[Opening]:
-    """Return the holes in a room's walls: doors (closed ones too, their leaf stands in the hole) and windows."""
+    """Return the holes in a room's walls: doors (closed ones too, their leaf stands in the hole) and
+    windows."""
     found = []
     for door in DOORS:
         if room.id in (door.a, door.b):
@@ -290,7 +364,8 @@ def openings_of(room: Room) -> list[Opening]:
 
 
 def room_at(x_m: float, y_m: float, floor: int) -> Room | None:
-    """Return the room of a floor whose walls' centre lines enclose a world point (the stair is on both floors)."""
+    """Return the room of a floor whose walls' centre lines enclose a world point (the stair is on both
+    floors)."""
     for room in ROOMS:
         x0, y0, x1, y1 = room.bounds
         if (room.floor == floor or room.id == "stair") and x0 <= x_m < x1 and y0 <= y_m < y1:

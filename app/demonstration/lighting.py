@@ -1,4 +1,5 @@
-"""Baked light: lamps with shadows, darkening in corners, faint stains. One coarse grid of brightness per surface."""
+"""Baked light: lamps with shadows, darkening in corners, faint stains. One coarse grid of brightness per
+surface."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ STAIN = 0.035
 
 @dataclass(frozen=True, slots=True)
 class LightMap:
-    """Brightness factors in one image (h, LIGHT_WIDTH); `origin_px`, `nodes` (n, 2) are each surface's grid in it."""
+    """Brightness factors in one image (h, LIGHT_WIDTH); `origin_px`, `nodes` (n, 2) are each surface's grid
+    in it."""
 
     image: Floats
     origin_px: NDArray[np.float32]
@@ -42,7 +44,8 @@ class _Nodes:
 
 
 def bake(surfaces: list[Surface], normals: NDArray[np.float64], embree: Any) -> LightMap:
-    """Return the light on surfaces whose unit normals (n, 3) face the viewer, with shadows from an embree scene."""
+    """Return the light on surfaces whose unit normals (n, 3) face the viewer, with shadows from an embree
+    scene."""
     counts = np.array([_node_counts(s) for s in surfaces])
     nodes = _place_nodes(surfaces, normals, counts)
     light = _lamp_light(nodes, surfaces, embree) + AMBIENT * _openness(nodes, embree)
@@ -61,7 +64,8 @@ def _node_counts(surface: Surface) -> tuple[int, int]:
 
 
 def _place_nodes(surfaces: list[Surface], normals: NDArray[np.float64], counts: NDArray[np.int64]) -> _Nodes:
-    """Return the nodes, kept a little off the surface and its edges so that a touching one doesn't hide the lamps."""
+    """Return the nodes, kept a little off the surface and its edges so that a touching one doesn't hide the
+    lamps."""
     points = []
     for surface, normal, (nu, nv) in zip(surfaces, normals, counts, strict=True):
         u = np.clip(np.linspace(0, 1, nu), 0.03 / nu, 1 - 0.03 / nu)[None, :, None]
@@ -101,16 +105,18 @@ def _blocked(points: Floats, directions: Floats, reach_m: Floats | float, embree
 
 
 def _openness(nodes: _Nodes, embree: Any) -> Floats:
-    """Return how much of the surroundings each node sees within a short reach: small in corners, under tables."""
+    """Return how much of the surroundings each node sees within a short reach: small in corners, under
+    tables."""
     rng = seeded("openness")
     free = np.zeros(len(nodes.points), np.float32)
     for _ in range(CORNER_RAYS):
-        # One set of directions for all nodes: noise from ray to ray would show as speckle that moves with nothing.
+        # One set of directions for all nodes: noise from ray to ray would show as speckle that moves with
+        # nothing.
         direction = rng.standard_normal(3).astype(np.float32)
         turned = nodes.normals + 0.9 * direction / np.linalg.norm(direction)
         turned /= np.linalg.norm(turned, axis=1, keepdims=True)
         free += ~_blocked(nodes.points, turned, CORNER_REACH_M, embree)
-    return 0.55 + 0.45 * free / CORNER_RAYS
+    return np.asarray(0.55 + 0.45 * free / CORNER_RAYS, dtype=np.float32)
 
 
 def _pack(surfaces: list[Surface], counts: NDArray[np.int64], light: Floats) -> LightMap:

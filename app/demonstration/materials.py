@@ -28,7 +28,11 @@ def _tinted(colour: Colour, field: Field) -> Image:
 
 def _plaster(rng: np.random.Generator, colour: Colour, strength: float = 1.0) -> Image:
     n = LARGE
-    field = 0.022 * fractal(rng, n, n, 1.0) + 0.026 * stretched(rng, n, n, 2.2, 2.2) + 0.012 * fractal(rng, n, n, 0.3)
+    field = (
+        0.022 * fractal(rng, n, n, 1.0)
+        + 0.026 * stretched(rng, n, n, 2.2, 2.2)
+        + 0.012 * fractal(rng, n, n, 0.3)
+    )
     dents = stretched(rng, n, n, 5, 3)
     field -= 0.10 * np.clip(dents - 2.2, 0, 1) - 0.06 * np.clip(-dents - 2.4, 0, 1)
     return _tinted(colour, strength * field)
@@ -39,7 +43,8 @@ def _plain(rng: np.random.Generator, colour: Colour) -> Image:
 
 
 def _cells(n: int, rows: int, columns: int, shift: float) -> tuple[NDArray[np.int64], Field, Field]:
-    """Return each texel's cell number, and its place (0 to 1) across and down in it; odd rows move by `shift`."""
+    """Return each texel's cell number, and its place (0 to 1) across and down in it; odd rows move by
+    `shift`."""
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
     v = y * rows / n
     row = np.floor(v).astype(np.int64)
@@ -136,14 +141,16 @@ def _stone(rng: np.random.Generator, colour: Colour, other: Colour, cells: int =
 def _terrazzo(rng: np.random.Generator, colour: Colour) -> Image:
     n = LARGE
     image = _tinted(colour, 0.03 * fractal(rng, n, n, 1.0))
-    palette = np.array([(92, 84, 76), (150, 96, 70), (214, 206, 190), (70, 78, 88), (176, 160, 120)], np.float32)
+    palette = np.array(
+        [(92, 84, 76), (150, 96, 70), (214, 206, 190), (70, 78, 88), (176, 160, 120)], np.float32
+    )
     for _ in range(3200):
         corners = rng.normal(0, rng.uniform(2.0, 7.0), (5, 2)) + rng.uniform(0, n, 2)
         chip = cv2.convexHull(corners.astype(np.float32))
         shade = (palette[rng.integers(len(palette))] * rng.uniform(0.8, 1.15)).tolist()
         for dx in (-n, 0, n):
             for dy in (-n, 0, n):
-                moved = chip + np.float32([dx, dy])
+                moved = chip + np.array([dx, dy], np.float32)
                 if moved.max() > 0 and moved.min() < n:
                     cv2.fillConvexPoly(image, (moved * 16).astype(np.int32), shade, cv2.LINE_AA, 4)
     return image
@@ -183,7 +190,7 @@ def _wallpaper(rng: np.random.Generator) -> Image:
         cv2.ellipse(motif, box, float(rng.uniform(0.3, 1)), 2, cv2.LINE_AA)
     motif = np.maximum(motif, motif[:, ::-1])
     pattern = np.tile(motif, (n // step, n // step))[..., None] * 0.6
-    return np.asarray(image * (1 - pattern) + np.float32([120, 70, 60]) * pattern, dtype=np.float32)
+    return np.asarray(image * (1 - pattern) + np.array([120, 70, 60], np.float32) * pattern, dtype=np.float32)
 
 
 def _wall_tile(rng: np.random.Generator) -> Image:

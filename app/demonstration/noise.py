@@ -17,7 +17,8 @@ def seeded(*keys: str | int) -> np.random.Generator:
 
 
 def fractal(rng: np.random.Generator, height: int, width: int, slope: float = 1.0) -> Field:
-    """Return periodic noise (height, width) of zero mean and unit deviation whose spectrum falls as 1/f^slope."""
+    """Return periodic noise (height, width) of zero mean and unit deviation whose spectrum falls as
+    1/f^slope."""
     white = rng.standard_normal((height, width), dtype=np.float32)
     fy = np.fft.fftfreq(height)[:, None] * height
     fx = np.fft.rfftfreq(width)[None, :] * width

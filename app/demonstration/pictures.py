@@ -5,6 +5,8 @@ Each function takes a generator and a size in texels and returns an RGB image (h
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +44,14 @@ def _shapes(rng: np.random.Generator, w: int, h: int) -> Image:
         centre = rng.uniform(0, 1, 2) * (w, h)
         size = span * rng.uniform(0.02, 0.25)
         if rng.random() < 0.4:
-            cv2.circle(image, (int(centre[0]), int(centre[1])), int(size / 2) + 2, colour(rng),
-                       int(rng.choice([-1, -1, 3])), cv2.LINE_AA)  # fmt: skip
+            cv2.circle(
+                image,
+                (int(centre[0]), int(centre[1])),
+                int(size / 2) + 2,
+                colour(rng),
+                int(rng.choice([-1, -1, 3])),
+                cv2.LINE_AA,
+            )
         else:
             corners = centre + rng.normal(0, size / 1.5, (int(rng.integers(3, 6)), 2))
             cv2.fillPoly(image, [corners.astype(np.int32)], colour(rng), cv2.LINE_AA)
@@ -79,17 +87,15 @@ def _landscape(rng: np.random.Generator, w: int, h: int) -> Image:
 def _tree(rng: np.random.Generator, image: Image, x: int, ridge: NDArray[np.float32], h: int) -> None:
     foot, size = int(ridge[x]), int(h * rng.uniform(0.03, 0.10)) + 3
     cv2.line(image, (x, foot), (x, foot - size), colour(rng, 20, 80), 2, cv2.LINE_AA)
-    cv2.ellipse(
-        image, ((x, foot - size), (size * 0.8, size * 1.2), 0), colour(rng, 30, 150), -1, cv2.LINE_AA
-    )
+    cv2.ellipse(image, ((x, foot - size), (size * 0.8, size * 1.2), 0), colour(rng, 30, 150), -1, cv2.LINE_AA)
 
 
 def _grid(rng: np.random.Generator, w: int, h: int) -> Image:
     image = canvas(rng, w, h, (232, 228, 216))
     xs = [0, *sorted(rng.integers(w // 16, w - w // 16, 8).tolist()), w]
     ys = [0, *sorted(rng.integers(h // 16, h - h // 16, 7).tolist()), h]
-    for x0, x1 in zip(xs, xs[1:], strict=False):
-        for y0, y1 in zip(ys, ys[1:], strict=False):
+    for x0, x1 in pairwise(xs):
+        for y0, y1 in pairwise(ys):
             if rng.random() < 0.55:
                 cv2.rectangle(image, (x0, y0), (x1, y1), colour(rng), -1)
             cv2.rectangle(image, (x0, y0), (x1, y1), (18, 18, 18), int(rng.integers(2, 5)))
@@ -106,7 +112,9 @@ def _rosettes(rng: np.random.Generator, w: int, h: int) -> Image:
             tip = centre + size * 0.7 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
             box = ((float(tip[0]), float(tip[1])), (float(size), float(size * 0.45)), float(angle))
             cv2.ellipse(image, box, tint, -1, cv2.LINE_AA)
-        cv2.circle(image, (int(centre[0]), int(centre[1])), int(size * 0.25) + 1, colour(rng), -1, cv2.LINE_AA)
+        cv2.circle(
+            image, (int(centre[0]), int(centre[1])), int(size * 0.25) + 1, colour(rng), -1, cv2.LINE_AA
+        )
     return image
 
 

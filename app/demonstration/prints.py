@@ -1,4 +1,4 @@
-"""Printed and built things with one image each: posters, signs, book spines, boards, screens, doors, the outdoors.
+"""Printed and built things with an image each: posters, signs, books, boards, screens, doors, the outdoors.
 
 Each function takes a generator, a size in texels and a text, and returns an RGB image (h, w, 3), 0 to 255.
 """
@@ -6,29 +6,100 @@ Each function takes a generator, a size in texels and a text, and returns an RGB
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.demonstration.materials import MATERIALS
-from app.demonstration.noise import cloud, fractal, stretched
+from app.demonstration.noise import cloud, fractal, seeded, stretched
 from app.demonstration.pictures import canvas, colour, painting
 
 Image = NDArray[np.float32]
 Printer = Callable[[np.random.Generator, int, int, str], Image]
 
-WORDS = (
-    "atlas amber basalt cedar chart copper delta ember fjord garden glacier harbour island ivory juniper kiln "
-    "lantern lichen marble meadow mosaic north ochre orbit pebble quartz river saffron silver summit thistle tide "
-    "timber tundra valley velvet willow winter open today free guided tour please quiet level exhibition history "
-    "workshop evening music children family ticket hours monday sunday research collection garden lecture"
-).split()
-FONTS = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_TRIPLEX, cv2.FONT_HERSHEY_COMPLEX)
+WORDS = [
+    "atlas",
+    "amber",
+    "basalt",
+    "cedar",
+    "chart",
+    "copper",
+    "delta",
+    "ember",
+    "fjord",
+    "garden",
+    "glacier",
+    "harbour",
+    "island",
+    "ivory",
+    "juniper",
+    "kiln",
+    "lantern",
+    "lichen",
+    "marble",
+    "meadow",
+    "mosaic",
+    "north",
+    "ochre",
+    "orbit",
+    "pebble",
+    "quartz",
+    "river",
+    "saffron",
+    "silver",
+    "summit",
+    "thistle",
+    "tide",
+    "timber",
+    "tundra",
+    "valley",
+    "velvet",
+    "willow",
+    "winter",
+    "open",
+    "today",
+    "free",
+    "guided",
+    "tour",
+    "please",
+    "quiet",
+    "level",
+    "exhibition",
+    "history",
+    "workshop",
+    "evening",
+    "music",
+    "children",
+    "family",
+    "ticket",
+    "hours",
+    "monday",
+    "sunday",
+    "research",
+    "collection",
+    "garden",
+    "lecture",
+]
+FONTS = (
+    cv2.FONT_HERSHEY_SIMPLEX,
+    cv2.FONT_HERSHEY_DUPLEX,
+    cv2.FONT_HERSHEY_TRIPLEX,
+    cv2.FONT_HERSHEY_COMPLEX,
+)
 
 
-def write(image: Image, text: str, left: float, base: float, height: float, ink: tuple[float, ...],
-          font: int = cv2.FONT_HERSHEY_DUPLEX, weight: float = 0.1) -> float:  # fmt: skip
+def write(
+    image: Image,
+    text: str,
+    left: float,
+    base: float,
+    height: float,
+    ink: tuple[float, ...],
+    font: int = cv2.FONT_HERSHEY_DUPLEX,
+    weight: float = 0.1,
+) -> float:
     """Draw a line of text `height` texels tall with its baseline at `base`; return its width."""
     scale = height / 22.0
     thick = max(1, round(height * weight))
@@ -36,15 +107,21 @@ def write(image: Image, text: str, left: float, base: float, height: float, ink:
     return float(cv2.getTextSize(text, font, scale, thick)[0][0])
 
 
-def fitted(image: Image, text: str, left: float, base: float, width: float, height: float,
-           ink: tuple[float, ...]) -> None:  # fmt: skip
+def fitted(
+    image: Image, text: str, left: float, base: float, width: float, height: float, ink: tuple[float, ...]
+) -> None:
     """Draw a line of text that is at most `width` wide and `height` tall."""
     natural = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, height / 22.0, max(1, round(height * 0.1)))[0][0]
     write(image, text, left, base, height * min(1.0, width / max(natural, 1)), ink)
 
 
-def _paragraph(rng: np.random.Generator, image: Image, box: tuple[float, float, float, float], size: float,
-               ink: tuple[float, ...]) -> None:  # fmt: skip
+def _paragraph(
+    rng: np.random.Generator,
+    image: Image,
+    box: tuple[float, float, float, float],
+    size: float,
+    ink: tuple[float, ...],
+) -> None:
     left, top, right, bottom = box
     font, base = int(rng.choice(FONTS)), top + size
     while base < bottom:
@@ -153,7 +230,9 @@ def whiteboard(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
 def screen(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
     """A display with a chart."""
     image = canvas(rng, w, h, (24, 34, 60))
-    fitted(image, text or str(rng.choice(WORDS)).upper(), w * 0.06, h * 0.18, w * 0.7, h * 0.1, (230, 235, 245))
+    fitted(
+        image, text or str(rng.choice(WORDS)).upper(), w * 0.06, h * 0.18, w * 0.7, h * 0.1, (230, 235, 245)
+    )
     bars = int(rng.integers(6, 12))
     for k in range(bars):
         x0, x1 = w * (0.08 + 0.8 * k / bars), w * (0.08 + 0.8 * (k + 0.7) / bars)
@@ -216,7 +295,9 @@ def vending(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
         for column in range(5):
             x, y = int(w * (0.09 + 0.13 * column)), int(h * (0.15 + 0.115 * row))
             cv2.rectangle(image, (x, y), (x + int(w * 0.09), y + int(h * 0.08)), colour(rng, 90, 240), -1)
-            cv2.rectangle(image, (x, y + int(h * 0.03)), (x + int(w * 0.09), y + int(h * 0.045)), colour(rng), -1)
+            cv2.rectangle(
+                image, (x, y + int(h * 0.03)), (x + int(w * 0.09), y + int(h * 0.045)), colour(rng), -1
+            )
     cv2.rectangle(image, (int(w * 0.8), int(h * 0.3)), (int(w * 0.94), int(h * 0.45)), (210, 214, 216), -1)
     return image
 
@@ -235,7 +316,8 @@ def outdoors(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
     """Sky, hills and trees as seen through the windows."""
     del text
     ramp = np.linspace(0, 1, h, dtype=np.float32)[:, None, None]
-    image = np.float32([140, 176, 222]) * (1 - ramp) + np.float32([224, 232, 238]) * ramp
+    top, bottom = np.array([140, 176, 222], np.float32), np.array([224, 232, 238], np.float32)
+    image = top * (1 - ramp) + bottom * ramp
     clouds = np.clip(cloud(rng, h, w), 0, 2)[..., None]
     image = np.asarray(image + 14 * clouds, dtype=np.float32)
     for layer, shade in enumerate(((120, 140, 130), (88, 116, 84), (70, 98, 56))):
@@ -250,10 +332,15 @@ def outdoors(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
     return image
 
 
+@lru_cache(maxsize=4)
+def _sheet(material: str) -> Image:
+    return MATERIALS[material](seeded("sheet", material))
+
+
 def _cover(rng: np.random.Generator, material: str, w: int, h: int) -> Image:
-    """Return a piece (h, w, 3) of a material."""
-    tile = MATERIALS[material](rng)
-    rows, columns = np.arange(h) % tile.shape[0], np.arange(w) % tile.shape[1]
+    """Return a piece (h, w, 3) of a material, cut from a random place."""
+    tile, (y, x) = _sheet(material), rng.integers(0, 512, 2)
+    rows, columns = (np.arange(h) + y) % tile.shape[0], (np.arange(w) + x) % tile.shape[1]
     return np.ascontiguousarray(tile[rows][:, columns])
 
 

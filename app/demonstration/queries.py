@@ -21,7 +21,8 @@ from app.geometry.se3 import Pose
 
 # A phone: another focal length than the scanner's, and a lens that bends lines a little.
 PHONE_CAMERA = Camera("OPENCV", 640, 480, (498.0, 498.5, 322.4, 236.8, 0.062, -0.105, 0.0006, -0.0004))
-# wing: what `render_wing` scans. corridors: the four look-alike ones. east: the ground floor outside the wing.
+# wing: what `render_wing` scans. corridors: the four look-alike ones. east: the ground floor outside the
+# wing.
 # upper: the floor above. venue: anywhere.
 REGIONS = ("wing", "corridors", "east", "upper", "venue")
 
@@ -38,25 +39,38 @@ class DemoQuery:
     floor: int
 
 
-def render_queries(directory: Path, count: int, *, region: str = "wing", camera: Camera = PHONE_CAMERA, seed: int = 1,
-                   workers: int = 1, progress: Progress | None = None) -> list[DemoQuery]:  # fmt: skip
-    """Render pictures from places up to 0.6 m and 30 degrees off a scan's poses, with `queries.json` beside them.
+def render_queries(
+    directory: Path,
+    count: int,
+    *,
+    region: str = "wing",
+    camera: Camera = PHONE_CAMERA,
+    seed: int = 1,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[DemoQuery]:
+    """Render pictures up to 0.6 m and 30 degrees off a scan's poses, and write `queries.json` beside them.
 
-    Returns at once when the directory holds them. Raises `InvalidInputError` for an unknown region, or when the
-    directory holds something else.
+    Returns at once when the directory holds them. Raises `InvalidInputError` for an unknown region, or when
+    the directory holds something else.
     """
     if region not in REGIONS:
         raise InvalidInputError(f"Region {region!r} is not known; use one of {', '.join(REGIONS)}.")
     poses = query_poses(_region_poses(region), count, seed)
     queries = [_query(directory, k, camera, pose) for k, pose in enumerate(poses)]
     recipe = {
-        "queries": region, "count": count, "seed": seed, "version": SCENE_VERSION,
+        "queries": region,
+        "count": count,
+        "seed": seed,
+        "version": SCENE_VERSION,
         "camera": [camera.model, camera.width, camera.height, *camera.params],
-    }  # fmt: skip
+    }
 
     def fill(partial: Path) -> None:
         jobs = [
-            FrameJob(camera, q.world_from_camera, partial / q.path.name, None, (f"query{seed}", k), _phone(seed, k))
+            FrameJob(
+                camera, q.world_from_camera, partial / q.path.name, None, (f"query{seed}", k), _phone(seed, k)
+            )
             for k, q in enumerate(queries)
         ]
         make_frames(partial, jobs, workers, progress)
@@ -102,9 +116,13 @@ def _phone(seed: int, number: int) -> ColourSensor:
     """Return a phone's sensor, exposing each picture a little differently and moving in some."""
     rng = seeded("phone sensor", seed, number)
     return ColourSensor(
-        read_noise=1.6, shot_noise=0.18, vignetting=0.1, exposure=float(rng.uniform(0.85, 1.1)),
-        blur_px=float(max(0.0, rng.normal(0, 1.2))), blur_angle_deg=float(rng.uniform(0, 180)),
-    )  # fmt: skip
+        read_noise=1.6,
+        shot_noise=0.18,
+        vignetting=0.1,
+        exposure=float(rng.uniform(0.85, 1.1)),
+        blur_px=float(max(0.0, rng.normal(0, 1.2))),
+        blur_angle_deg=float(rng.uniform(0, 180)),
+    )
 
 
 def query_as_dict(query: DemoQuery) -> dict[str, Any]:
@@ -118,7 +136,10 @@ def query_as_dict(query: DemoQuery) -> dict[str, Any]:
         "room": query.room,
         "floor": query.floor,
         "camera": {
-            "model": camera.model, "width": camera.width, "height": camera.height, "params": list(camera.params),
+            "model": camera.model,
+            "width": camera.width,
+            "height": camera.height,
+            "params": list(camera.params),
         },
         "pose": {"position": position, "quaternion": quaternion},
-    }  # fmt: skip
+    }

@@ -1,4 +1,5 @@
-"""The renderer: one ray per pixel finds the rectangle, its plane gives exact depth and texture place, mipmaps the colour."""
+"""The renderer: one ray per pixel finds the rectangle, its plane gives exact depth and texture place, mipmaps
+the colour."""
 
 from __future__ import annotations
 
@@ -44,14 +45,17 @@ def camera_rays(camera: Camera) -> _Rays:
     grid = points.reshape(camera.height, camera.width, 2)
     step_x, step_y = np.gradient(grid[..., 0], axis=1), np.gradient(grid[..., 1], axis=0)
     return _Rays(
-        np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1]),
-        np.ascontiguousarray(step_x.ravel(), np.float32), np.ascontiguousarray(step_y.ravel(), np.float32),
-    )  # fmt: skip
+        np.ascontiguousarray(points[:, 0]),
+        np.ascontiguousarray(points[:, 1]),
+        np.ascontiguousarray(step_x.ravel(), np.float32),
+        np.ascontiguousarray(step_y.ravel(), np.float32),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A scene seen from one pose: per rectangle the rows (n,) of the map from ray (x, y, 1) to (s, t, 1) / depth."""
+    """A scene seen from one pose: per rectangle the rows (n,) of the map from ray (x, y, 1) to (s, t, 1) /
+    depth."""
 
     scene: Scene
     world_from_camera: Pose
@@ -70,7 +74,9 @@ def _view(scene: Scene, world_from_camera: Pose) -> _View:
     row_s = distance * (unit_s @ rotation) - np.einsum("ij,ij->i", unit_s, origin)[:, None] * row_n
     row_t = distance * (unit_t @ rotation) - np.einsum("ij,ij->i", unit_t, origin)[:, None] * row_n
     rows = np.stack([row_s, row_t, row_n]).transpose(0, 2, 1).reshape(9, -1)
-    return _View(scene, world_from_camera, np.ascontiguousarray(rows, np.float32), distance[:, 0].astype(np.float32))
+    return _View(
+        scene, world_from_camera, np.ascontiguousarray(rows, np.float32), distance[:, 0].astype(np.float32)
+    )
 
 
 def _cast(view: _View, x: Floats, y: Floats) -> Ints:
@@ -87,7 +93,8 @@ def _cast(view: _View, x: Floats, y: Floats) -> Ints:
 
 @dataclass(frozen=True, slots=True)
 class _Hits:
-    """Where rays meet the scene: rectangle (n,), place s, t in metres, depth, and change of s, t from pixel to pixel."""
+    """Where rays meet the scene: rectangle (n,), place s, t in metres, depth, and change of s, t from pixel
+    to pixel."""
 
     surface: Ints
     s: Floats
@@ -107,13 +114,20 @@ def _intersect(view: _View, surface: Ints, rays: _Rays) -> _Hits:
     s, t = (a * x + b * y + c) * inverse, (d * x + e * y + f) * inverse
     across, down = inverse * rays.step_x, inverse * rays.step_y
     return _Hits(
-        surface, s, t, view.plane_depth.take(surface) * inverse,
-        (a - s * g) * across, (b - s * h) * down, (d - t * g) * across, (e - t * h) * down,
-    )  # fmt: skip
+        surface,
+        s,
+        t,
+        view.plane_depth.take(surface) * inverse,
+        (a - s * g) * across,
+        (b - s * h) * down,
+        (d - t * g) * across,
+        (e - t * h) * down,
+    )
 
 
 def _sample(scene: Scene, texture: Ints, s: Floats, t: Floats, level: Ints) -> Floats:
-    """Return the colours (n, 3) of textures at level-0 texel places s, t, taken from one mipmap level each."""
+    """Return the colours (n, 3) of textures at level-0 texel places s, t, taken from one mipmap level
+    each."""
     row = texture * LEVELS + level
     base = texture * LEVELS
     width, height = scene.atlas_size[:, 0], scene.atlas_size[:, 1]
@@ -142,7 +156,8 @@ def _wrapped(place: Floats, size: Floats, periodic: NDArray[np.bool_]) -> Floats
 
 
 def _shade(scene: Scene, hits: _Hits) -> Floats:
-    """Return the colours (n, 3), 0 to 255: texture averaged over each pixel's footprint, times baked light."""
+    """Return the colours (n, 3), 0 to 255: texture averaged over each pixel's footprint, times baked
+    light."""
     surface = hits.surface
     texture = scene.texture.take(surface)
     scale_s, scale_t = scene.texel_scale[:, 0].take(surface), scene.texel_scale[:, 1].take(surface)
@@ -162,8 +177,16 @@ def _shade(scene: Scene, hits: _Hits) -> Floats:
     return np.asarray(colours * _look_up(scene.light, u, v))
 
 
-def _filtered(scene: Scene, texture: Ints, s: Floats, t: Floats, level: Floats, axis_s: Floats, axis_t: Floats,
-              is_long: NDArray[np.bool_]) -> Floats:  # fmt: skip
+def _filtered(
+    scene: Scene,
+    texture: Ints,
+    s: Floats,
+    t: Floats,
+    level: Floats,
+    axis_s: Floats,
+    axis_t: Floats,
+    is_long: NDArray[np.bool_],
+) -> Floats:
     """Blend two mipmap levels; where a footprint is long, average several places along it."""
     colours = np.empty((len(s), 3), np.float32)
     for chosen, offsets in ((~is_long, (0.0,)), (is_long, tuple((np.arange(PROBES) + 0.5) / PROBES - 0.5))):
@@ -211,7 +234,8 @@ def _smoothed(view: _View, rays: _Rays, pixels: NDArray[np.int64]) -> Floats:
 
 
 def _colours(view: _View, surface: Ints, rays: _Rays) -> tuple[Floats, Floats]:
-    """Return colours (n, 3) and depths (n,) of rays whose rectangles are known; black and 0 where there is none."""
+    """Return colours (n, 3) and depths (n,) of rays whose rectangles are known; black and 0 where there is
+    none."""
     hits = _intersect(view, np.maximum(surface, 0), rays)
     missed = surface < 0
     colours, depth = _shade(view.scene, hits), hits.depth
@@ -221,7 +245,8 @@ def _colours(view: _View, surface: Ints, rays: _Rays) -> tuple[Floats, Floats]:
 
 
 def render(scene: Scene, camera: Camera, world_from_camera: Pose) -> tuple[NDArray[np.uint8], Floats]:
-    """Return what a camera sees: RGB (h, w, 3) uint8 and exact z-depth (h, w) float32 in metres, 0 for no surface."""
+    """Return what a camera sees: RGB (h, w, 3) uint8 and exact z-depth (h, w) float32 in metres, 0 for no
+    surface."""
     view, rays = _view(scene, world_from_camera), camera_rays(camera)
     surface = _cast(view, rays.x, rays.y)
     colours, depth = _colours(view, surface, rays)

@@ -45,24 +45,27 @@ class DemoScan:
         return self.directory / "depth" / f"{self.timestamps_s[frame] + DEPTH_DELAY_S:.6f}.png"
 
 
-def render_wing(directory: Path, *, frames: int = WING_FRAMES, workers: int = 2,
-                progress: Progress | None = None) -> DemoScan:  # fmt: skip
+def render_wing(
+    directory: Path, *, frames: int = WING_FRAMES, workers: int = 2, progress: Progress | None = None
+) -> DemoScan:
     """Render the scan of the main wing, or return at once when the directory holds it.
 
-    `progress(done, total)` is called as frames are written. Raises `InvalidInputError` when the directory holds
-    something else.
+    `progress(done, total)` is called as frames are written. Raises `InvalidInputError` when the directory
+    holds something else.
     """
     return _render("wing", WING_WALK, directory, frames, workers, progress)
 
 
-def render_venue(directory: Path, *, frames: int = VENUE_FRAMES, workers: int = 2,
-                 progress: Progress | None = None) -> DemoScan:  # fmt: skip
+def render_venue(
+    directory: Path, *, frames: int = VENUE_FRAMES, workers: int = 2, progress: Progress | None = None
+) -> DemoScan:
     """Render the scan of both floors with all look-alike corridors; otherwise as `render_wing`."""
     return _render("venue", VENUE_WALK, directory, frames, workers, progress)
 
 
-def _render(name: str, walks: tuple[Walk, ...], directory: Path, frames: int, workers: int,
-            progress: Progress | None) -> DemoScan:  # fmt: skip
+def _render(
+    name: str, walks: tuple[Walk, ...], directory: Path, frames: int, workers: int, progress: Progress | None
+) -> DemoScan:
     poses = tuple(scan_poses(walks, frames))
     times = tuple(START_S + FRAME_INTERVAL_S * k for k in range(frames))
     scan = DemoScan(directory, SCAN_CAMERA, DEPTH_SCALE, times, poses)
@@ -96,10 +99,14 @@ def write_lists(scan: DemoScan) -> None:
     truth = [f"{t:.6f} {pose_text(pose)}" for t, pose in zip(times, scan.world_from_camera, strict=True)]
     _write(root / "groundtruth.txt", ["# world_from_camera", "# timestamp tx ty tz qx qy qz qw", *truth])
     camera = scan.camera
-    _write(root / "camera.txt", [
-        f"# model width height fx fy cx cy; depth_scale = {scan.depth_scale:.0f} per metre, registered to colour",
-        f"{camera.model} {camera.width} {camera.height} " + " ".join(f"{p:g}" for p in camera.params),
-    ])  # fmt: skip
+    _write(
+        root / "camera.txt",
+        [
+            "# model width height fx fy cx cy; "
+            f"depth_scale = {scan.depth_scale:.0f} per metre, registered to colour",
+            f"{camera.model} {camera.width} {camera.height} " + " ".join(f"{p:g}" for p in camera.params),
+        ],
+    )
 
 
 def pose_text(pose: Pose) -> str:

@@ -1,4 +1,5 @@
-"""The building ready for rendering: rectangles as tables, textures in an atlas, baked light, an embree tree."""
+"""The building ready for rendering: rectangles as tables, textures in an atlas, baked light, an embree
+tree."""
 
 from __future__ import annotations
 
@@ -8,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from app.demonstration.atlas import LEVELS, build_atlas
@@ -17,23 +16,44 @@ from app.demonstration.building import shell
 from app.demonstration.decor import decoration
 from app.demonstration.lighting import bake
 from app.demonstration.surfaces import Surface
+from app.errors import RoomfixError
 
 Floats = NDArray[np.float64]
 
 # Raise it whenever a change makes the pictures differ: renders made before are then not used any more.
 SCENE_VERSION = 1
 
-ARRAYS = ("corner", "right", "down", "plane", "texel_scale", "texel_offset", "texture", "light_scale", "light_origin",
-          "atlas", "atlas_origin", "atlas_size", "periodic", "light")  # fmt: skip
+ARRAYS = (
+    "corner",
+    "right",
+    "down",
+    "plane",
+    "texel_scale",
+    "texel_offset",
+    "texture",
+    "light_scale",
+    "light_origin",
+    "atlas",
+    "atlas_origin",
+    "atlas_size",
+    "periodic",
+    "light",
+)
+
+
+class MissingRendererError(RoomfixError):
+    """The optional package that casts the rays is not installed."""
+
+    code = "missing_renderer"
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
     """n rectangles. `corner`, `right`, `down` (n, 3) in world metres; the front is where right x up points.
 
-    A point s, t metres right and down of the corner has texel `texel_scale * (s, t) + texel_offset` on level 0 of its
-    `texture` and lies at `light_scale * (s, t) + light_origin` in the light image. `plane` (n,) numbers the planes
-    of one texture. `atlas_*` are those of `atlas.Atlas`.
+    A point s, t metres right and down of the corner has texel `texel_scale * (s, t) + texel_offset` on level
+    0 of its `texture` and lies at `light_scale * (s, t) + light_origin` in the light image. `plane` (n,)
+    numbers the planes of one texture. `atlas_*` are those of `atlas.Atlas`.
     """
 
     corner: Floats
@@ -67,8 +87,18 @@ class Scene:
 
 
 def embree_scene(corner: Floats, right: Floats, down: Floats) -> Any:
-    """Return the ray-casting tree of rectangles; triangles 2k and 2k + 1 make up rectangle k."""
+    """Return the ray-casting tree of rectangles (triangles 2k and 2k + 1 make up rectangle k).
+
+    Raises `MissingRendererError` without embreex.
+    """
     far = corner + right + down
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError:
+        raise MissingRendererError(
+            "Rendering the demonstration venue needs embreex: install roomfix[demo]."
+        ) from None
     triangles = np.stack([corner, corner + down, far, corner, far, corner + right], axis=1).reshape(-1, 3, 3)
     scene = EmbreeScene()
     TriangleMesh(scene, np.ascontiguousarray(triangles, dtype=np.float32))
@@ -77,7 +107,9 @@ def embree_scene(corner: Floats, right: Floats, down: Floats) -> Any:
 
 def build_scene(surfaces: list[Surface]) -> Scene:
     """Return the scene of surfaces, with textures drawn and light baked."""
-    corner, right, down = (np.array([getattr(s, name) for s in surfaces]) for name in ("corner", "right", "down"))
+    corner, right, down = (
+        np.array([getattr(s, name) for s in surfaces]) for name in ("corner", "right", "down")
+    )
     lengths = np.stack([np.linalg.norm(right, axis=1), np.linalg.norm(down, axis=1)], axis=1)
     normals = np.cross(down, right)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -89,15 +121,24 @@ def build_scene(surfaces: list[Surface]) -> Scene:
     scale = np.where(per_m > 0, per_m, atlas.size_px[texture, 0] / lengths)
     planes: dict[str, int] = {}
     return Scene(
-        corner=corner, right=right, down=down,
-        plane=np.array([planes.setdefault(s.plane or f"#{k}", len(planes)) for k, s in enumerate(surfaces)], np.int32),
+        corner=corner,
+        right=right,
+        down=down,
+        plane=np.array(
+            [planes.setdefault(s.plane or f"#{k}", len(planes)) for k, s in enumerate(surfaces)], np.int32
+        ),
         texel_scale=scale.astype(np.float32),
         texel_offset=(np.array([s.offset_m for s in surfaces]) * per_m).astype(np.float32),
         texture=texture,
-        light_scale=((light.nodes - 1) / lengths).astype(np.float32), light_origin=light.origin_px,
-        atlas=atlas.image, atlas_origin=atlas.origin_px.reshape(-1, 2), atlas_size=atlas.size_px.reshape(-1, 2),
-        periodic=atlas.periodic, light=light.image, embree=embree,
-    )  # fmt: skip
+        light_scale=((light.nodes - 1) / lengths).astype(np.float32),
+        light_origin=light.origin_px,
+        atlas=atlas.image,
+        atlas_origin=atlas.origin_px.reshape(-1, 2),
+        atlas_size=atlas.size_px.reshape(-1, 2),
+        periodic=atlas.periodic,
+        light=light.image,
+        embree=embree,
+    )
 
 
 @lru_cache(maxsize=1)

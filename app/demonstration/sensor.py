@@ -1,4 +1,5 @@
-"""What a real sensor makes of a perfect picture: light noise, vignetting, blur, and a depth camera's errors."""
+"""What a real sensor makes of a perfect picture: light noise, vignetting, blur, and a depth camera's
+errors."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ EDGE_JUMP = 0.04
 
 @dataclass(frozen=True, slots=True)
 class ColourSensor:
-    """A colour camera: noise deviations in grey levels, corner darkening 0 to 1, exposure factor, blur in pixels."""
+    """A colour camera: noise deviations in grey levels, corner darkening 0 to 1, exposure factor, blur in
+    pixels."""
 
     read_noise: float = 1.0
     shot_noise: float = 0.14
@@ -39,11 +41,13 @@ def colour_picture(rng: np.random.Generator, rgb: Colours, camera: Camera, senso
     """Return the picture (h, w, 3) a sensor makes of exact colours (h, w, 3)."""
     image = rgb.astype(np.float32)
     if sensor.blur_px > 0.5:
-        image = np.asarray(cv2.filter2D(image, -1, _streak(sensor.blur_px, sensor.blur_angle_deg)), np.float32)
+        image = np.asarray(
+            cv2.filter2D(image, -1, _streak(sensor.blur_px, sensor.blur_angle_deg)), np.float32
+        )
     image *= sensor.exposure * _vignette(camera, sensor.vignetting)[..., None]
     deviation = np.sqrt(sensor.read_noise**2 + sensor.shot_noise**2 * np.maximum(image, 0))
     image += deviation * rng.standard_normal(image.shape, dtype=np.float32)
-    return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(image + 0.5, 0, 255), dtype=np.uint8)
 
 
 def _vignette(camera: Camera, strength: float) -> Floats:
@@ -61,7 +65,7 @@ def _streak(length_px: float, angle_deg: float) -> Floats:
     half = length_px / 2 * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
     ends = np.round((middle + np.stack([-half, half])) * 16).astype(int)
     cv2.line(kernel, tuple(ends[0].tolist()), tuple(ends[1].tolist()), 1.0, 1, cv2.LINE_AA, 4)
-    return kernel / kernel.sum()
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
 
 
 def depth_sigma_m(depth_m: Floats) -> Floats:
@@ -70,7 +74,8 @@ def depth_sigma_m(depth_m: Floats) -> Floats:
 
 
 def depth_picture(rng: np.random.Generator, depth_m: Floats, camera: Camera) -> NDArray[np.uint16]:
-    """Return measured depth (h, w) in 1/1000 m from exact depth (h, w) in metres; 0 where there is no return."""
+    """Return measured depth (h, w) in 1/1000 m from exact depth (h, w) in metres; 0 where there is no
+    return."""
     noisy = depth_m + depth_sigma_m(depth_m) * rng.standard_normal(depth_m.shape, dtype=np.float32)
     fade = (depth_m - FADE_START_M) / (FARTHEST_M - FADE_START_M)
     lost = rng.random(depth_m.shape, dtype=np.float32) < fade
@@ -85,7 +90,8 @@ def _at_edge(depth_m: Floats) -> NDArray[np.bool_]:
 
 
 def _grazing(depth_m: Floats, camera: Camera) -> NDArray[np.bool_]:
-    """Return which surfaces are seen so obliquely that no light comes back; the normal is that of inverse depth."""
+    """Return which surfaces are seen so obliquely that no light comes back; the normal is that of inverse
+    depth."""
     fx, fy, cx, cy = camera.params[:4]
     inverse = 1 / np.maximum(depth_m, 1e-3)
     nx = fx * cv2.Sobel(inverse, cv2.CV_32F, 1, 0, scale=1 / 8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +17,11 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """A rectangle in the world: its top left corner as seen from the front, and its edges `right` and `down`, metres.
+    """A rectangle in the world: its top left corner seen from the front; its edges `right`, `down`; metres.
 
-    `offset_m` is the place of the corner on a periodic texture. Surfaces of one `plane` name lie in one plane with
-    one texture, so their common border needs no smoothing. `room` says whose lamps light it, `look` seeds its stains.
+    `offset_m` is the place of the corner on a periodic texture. Surfaces of one `plane` name lie in one plane
+    with one texture, so their common border needs no smoothing. `room` says whose lamps light it, `look`
+    seeds its stains.
     """
 
     corner: Vector
@@ -71,8 +73,15 @@ class Box:
         faces.append(self._face(bottom[0], bottom[1] - bottom[0], bottom[3] - bottom[0], None, room, rng))
         return [replace(face, look=f"{look}/{k}") for k, face in enumerate(faces)]
 
-    def _face(self, corner: Vector, right: Vector, down: Vector, picture: Texture | None, room: str,
-              rng: np.random.Generator) -> Surface:  # fmt: skip
+    def _face(
+        self,
+        corner: Vector,
+        right: Vector,
+        down: Vector,
+        picture: Texture | None,
+        room: str,
+        rng: np.random.Generator,
+    ) -> Surface:
         texture = picture or Texture(self.material)
         offset = rng.uniform(0, 3, 2)
         if picture is not None and not picture.is_material:
@@ -86,16 +95,18 @@ def _rounded(side_m: float) -> float:
     return max(0.1, round(side_m, 1)) if side_m > 0.25 else max(0.04, round(side_m, 2))
 
 
-def rectangle(corner: ArrayLike, right: ArrayLike, down: ArrayLike, texture: Texture, room: str,
-              look: str) -> Surface:  # fmt: skip
+def rectangle(
+    corner: ArrayLike, right: ArrayLike, down: ArrayLike, texture: Texture, room: str, look: str
+) -> Surface:
     """Return a surface from plain triples of numbers."""
-    vectors = (np.asarray(v, dtype=np.float64) for v in (corner, right, down))
-    return Surface(*vectors, texture, room, look=look)
+    a, b, c = (np.asarray(v, dtype=np.float64) for v in (corner, right, down))
+    return Surface(a, b, c, texture, room, look=look)
 
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """The inner face of one side of a room: the world x or y `line_m` it lies at, and its extent along it and in z."""
+    """The inner face of one side of a room: the world x or y `line_m` it lies at, and its extent along it and
+    in z."""
 
     side: Side
     line_m: float
@@ -132,24 +143,32 @@ class Wall:
         x, y = (along_m, self.line_m) if self.side in "NS" else (self.line_m, along_m)
         return np.array([x + off_m * self.inward[0], y + off_m * self.inward[1], z_m])
 
-    def piece(self, a: float, b: float, z0: float, z1: float, texture: Texture, room: str, look: str) -> Surface:
-        """Return the part a..b, z0..z1 of the wall, its texture running on from the wall's left top corner."""
+    def piece(
+        self, a: float, b: float, z0: float, z1: float, texture: Texture, room: str, look: str
+    ) -> Surface:
+        """Return the part a..b, z0..z1 of the wall, its texture running on from the wall's left top
+        corner."""
         left, right = (a, b) if self.forward else (b, a)
         origin = self.start_m if self.forward else self.end_m
         corner = self.point(left, z1)
         shift = seeded(look, self.side).uniform(0, 4, 2)
         return Surface(
-            corner, self.point(right, z1) - corner, np.array([0, 0, z0 - z1]), texture, room,
+            corner,
+            self.point(right, z1) - corner,
+            np.array([0, 0, z0 - z1]),
+            texture,
+            room,
             (abs(left - origin) + float(shift[0]), self.top_m - z1 + float(shift[1])),
-            plane=f"{room}/{self.side}", look=f"{look}/{self.side}/{a - self.start_m:.2f}/{z0 - self.bottom_m:.2f}",
-        )  # fmt: skip
+            plane=f"{room}/{self.side}",
+            look=f"{look}/{self.side}/{a - self.start_m:.2f}/{z0 - self.bottom_m:.2f}",
+        )
 
     def pieces(self, openings: list[Opening], texture: Texture, room: str, look: str) -> list[Surface]:
         """Return the wall as rectangles around its openings."""
         holes = [o for o in openings if o.side == self.side]
         cuts = sorted({self.start_m, self.end_m, *(c for o in holes for c in (o.start_m, o.end_m))})
         found = []
-        for a, b in zip(cuts, cuts[1:], strict=False):
+        for a, b in pairwise(cuts):
             z = self.bottom_m
             inside = sorted(
                 (o for o in holes if o.start_m < b - 1e-6 and o.end_m > a + 1e-6), key=lambda o: o.bottom_m

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,54 +49,76 @@ def _stops(text: str) -> tuple[Stop, ...]:
 
 # Once round the main wing, looking about in each room; then back through part of it the other way.
 WING_WALK: tuple[Walk, ...] = (
-    Walk(0, _stops(
-        "2.0,3.0,160 3.3,6.5 3.0,10.0 3.4,12.8,200 5.6,15.6 7.2,16.4 7.0,19.4 5.0,22.2,240 8.0,23.2 12.0,23.0 "
-        "14.6,23.8,150 18.6,22.6 18.6,19.4,90 14.2,18.6 14.2,15.4 15.6,12.6,160 18.8,11.6,180 14.6,9.4 14.5,6.8 "
-        "13.6,5.2,200 11.2,6.0 9.0,4.4 6.2,4.8,150"
-    )),
+    Walk(
+        0,
+        _stops(
+            "2.0,3.0,300 3.3,6.5 3.0,10.0 3.4,12.8,200 5.6,15.6 7.2,16.4 7.0,19.4 5.0,22.2,300 8.0,23.2 "
+            "12.0,23.0 14.6,23.8,150 18.6,22.6 18.6,19.4,90 14.2,18.6 14.2,15.4 15.6,12.6,160 18.8,11.6,180 "
+            "14.6,9.4 14.5,6.8 13.6,5.2,330 11.2,6.0 9.0,4.4 6.2,4.8,180"
+        ),
+    ),
     Walk(0, _stops("6.2,4.8 3.6,6.6 3.4,9.2 7.0,11.6 10.4,12.5 12.4,13.4,-120 14.0,16.6 14.4,19.6,-100")),
 )
 # The rest of the wing, walked against the first direction; only the scan of the whole venue has it.
 WING_SECOND_WALK: tuple[Walk, ...] = (
-    Walk(0, _stops(
-        "14.4,19.6 16.2,20.6,-160 12.4,23.4 8.6,22.4 8.8,19.0,-200 7.1,16.6 8.6,14.0 7.6,9.6,-150 3.4,8.4 3.8,1.8 "
-        "8.2,2.6,-150 8.6,4.4 11.0,5.8 14.4,7.2 14.5,9.8 11.4,11.6 18.2,15.0,-150 12.0,13.2 9.4,12.4 5.4,15.4,-160 "
-        "3.4,9.4 4.0,6.0"
-    )),
+    Walk(
+        0,
+        _stops(
+            "14.4,19.6 16.2,20.6,-160 12.4,23.4 8.6,22.4 8.8,19.0,-200 7.1,16.6 8.6,14.0 7.6,9.6,-150 "
+            "3.4,8.4 3.8,1.8 8.2,2.6,-150 8.6,4.4 11.0,5.8 14.4,7.2 14.5,9.8 11.4,11.6 18.2,15.0,-150 "
+            "12.0,13.2 9.4,12.4 5.4,15.4,-160 3.4,9.4 4.0,6.0"
+        ),
+    ),
 )
 
 # The east half, the same way on both floors except around the furniture of the north-west room.
 _EAST = (
-    "22.2,12.0 23.4,10.6,150 22.4,6.4 24.2,6.2 26.4,6.2 32.0,6.1,120 38.0,6.3 40.9,6.2,190 38.1,6.2 38.0,3.0,200 "
-    "34.2,2.4 31.6,2.6 26.0,2.6 22.6,2.6,200 27.0,2.7 33.0,2.5 38.0,3.6 38.0,6.2 32.1,6.0 32.0,8.6 31.6,10.2,150 "
-    "35.0,10.0 38.0,10.6,250 35.0,10.0 32.0,9.4 32.0,6.2 26.0,6.2 22.6,7.6 22.8,14.0,120 22.8,18.0 23.6,20.0 "
-    "26.2,20.0 32.0,19.9,120 38.0,20.1 40.9,20.0,190 38.0,20.0 38.0,16.8 38.6,16.2,150 35.0,16.0 31.6,15.6,250 "
-    "35.0,16.0 38.0,17.0 38.0,20.0 32.0,20.0 32.0,22.6 29.4,22.6 {north} 32.0,22.4 32.0,20.0 26.0,20.1 22.6,19.4,-120"
+    "22.2,12.0 23.4,10.6,150 22.4,6.4 24.2,6.2 26.4,6.2 32.0,6.1,120 38.0,6.3 40.9,6.2,190 38.1,6.2 "
+    "38.0,3.0,200 34.2,2.4 31.6,2.6 26.0,2.6 22.6,2.6,330 27.0,2.7 33.0,2.5 38.0,3.6 38.0,6.2 32.1,6.0 "
+    "32.0,8.6 31.6,10.2,150 35.0,10.0 38.0,10.6,250 35.0,10.0 32.0,9.4 32.0,6.2 26.0,6.2 22.6,7.6 "
+    "22.8,14.0,120 22.8,18.0 23.6,20.0 26.2,20.0 32.0,19.9,120 38.0,20.1 40.9,20.0,190 38.0,20.0 38.0,16.8 "
+    "38.6,16.2,150 35.0,16.0 31.6,15.6,250 35.0,16.0 38.0,17.0 38.0,20.0 32.0,20.0 32.0,22.6 29.4,22.6,250 "
+    "{north} 32.0,22.4 32.0,20.0 26.0,20.1 22.6,19.4,-120"
 )
 VENUE_WALK: tuple[Walk, ...] = (
     *WING_WALK,
     *WING_SECOND_WALK,
-    Walk(0, _stops("4.0,6.0 3.0,9.4 6.0,12.0 10.0,12.5 13.0,12.6 19.4,10.0 19.0,7.0,160 18.6,4.0 19.0,9.2 20.4,12.0 "
-                   + _EAST.format(north="24.2,22.3,200 29.0,24.6 34.6,23.6 36.8,23.6 38.4,23.6,120 34.6,23.6"))),
+    Walk(
+        0,
+        _stops(
+            "4.0,6.0 3.0,9.4 6.0,12.0 10.0,12.5 13.0,12.6 19.4,10.0 19.0,7.0,160 18.6,4.0 19.0,9.2 20.4,12.0 "
+            + _EAST.format(north="24.2,22.3,200 29.0,24.6 34.6,23.6 36.8,23.6 38.4,23.6,120 34.6,23.6")
+        ),
+    ),
     Walk(0, _stops("22.8,12.0 22.8,8.6,90 24.4,8.3 26.5,8.3")),
     Walk(0, climb=1),
-    Walk(1, _stops("26.5,15.8 24.2,15.8 23.2,15.6,150 22.4,12.0 "
-                   + _EAST.format(north="24.2,22.6,200 29.0,22.4 34.6,23.6 36.4,23.6 38.6,23.8,120 34.6,23.6"))),
-    Walk(1, _stops(
-        "22.4,12.0 19.0,12.0 16.4,11.0,200 15.5,16.0 15.5,18.4 12.4,20.0,200 17.6,20.4 17.4,24.6,250 12.0,24.8 "
-        "11.2,21.5 8.8,21.5 8.6,17.0,200 4.6,22.0,200 1.4,17.0 1.4,14.2 5.0,14.0 5.0,11.2,200 6.4,7.4 6.6,3.6,220 "
-        "3.9,6.4 1.2,4.0,200 1.4,9.0 7.4,11.0 8.4,4.2 10.8,4.0 12.6,4.6,250 16.4,2.0,150 13.0,6.6 13.0,9.0 13.2,14.4,300 "
-        "18.4,13.0 19.0,8.4 19.0,6.4,160 19.0,9.4 20.2,12.0 22.4,12.0,180"
-    )),
-)  # fmt: skip
+    Walk(
+        1,
+        _stops(
+            "26.5,15.8 24.2,15.8 23.2,15.6,150 22.4,12.0 "
+            + _EAST.format(north="24.2,22.6,200 29.0,22.4 34.6,23.6 36.4,23.6 38.6,23.8,120 34.6,23.6")
+        ),
+    ),
+    Walk(
+        1,
+        _stops(
+            "22.4,12.0 19.0,12.0 16.4,11.0,200 15.5,16.0 15.5,18.4 12.4,20.0,200 17.6,20.4 17.4,24.6,250 "
+            "12.0,24.8 11.2,21.5 8.8,21.5 8.6,17.0,200 4.6,22.0,200 1.4,17.0 1.4,14.2 5.0,14.0 5.0,11.2,200 "
+            "6.4,7.4 6.6,3.6,220 3.9,6.4 1.2,4.0,200 1.4,9.0 7.4,11.0 8.4,4.2 10.8,4.0 12.6,4.6,250 "
+            "16.4,2.0,150 13.0,6.6 13.0,9.0 13.2,14.4,300 18.4,13.0 19.0,8.4 19.0,6.4,160 19.0,9.4 20.2,12.0 "
+            "22.4,12.0,180"
+        ),
+    ),
+)
 
 
 def smooth_path(walk: Walk) -> tuple[Floats, Floats]:
-    """Return points (n, 3), the ground under a walk every 2 cm, and for each how far to turn there, degrees (n,)."""
+    """Return points (n, 3), the ground under a walk every 2 cm, and for each how far to turn there, degrees
+    (n,)."""
     if walk.climb:
         return _climb(walk.climb)
     stops = walk.stops
-    legs = [way((a.x, a.y), (b.x, b.y), walk.floor) for a, b in zip(stops, stops[1:], strict=False)]
+    legs = [way((a.x, a.y), (b.x, b.y), walk.floor) for a, b in pairwise(stops)]
     corners = np.concatenate([leg[:-1] for leg in legs] + [legs[-1][-1:]])
     xy = _loosened(_resampled(corners), walk.floor)
     turns = np.zeros(len(xy))
@@ -129,7 +152,8 @@ def _climb(direction: int) -> tuple[Floats, Floats]:
 
 
 def _headings(points: Floats, turns_deg: Floats, phase: float) -> tuple[Floats, Floats]:
-    """Return points (m, 3) and headings (m,) in radians, with the turns on the spot put in as extra samples."""
+    """Return points (m, 3) and headings (m,) in radians, with the turns on the spot put in as extra
+    samples."""
     ahead = gaussian_filter1d(np.gradient(points[:, :2], axis=0), 12, axis=0, mode="nearest")
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
     along = np.arange(len(points)) * STEP_M
@@ -140,7 +164,9 @@ def _headings(points: Floats, turns_deg: Floats, phase: float) -> tuple[Floats, 
         steps = int(abs(turn) / 2) + 1
         swing = np.radians(np.linspace(0, turn, steps)) if turn else np.zeros(1)
         # Turning on the spot moves the camera round the body, an arm's length.
-        sway = 0.12 * np.column_stack([np.cos(angle + turned + swing), np.sin(angle + turned + swing), 0 * swing])
+        sway = 0.12 * np.column_stack(
+            [np.cos(angle + turned + swing), np.sin(angle + turned + swing), 0 * swing]
+        )
         places.append(point + sway)
         angles.append(angle + turned + swing)
         turned += float(swing[-1])
@@ -170,7 +196,8 @@ def camera_pose(position: Floats, heading_rad: float, pitch_rad: float, roll_rad
 
 def scan_poses(walks: tuple[Walk, ...], frames: int, seed: int = 0) -> list[Pose]:
     """Return world_from_camera for each frame of a scan along walks, with the unsteadiness of a hand."""
-    places, headings = [], []
+    places: list[Floats] = []
+    headings: list[Floats] = []
     for k, walk in enumerate(walks):
         points, angles = _headings(*smooth_path(walk), phase=1.7 * k)
         if headings:
@@ -187,7 +214,8 @@ def scan_poses(walks: tuple[Walk, ...], frames: int, seed: int = 0) -> list[Pose
 
 
 def query_poses(scan: list[Pose], count: int, seed: int = 1) -> list[Pose]:
-    """Return world_from_camera of phone pictures taken near a scan: up to 0.6 m and 30 degrees off its poses."""
+    """Return world_from_camera of phone pictures taken near a scan: up to 0.6 m and 30 degrees off its
+    poses."""
     rng = seeded("phone", seed, count)
     found: list[Pose] = []
     while len(found) < count:

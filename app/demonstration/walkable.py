@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import shapely
+import shapely  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
-from shapely.geometry import Polygon, box
-from shapely.geometry.base import BaseGeometry
+from scipy.sparse.csgraph import dijkstra
 
 from app.demonstration.decor import furniture_of
 from app.demonstration.layout import (
@@ -36,31 +35,39 @@ HEAD_ROOM_M = 1.9
 
 
 @lru_cache(maxsize=4)
-def free_space(floor: int) -> BaseGeometry:
+def free_space(floor: int) -> shapely.Geometry:
     """Return the part of a floor not taken by walls, closed doors and furniture, world x, y in metres."""
     rooms = [r for r in ROOMS if r.floor == floor or r.id == "stair"]
-    open_parts = [box(*r.interior) for r in rooms if r.id != "stair"] + [_stair_area(floor)]
+    open_parts = [shapely.box(*r.interior) for r in rooms if r.id != "stair"] + [_stair_area(floor)]
     for door in DOORS:
         if door.floor == floor and not door.closed:
             side, _, line = shared_wall(door)
-            a, b, half = door.at_m - door.width_m / 2, door.at_m + door.width_m / 2, WALL_THICKNESS_M / 2 + 0.01
-            open_parts.append(box(a, line - half, b, line + half) if side in "NS" else box(line - half, a, line + half, b))
+            a, b, half = (
+                door.at_m - door.width_m / 2,
+                door.at_m + door.width_m / 2,
+                WALL_THICKNESS_M / 2 + 0.01,
+            )
+            open_parts.append(
+                shapely.box(a, line - half, b, line + half)
+                if side in "NS"
+                else shapely.box(line - half, a, line + half, b)
+            )
     return shapely.union_all(open_parts).difference(obstacles(floor))
 
 
-def _stair_area(floor: int) -> Polygon:
+def _stair_area(floor: int) -> shapely.Polygon:
     """Return the part of the stair one can stand on: below the first step, or the upper landing."""
     x0, y0, x1, y1 = room_by_id("stair").interior
     if floor == 0:
-        return box(x0, y0, x1, STAIR_START_Y_M)
-    return box(x0, STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M, x1, y1)
+        return shapely.box(x0, y0, x1, STAIR_START_Y_M)
+    return shapely.box(x0, STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M, x1, y1)
 
 
 @lru_cache(maxsize=4)
-def obstacles(floor: int) -> BaseGeometry:
+def obstacles(floor: int) -> shapely.Geometry:
     """Return the footprints of a floor's furniture."""
     footprints = [
-        Polygon(item.corners_xy())
+        shapely.Polygon(item.corners_xy())
         for room in ROOMS
         if room.floor == floor and room.id != "stair"
         for item in furniture_of(room)
@@ -92,7 +99,8 @@ def ground_z_m(x_m: float, y_m: float, floor: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A floor's cells: `clearance_m` (h, w) of each cell's middle and the `graph` of steps between neighbours."""
+    """A floor's cells: `clearance_m` (h, w) of each cell's middle and the `graph` of steps between
+    neighbours."""
 
     clearance_m: Floats
     graph: sparse.csr_matrix
@@ -136,13 +144,14 @@ def _graph(clearance: Floats) -> sparse.csr_matrix:
 
 
 def way(start_xy: tuple[float, float], end_xy: tuple[float, float], floor: int) -> Floats:
-    """Return a walkable way (n, 2) between two points as the middles of its cells; raises ValueError if none is."""
+    """Return a walkable way (n, 2) between two points as the middles of its cells; raises ValueError if none
+    is."""
     grid = grid_of(floor)
     start, end = grid.cell(start_xy), grid.cell(end_xy)
-    _, previous = sparse.csgraph.dijkstra(grid.graph, directed=False, indices=start, return_predecessors=True)
+    _, previous = dijkstra(grid.graph, directed=False, indices=np.array([start]), return_predecessors=True)
     cells = [end]
     while cells[-1] != start:
-        cells.append(int(previous[cells[-1]]))
+        cells.append(int(previous[0, cells[-1]]))
         if cells[-1] < 0:
             raise ValueError(f"no way from {start_xy} to {end_xy} on floor {floor}")
     rows, columns = np.divmod(np.array(cells[::-1]), grid.clearance_m.shape[1])

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import time
+from collections.abc import Sequence
+from datetime import timedelta
 
 from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.run_build import run_build
-from app.storage.builds import Build, State, finish_build, report_progress
+from app.storage.builds import BUILD_ID, Build, State, finish_build, recover_builds, report_progress
+from app.storage.sweep import GRACE, discard_blobs, sweep_blobs, sweep_scratch
 
 log = logging.getLogger("roomfix.jobs")
 # Often enough to watch, seldom enough not to keep the database busy.
@@ -49,6 +53,43 @@ def handle_build(build: Build, resources: Resources, library: MapLibrary) -> Non
     except Exception as error:
         log.exception("build %s failed unexpectedly", build.id)
         _finish(resources, build, "failed", "internal", f"Unexpected error: {type(error).__name__}: {error}")
+    _discard_archives(resources, [build])
+
+
+def recover(resources: Resources) -> None:
+    """Take up what a worker that died left: requeue its builds or fail them, and remove their scratch folders.
+
+    To be called only by a worker that knows that no other one is alive.
+    """
+    with resources.database.write() as connection:
+        requeued, ended = recover_builds(connection)
+    for build in requeued:
+        log.warning("build %s lost its worker and is queued again", build.id)
+    for build in ended:
+        log.error("build %s lost its worker and is %s: %s", build.id, build.state, build.error or "")
+    _discard_archives(resources, ended)
+    for folder in resources.scratch_dir.iterdir():
+        if BUILD_ID.fullmatch(folder.name):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def sweep(resources: Resources, grace: timedelta = GRACE) -> None:
+    """Remove blobs that nothing refers to and scratch files whose process is gone, both older than `grace`.
+
+    To be called between builds by a worker that knows that no other one is alive.
+    """
+    blobs = sweep_blobs(resources.database, resources.blobs, grace)
+    files = sweep_scratch(resources.scratch_dir, grace)
+    if blobs or files:
+        log.info("swept %d blobs and %d scratch files", blobs, files)
+
+
+def _discard_archives(resources: Resources, ended: Sequence[Build]) -> None:
+    try:
+        discard_blobs(resources.database, resources.blobs, [build.archive_blob for build in ended])
+    except OSError:
+        # The sweep tries again.
+        log.exception("archives of ended builds could not be removed")
 
 
 def _finish(resources: Resources, build: Build, state: State, code: str | None, message: str | None) -> None:

@@ -1,38 +1,35 @@
 """The worker process: takes builds from the queue, one at a time.
 
-One worker may run per data folder; a lock file that the kernel releases with the process proves it, so that a
-worker that starts knows every build marked as running to be one whose worker died.
+One worker may run per data folder, so that a worker that starts knows every build marked as running to be one
+whose worker died.
 """
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 import signal
 import sys
 import threading
 import time
-from io import BufferedRandom
-from pathlib import Path
 
-from app.jobs.handlers import handle_build
+from app.jobs.handlers import handle_build, recover, sweep
+from app.jobs.lock import WorkerLock
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
-from app.storage.builds import claim_build, recover_builds
-from app.storage.sweep import sweep_blobs
+from app.storage.builds import claim_build
 
 log = logging.getLogger("roomfix.worker")
+LOCK_NAME = "worker.lock"
 POLL_S = 2.0
 SWEEP_INTERVAL_S = 3600.0
 
 
 def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event) -> None:
     """Run builds until `stop` is set; waits first until no other worker holds the data folder."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    with _lock(settings.data_dir / "worker.lock", stop) as locked:
-        if locked is None:
+    with WorkerLock(settings.data_dir / LOCK_NAME, stop) as held:
+        if not held:
             return
         resources = Resources.open(settings)
         try:
@@ -43,12 +40,7 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
 
 def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -> None:
     library = MapLibrary(resources)
-    with resources.database.write() as connection:
-        requeued, failed = recover_builds(connection)
-    for build_id in requeued:
-        log.warning("build %s lost its worker and is queued again", build_id)
-    for build_id in failed:
-        log.error("build %s lost its worker too often and has failed", build_id)
+    recover(resources)
     swept = float("-inf")
     while not stop.is_set():
         wake.clear()
@@ -60,32 +52,8 @@ def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -
             continue
         if time.monotonic() - swept > SWEEP_INTERVAL_S:
             swept = time.monotonic()
-            sweep_blobs(resources.database, resources.blobs)
+            sweep(resources)
         wake.wait(POLL_S)
-
-
-class _lock:  # noqa: N801
-    """Holds a lock file; gives None when `stop` came first."""
-
-    def __init__(self, path: Path, stop: threading.Event) -> None:
-        self._path = path
-        self._stop = stop
-        self._file: BufferedRandom | None = None
-
-    def __enter__(self) -> BufferedRandom | None:
-        self._file = self._path.open("a+b")
-        while not self._stop.is_set():
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                self._stop.wait(0.2)
-            else:
-                return self._file
-        return None
-
-    def __exit__(self, *_: object) -> None:
-        if self._file is not None:
-            self._file.close()
 
 
 def _follow_parent(wake: threading.Event) -> None:

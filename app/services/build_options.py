@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -20,6 +21,7 @@ KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "store_images",
 }  # fmt: skip
+KEYFRAME_KEYS = {"rule", "every", "position_m", "attitude_rad"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ def parse_camera(value: object, name: str = "camera") -> Camera | tuple[float, .
         raise InvalidInputError(f"{name} must be numbers fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] or a JSON object.")
     try:
         numbers = tuple(float(part) for part in parts)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInputError(f"{name} holds something that is not a number.") from None
     if len(numbers) not in (4, 8, 9):
         raise InvalidInputError(
@@ -104,7 +106,7 @@ def parse_camera(value: object, name: str = "camera") -> Camera | tuple[float, .
 
 def _camera_from_mapping(value: Mapping[str, Any], name: str) -> Camera:
     model = value.get("model", "PINHOLE")
-    if model not in MODEL_PARAMETERS:
+    if not isinstance(model, str) or model not in MODEL_PARAMETERS:
         raise InvalidInputError(f"{name}.model must be one of {', '.join(MODEL_PARAMETERS)}.")
     try:
         width, height = int(value["width"]), int(value["height"])
@@ -119,6 +121,11 @@ def _keyframe_rule(value: object) -> KeyframeRule:
         return KeyframeRule()
     if not isinstance(value, Mapping):
         raise InvalidInputError('keyframes must be an object such as {"rule": "pose"}.')
+    unknown = sorted(set(value) - KEYFRAME_KEYS)
+    if unknown:
+        raise InvalidInputError(
+            f"Option keyframes.{unknown[0]} is not known; there are {', '.join(sorted(KEYFRAME_KEYS))}."
+        )
     rule = _choice(value, "rule", ("pose", "interval"), "pose")
     if rule == "interval":
         every = _number(value.get("every", 1), "keyframes.every")
@@ -143,8 +150,10 @@ def _gravity(value: object) -> tuple[float, float, float] | None:
     vector = np.asarray(value if isinstance(value, list | tuple) else [], dtype=object)
     try:
         x, y, z = (float(v) for v in vector)
-    except (TypeError, ValueError):
-        raise InvalidInputError("gravity must be three numbers, the direction of down in the scan's frame.") from None
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(
+            "gravity must be three numbers, the direction of down in the scan's frame."
+        ) from None
     length = float(np.linalg.norm([x, y, z]))
     if not np.isfinite(length) or length < 1e-6:
         raise InvalidInputError("gravity must have a direction: three finite numbers that are not all zero.")
@@ -156,14 +165,15 @@ def _matrix(value: object, name: str) -> Pose | None:
         return None
     try:
         return Pose.from_matrix(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInputError(f"{name} must be a 4x4 matrix: four rows of four numbers.") from None
 
 
 def _number(value: object, name: str) -> float | None:
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    # Whole numbers in JSON have no largest one.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise InvalidInputError(f"{name} must be a finite number.")
     return float(value)
 

@@ -13,11 +13,14 @@ from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.plan import PlanTransform, fit_plan_from_world, pixels_from_plan, plan_position
 from app.geometry.se3 import Pose
 from app.services.resources import Resources
+from app.storage.db import hold_blobs
 from app.storage.floors import Floor, PlanImage, set_plan_image
 from app.vision.images import decode_image
 
 # People hold a camera this far above the floor's highest or below its lowest point at most.
 HEIGHT_SLACK_M = 0.3
+# No venue is larger; larger numbers lose their metres to rounding.
+MAX_COORDINATE_M = 1e8
 PLAN_MEDIA_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
 
@@ -50,15 +53,21 @@ def parse_plan_from_world(value: object) -> PlanAlignment | None:
         return _fit(value.get("correspondences"))
     try:
         matrix = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInputError("plan_from_world must be a 4x4 matrix of numbers.") from None
     transform = PlanTransform(matrix)
     return PlanAlignment(transform.matrix, None, transform.scale)
 
 
 def _fit(correspondences: object) -> PlanAlignment:
-    if not isinstance(correspondences, Sequence) or isinstance(correspondences, str) or len(correspondences) < 2:
-        raise InvalidInputError("plan_from_world.correspondences needs two or more pairs of world and plan points.")
+    if (
+        not isinstance(correspondences, Sequence)
+        or isinstance(correspondences, str)
+        or len(correspondences) < 2
+    ):
+        raise InvalidInputError(
+            "plan_from_world.correspondences needs two or more pairs of world and plan points."
+        )
     world, plan = [], []
     for pair in correspondences:
         if not isinstance(pair, Mapping) or "world" not in pair or "plan" not in pair:
@@ -76,9 +85,13 @@ def _coordinates(value: object, counts: tuple[int, ...], name: str) -> list[floa
     if isinstance(value, Mapping):
         value = [value[key] for key in ("x", "y", "z") if key in value]
     if not isinstance(value, list | tuple) or len(value) not in counts:
-        raise InvalidInputError(f"A correspondence's {name} point has {' or '.join(map(str, counts))} numbers.")
+        raise InvalidInputError(
+            f"A correspondence's {name} point has {' or '.join(map(str, counts))} numbers."
+        )
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
         raise InvalidInputError(f"A correspondence's {name} point holds something that is not a number.")
+    if not all(abs(v) < MAX_COORDINATE_M for v in value):
+        raise InvalidInputError(f"A correspondence's {name} point is not within {MAX_COORDINATE_M:,.0f} m.")
     return [float(v) for v in value]
 
 
@@ -102,6 +115,9 @@ def store_plan_image(
     assert media_type is not None  # noqa: S101 - empty data was refused by decode_image
     plan = PlanImage(resources.blobs.put(data), media_type, width, height, meters_per_pixel, origin_px)
     with resources.database.write() as connection:
+        hold_blobs(connection)
+        if not resources.blobs.contains(plan.blob):
+            resources.blobs.put(data)
         return set_plan_image(connection, venue_id, floor_id, plan)
 
 

@@ -244,9 +244,7 @@ class Localizer:
         votes = _votes(matches, inliers)
         timer.lap("pose")
         if reason is not None:
-            return Localization(
-                None, reason, evidence, None, None, 0.0, votes, camera, timer.milliseconds
-            )
+            return Localization(None, reason, evidence, None, None, 0.0, votes, camera, timer.milliseconds)
         return Localization(
             estimate.world_from_camera,
             None,
@@ -320,9 +318,7 @@ def _accuracy(inliers: Matches, camera: Camera, pose: Pose) -> tuple[float, floa
 
 def _votes(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:
     ids, counts = np.unique(matches.keyframes, return_counts=True)
-    agreed = {
-        int(i): int(n) for i, n in zip(*np.unique(inliers.keyframes, return_counts=True), strict=True)
-    }
+    agreed = {int(i): int(n) for i, n in zip(*np.unique(inliers.keyframes, return_counts=True), strict=True)}
     votes = [KeyframeVote(int(i), int(n), agreed.get(int(i), 0)) for i, n in zip(ids, counts, strict=True)]
     return tuple(sorted(votes, key=lambda vote: -vote.inliers))
 
@@ -330,6 +326,4 @@ def _votes(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:
 def _nothing(
     reason: Reason, timer: StageTimer, matches: int = 0, camera: Camera | None = None
 ) -> Localization:
-    return Localization(
-        None, reason, Evidence.none(matches), None, None, 0.0, (), camera, timer.milliseconds
-    )
+    return Localization(None, reason, Evidence.none(matches), None, None, 0.0, (), camera, timer.milliseconds)

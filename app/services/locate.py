@@ -204,5 +204,3 @@ def _result(
         narrowed=narrowed,
         timings_ms=dict(found.timings_ms),
     )
-
-

@@ -61,9 +61,7 @@ def points_from_depth(view: View, camera: Camera) -> MapPoints:
     valid = view.depth_m > 0
     features = view.features.take(valid)
     in_camera = camera.unproject(features.keypoints_px, view.depth_m[valid])
-    return MapPoints(
-        features, view.world_from_camera.apply(in_camera), DEPTH_PRIOR_SIGMA * in_camera[:, 2]
-    )
+    return MapPoints(features, view.world_from_camera.apply(in_camera), DEPTH_PRIOR_SIGMA * in_camera[:, 2])
 
 
 def refined_points(
@@ -102,7 +100,9 @@ def _observations(
         normalized.append(camera.normalize(other.features.keypoints_px[b[close]]))
         poses.append((camera_from_world, int(close.sum())))
     if not rows:
-        return Observations(np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        return Observations(
+            np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3))
+        )
     counts = [count for _, count in poses]
     return Observations(
         np.concatenate(rows),

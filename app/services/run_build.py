@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.errors import InvalidScanError
+from app.errors import CancelledBuildError, InvalidScanError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
-from app.importers.archive import ArchiveLimits, extract_archive
+from app.importers.archive import extract_archive
+from app.importers.archive_readers import ArchiveLimits
 from app.importers.frames import Frame, FrameSource, open_scan
 from app.services.build_map import BuiltMap, build_map, scan_placement
 from app.services.build_options import BuildOptions, parse_build_options
@@ -23,8 +24,9 @@ from app.services.progress import Progress
 from app.services.register_scan import register_scan
 from app.services.resources import Resources
 from app.services.self_check import SelfCheck, check_map
-from app.storage.builds import Build, finish_build
+from app.storage.builds import Build, finish_build, report_progress
 from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
+from app.storage.sweep import discard_blobs
 
 # A registration this close to the scan's own frame says that the frame is the world already.
 SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
@@ -63,7 +65,21 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
         began = time.perf_counter()
         check = check_map(built, source, resources.models, resources.executor, progress)
         seconds["verify"] = round(time.perf_counter() - began, 3)
-        return _publish(build, options, source, built, placement, check, seconds, present, resources, folder, progress)
+        with _discarded_on_failure(build, resources) as written:
+            return _publish(
+                build,
+                options,
+                source,
+                built,
+                placement,
+                check,
+                seconds,
+                present,
+                resources,
+                folder,
+                written,
+                progress,
+            )
 
 
 @contextmanager
@@ -75,6 +91,17 @@ def _scratch(folder: Path) -> Iterator[Path]:
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _discarded_on_failure(build: Build, resources: Resources) -> Iterator[set[str]]:
+    """Give a set for the blobs that are stored; they are removed again when the block raises."""
+    written: set[str] = set()
+    try:
+        yield written
+    except BaseException:
+        discard_blobs(resources.database, resources.blobs, written, written_by=build.id)
+        raise
 
 
 def _unpack(
@@ -130,11 +157,13 @@ def _publish(
     present: tuple[Localizer, MapVersion] | None,
     resources: Resources,
     folder: Path,
+    written: set[str],
     progress: Progress,
 ) -> int:
     began = time.perf_counter()
     progress.report("store", 0, 1)
-    artifact, index, images = built.artifact, built.index, _store_images(source, built, options, resources)
+    artifact, index = built.artifact, built.index
+    images = _store_images(built, options, resources, written)
     if options.mode == "extend" and present is not None:
         localizer, old = present
         artifact, index = join_maps(localizer.artifact, localizer.index, artifact, index)
@@ -147,6 +176,7 @@ def _publish(
     index.write(index_path)
     artifact_blob = resources.blobs.put_file(artifact_path)
     index_blob = resources.blobs.put_file(index_path)
+    written.update((artifact_blob, index_blob))
     seconds["store"] = round(time.perf_counter() - began, 3)
     report = {
         "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
@@ -164,22 +194,23 @@ def _publish(
     }
     progress.report("publish", 0, 1)
     with resources.database.write() as connection:
-        version = publish_map(
-            connection, build.venue_id, build.id, artifact_blob, index_blob, report, images
-        )
+        # Once more with the lock: a cancellation that was acknowledged counts, however late it came.
+        if report_progress(connection, build.id, "publish", 0, 1):
+            raise CancelledBuildError(f"Build {build.id} was cancelled.")
+        version = publish_map(connection, build.venue_id, build.id, artifact_blob, index_blob, report, images)
         finish_build(connection, build.id, "succeeded", report=report, map_version=version)
     return version
 
 
 def _store_images(
-    source: FrameSource, built: BuiltMap, options: BuildOptions, resources: Resources
+    built: BuiltMap, options: BuildOptions, resources: Resources, written: set[str]
 ) -> list[KeyframeImages]:
     if not options.store_images:
         return []
 
     def store(frame: Frame) -> KeyframeImages:
-        return KeyframeImages(resources.blobs.put_file(frame.color), resources.blobs.put_file(frame.depth))
+        images = KeyframeImages(resources.blobs.put_file(frame.color), resources.blobs.put_file(frame.depth))
+        written.update((images.color_blob, images.depth_blob))
+        return images
 
     return [store(frame) for frame in built.keyframes]
-
-

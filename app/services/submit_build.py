@@ -1,19 +1,24 @@
-"""A build request, checked and queued."""
+"""A build request, checked and queued, or taken back."""
 
 from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from shutil import copyfileobj
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from app.errors import InvalidInputError, InvalidScanError
 from app.services.build_options import parse_build_options
 from app.services.resources import Resources
-from app.storage.builds import create_build
+from app.storage.builds import Build, cancel_build, create_build
+from app.storage.db import hold_blobs
+from app.storage.sweep import discard_blobs
 from app.storage.venues import get_venue
+
+UPLOAD_PREFIX = "upload-"
 
 
 def submit_build(resources: Resources, venue: str, options: object, archive: BinaryIO) -> str:
@@ -23,23 +28,46 @@ def submit_build(resources: Resources, venue: str, options: object, archive: Bin
     `InvalidScanError` for an empty archive. What is wrong inside the archive fails the build.
     """
     parse_build_options(options)
-    # NaN and infinity pass Python's JSON but no database's.
-    plain = json.loads(json.dumps(options, allow_nan=False))
-    if not isinstance(plain, Mapping):
-        raise InvalidInputError("options must be a JSON object.")
+    plain = _plain(options)
     with resources.database.read() as connection:
         get_venue(connection, venue)
-    digest = _store(resources, archive)
+    with _spooled(resources.scratch_dir, archive) as path:
+        digest = resources.blobs.put_file(path)
+        with resources.database.write() as connection:
+            get_venue(connection, venue)
+            hold_blobs(connection)
+            # A build of the same archive may have ended, and discarded it, since it was stored.
+            if not resources.blobs.contains(digest):
+                resources.blobs.put_file(path)
+            return create_build(connection, venue, plain, digest)
+
+
+def withdraw_build(resources: Resources, build_id: str) -> Build:
+    """Cancel a build; raises `NotFoundError`, or `ConflictError` when it has ended."""
     with resources.database.write() as connection:
-        get_venue(connection, venue)
-        return create_build(connection, venue, dict(plain), digest)
+        build = cancel_build(connection, build_id)
+    if build.ended:
+        discard_blobs(resources.database, resources.blobs, [build.archive_blob])
+    return build
 
 
-def _store(resources: Resources, archive: BinaryIO) -> str:
-    with tempfile.NamedTemporaryFile(dir=resources.scratch_dir, prefix="upload-") as file:
+@contextmanager
+def _spooled(folder: Path, archive: BinaryIO) -> Iterator[Path]:
+    with tempfile.NamedTemporaryFile(dir=folder, prefix=UPLOAD_PREFIX) as file:
         copyfileobj(archive, file)
         file.flush()
         path = Path(file.name)
         if path.stat().st_size == 0:
             raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
-        return resources.blobs.put_file(path)
+        yield path
+
+
+def _plain(options: object) -> dict[str, Any]:
+    """Return the options as the database can hold them."""
+    try:
+        plain = json.loads(json.dumps(options, allow_nan=False))
+    except ValueError:
+        raise InvalidInputError("options holds a number that is not finite.") from None
+    if not isinstance(plain, dict):
+        raise InvalidInputError("options must be a JSON object.")
+    return plain

@@ -8,9 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Reason = Literal[
-    "no_match", "too_few_inliers", "ambiguous", "outside_venue", "poor_image", "no_map"
-]
+Reason = Literal["no_match", "too_few_inliers", "ambiguous", "outside_venue", "poor_image", "no_map"]
 
 GRID = (8, 6)
 

@@ -6,7 +6,8 @@ import hashlib
 import os
 import uuid
 from collections.abc import Iterable
-from datetime import datetime, timedelta
+from contextlib import suppress
+from datetime import timedelta
 from pathlib import Path
 
 import obstore
@@ -87,23 +88,35 @@ class BlobStore:
         finally:
             partial.unlink(missing_ok=True)
 
-    def sweep(self, referenced: Iterable[str], grace: timedelta) -> int:
-        """Delete blobs that nothing refers to and that are older than `grace`; return how many."""
-        keep = set(referenced)
-        limit = now() - grace
-        paths = [
-            item["path"]
+    def contains(self, digest: str) -> bool:
+        """Return whether the store has the blob."""
+        try:
+            obstore.head(self._store, _path(digest))
+        except FileNotFoundError:
+            return False
+        return True
+
+    def delete(self, digests: Iterable[str]) -> None:
+        """Delete blobs; those that are not there are no error."""
+        for digest in digests:
+            with suppress(FileNotFoundError):
+                obstore.delete(self._store, _path(digest))
+
+    def older_than(self, age: timedelta) -> set[str]:
+        """Return the SHA-256 of every blob that was stored longer ago than `age`."""
+        limit = now() - age
+        return {
+            item["path"].rsplit("/", 1)[-1]
             for page in obstore.list(self._store, PREFIX)
             for item in page
-            if item["path"].rsplit("/", 1)[-1] not in keep and item["last_modified"] <= limit
-        ]
-        if paths:
-            obstore.delete(self._store, paths)
-        return len(paths) + self._sweep_staging(limit)
+            if item["last_modified"] <= limit
+        }
 
-    def _sweep_staging(self, limit: datetime) -> int:
+    def sweep_staging(self, age: timedelta) -> int:
+        """Delete what writes that were cut off longer ago than `age` left behind; return how many."""
         if self._root is None:
             return 0
+        limit = now() - age
         count = 0
         for path in self._root.rglob(f"*{STAGING_MARK}*"):
             if path.is_file() and path.stat().st_mtime <= limit.timestamp():
@@ -113,7 +126,9 @@ class BlobStore:
 
     def digests(self) -> set[str]:
         """Return the SHA-256 of every blob in the store."""
-        return {item["path"].rsplit("/", 1)[-1] for page in obstore.list(self._store, PREFIX) for item in page}
+        return {
+            item["path"].rsplit("/", 1)[-1] for page in obstore.list(self._store, PREFIX) for item in page
+        }
 
     def check_writable(self) -> None:
         """Raise `OSError` if the store's folder can't be written (a remote store is asked for a listing)."""

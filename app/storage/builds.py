@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import uuid
 from dataclasses import dataclass
 from datetime import datetime
@@ -17,6 +18,7 @@ State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 ENDED = ("succeeded", "failed", "cancelled")
 # A build that took its worker down this often is not tried again.
 MAX_ATTEMPTS = 3
+BUILD_ID = re.compile(r"[0-9a-f]{32}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,25 +147,27 @@ def cancel_build(connection: Connection, build_id: str) -> Build:
     return get_build(connection, build_id)
 
 
-def recover_builds(connection: Connection) -> tuple[list[str], list[str]]:
-    """Requeue builds whose worker died, or fail those that died `MAX_ATTEMPTS` times; return both lists of ids.
+def recover_builds(connection: Connection) -> tuple[list[Build], list[Build]]:
+    """Requeue builds whose worker died, or end those that were to be cancelled or died `MAX_ATTEMPTS` times;
+    return both lists.
 
     To be called only by a worker that knows that no other one is alive.
     """
-    requeued, failed = [], []
+    requeued, ended = [], []
     for row in connection.execute(select(builds).where(builds.c.state == "running")).all():
         build = _build(row)
         if build.cancel_requested:
             finish_build(connection, build.id, "cancelled")
+            ended.append(get_build(connection, build.id))
         elif build.attempts >= MAX_ATTEMPTS:
             message = f"The worker died {build.attempts} times in this build, last in stage {build.stage!r}."
             finish_build(connection, build.id, "failed", error_code="worker_died", error=message)
-            failed.append(build.id)
+            ended.append(get_build(connection, build.id))
         else:
             values = {"state": "queued", "stage": None, "done": 0, "total": 0}
             connection.execute(update(builds).where(builds.c.id == build.id).values(**values))
-            requeued.append(build.id)
-    return requeued, failed
+            requeued.append(get_build(connection, build.id))
+    return requeued, ended
 
 
 def _build(row: Row[tuple[Any, ...]]) -> Build:

@@ -14,6 +14,8 @@ from sqlalchemy import Connection, Engine, create_engine, event, text
 
 MIGRATIONS_DIR = Path(__file__).parent.parent.parent / "migrations"
 BUSY_TIMEOUT_MS = 15_000
+# Any number that nothing else in the database locks.
+BLOB_LOCK = 7_266_349
 
 
 class Database:
@@ -68,6 +70,13 @@ def _configure_sqlite(connection: Any, _record: Any) -> None:
     cursor.execute("PRAGMA synchronous = FULL")
     cursor.execute("PRAGMA foreign_keys = ON")
     cursor.close()
+
+
+def hold_blobs(connection: Connection) -> None:
+    """Keep all blobs from being discarded by others until the transaction of a `write` ends."""
+    # On SQLite any write does that.
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": BLOB_LOCK})
 
 
 def now() -> datetime:

@@ -136,7 +136,7 @@ def _view(data: NDArray[np.uint8], start: int, entry: Mapping[str, Any]) -> NDAr
     size = int(np.prod(shape)) * dtype.itemsize
     if first + size > len(data):
         raise MapArtifactError("The map artefact is cut short.")
-    return data[first : first + size].view(dtype).reshape(shape)
+    return np.asarray(data[first : first + size].view(dtype).reshape(shape))
 
 
 def _metadata_to_json(metadata: MapMetadata) -> dict[str, Any]:

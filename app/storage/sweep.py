@@ -1,17 +1,21 @@
-"""The blobs that the database refers to, and the removal of all others."""
+"""The blobs that the database refers to, and the removal of all others and of scratch files."""
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Iterable
+from contextlib import suppress
 from datetime import timedelta
+from pathlib import Path
 
 from sqlalchemy import Connection, select
 
 from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
-from app.storage.db import Database
+from app.storage.db import Database, hold_blobs, now
 from app.storage.tables import builds, floors, keyframe_images, map_versions
 
-# Longer than the longest upload: a blob is stored shortly before the row that refers to it is committed.
+# Longer than the longest build: its pictures are stored some time before the rows that refer to them.
 GRACE = timedelta(hours=6)
 
 
@@ -28,8 +32,48 @@ def referenced_blobs(connection: Connection) -> set[str]:
     return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
 
 
+def discard_blobs(
+    database: Database, blobs: BlobStore, digests: Iterable[str], written_by: str | None = None
+) -> int:
+    """Delete those of the blobs that nothing refers to; return how many.
+
+    `written_by` names the build that stored them: while others run, which may have stored the same pictures and
+    not published them yet, nothing is deleted.
+
+    Whoever commits a row that refers to a blob looks in that transaction, under `hold_blobs`, whether the blob
+    is still there, and stores it again if not: so a blob that was stored already, its row not yet, is safe.
+    """
+    with database.write() as connection:
+        hold_blobs(connection)
+        if written_by is not None and _others_run(connection, written_by):
+            return 0
+        unneeded = set(digests) - referenced_blobs(connection)
+        blobs.delete(unneeded)
+    return len(unneeded)
+
+
+def _others_run(connection: Connection, build_id: str) -> bool:
+    others = select(builds.c.id).where((builds.c.state == "running") & (builds.c.id != build_id))
+    return connection.execute(others.limit(1)).first() is not None
+
+
+def sweep_scratch(folder: Path, age: timedelta) -> int:
+    """Delete what processes that were killed longer ago than `age` left in the scratch folder; return how many."""
+    limit = (now() - age).timestamp()
+    count = 0
+    for path in folder.iterdir():
+        # An upload may end, and take its file along, at any moment.
+        with suppress(FileNotFoundError):
+            if path.stat().st_mtime > limit:
+                continue
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink()
+            count += 1
+    return count
+
+
 def sweep_blobs(database: Database, blobs: BlobStore, grace: timedelta = GRACE) -> int:
     """Delete blobs that nothing refers to and that are older than `grace`; return how many."""
-    with database.read() as connection:
-        referenced = referenced_blobs(connection)
-    return blobs.sweep(referenced, grace)
+    return discard_blobs(database, blobs, blobs.older_than(grace)) + blobs.sweep_staging(grace)

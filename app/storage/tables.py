@@ -59,9 +59,7 @@ builds = Table(
     "builds",
     metadata,
     Column("id", String(32), primary_key=True),
-    Column(
-        "venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), nullable=False, index=True
-    ),
+    Column("venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), nullable=False, index=True),
     Column("state", String(16), nullable=False, index=True),
     Column("stage", String(32)),
     Column("done", Integer, nullable=False),

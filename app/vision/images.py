@@ -16,6 +16,8 @@ from app.errors import ImageTooLargeError, InvalidImageError, UnsupportedImageEr
 FORMATS = ("JPEG", "PNG", "WEBP")
 MAX_PIXELS = 50_000_000
 MIN_SIDE_PX = 32
+# Shrunk to what the detectors take, a longer strip would have no width left.
+MAX_ASPECT = 20
 
 Gray = NDArray[np.uint8]
 Rgb = NDArray[np.uint8]
@@ -52,7 +54,9 @@ def decode_image(data: bytes, max_pixels: int = MAX_PIXELS) -> Rgb:
     except UnidentifiedImageError:
         raise UnsupportedImageError("The file is not a JPEG, PNG or WebP image.") from None
     except Image.DecompressionBombError:
-        raise ImageTooLargeError(f"The image has more than {max_pixels:,} pixels; send a smaller one.") from None
+        raise ImageTooLargeError(
+            f"The image has more than {max_pixels:,} pixels; send a smaller one."
+        ) from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise InvalidImageError(f"The image is damaged or cut short ({error}).") from None
 
@@ -65,6 +69,10 @@ def _check_size(width: int, height: int, max_pixels: int) -> None:
     if min(width, height) < MIN_SIDE_PX:
         raise InvalidImageError(
             f"The image has {width} x {height} pixels; each side needs at least {MIN_SIDE_PX}."
+        )
+    if max(width, height) > MAX_ASPECT * min(width, height):
+        raise InvalidImageError(
+            f"The image has {width} x {height} pixels; one side may be at most {MAX_ASPECT} times the other."
         )
 
 

@@ -56,6 +56,7 @@ class GlobalIndex:
             return np.zeros(0, np.int64), np.zeros(0, np.float32)
         parameters = None
         if allowed is not None:
-            parameters = faiss.SearchParameters(sel=faiss.IDSelectorBatch(allowed.astype(np.int64)))
+            selector = faiss.IDSelectorBatch(allowed.astype(np.int64))
+            parameters = faiss.SearchParameters(sel=selector)  # type: ignore[call-arg]
         distances, rows = self._index.search(descriptor[None].astype(np.float32), k, params=parameters)
         return rows[0], distances[0]

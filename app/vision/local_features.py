@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -20,6 +21,7 @@ MODELS_DIR = Path(__file__).parent.parent / "models"
 
 # RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
 ROOT_SIFT_SCALE = 512.0
+SIFT_FEATURES, SIFT_SIDE_PX = 2000, 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ class LocalFeatureExtractor(Protocol):
     binary: bool
     ratio: float
     descriptor_size: int
-    descriptor_dtype: type
+    descriptor_dtype: type[np.uint8] | type[np.float32]
 
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width), best first where the method ranks them."""
@@ -62,9 +64,11 @@ class RootSift:
     binary = False
     ratio = 0.85
     descriptor_size = 128
-    descriptor_dtype = np.uint8
+    descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
-    def __init__(self, max_features: int = 2000, max_side_px: int = 400, name: str = "sift") -> None:
+    def __init__(
+        self, max_features: int = SIFT_FEATURES, max_side_px: int = SIFT_SIDE_PX, name: str = "sift"
+    ) -> None:
         self.name = name
         self._max_side_px = max_side_px
         self._max_features = max_features
@@ -89,7 +93,7 @@ class Orb:
     binary = True
     ratio = 0.85
     descriptor_size = 32
-    descriptor_dtype = np.uint8
+    descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
     def __init__(self, max_features: int = 1000, name: str = "orb") -> None:
         self.name = name
@@ -110,7 +114,7 @@ class Akaze:
     binary = True
     ratio = 0.85
     descriptor_size = 61
-    descriptor_dtype = np.uint8
+    descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
     name = "akaze"
 
     def extract(self, gray: Gray) -> LocalFeatures:
@@ -128,7 +132,7 @@ class XFeat:
     binary = False
     ratio = 1.0
     descriptor_size = 64
-    descriptor_dtype = np.float32
+    descriptor_dtype: type[np.uint8] | type[np.float32] = np.float32
     name = "xfeat"
 
     def __init__(self, max_features: int = 1000, max_side_px: int = 640, threads: int = 1) -> None:
@@ -143,7 +147,7 @@ class XFeat:
         height, width = (max(32, side // 32 * 32) for side in small.shape)
         image = small[:height, :width].astype(np.float32)[None, None] / 255.0
         outputs = self._session.run(["features", "keypoints", "reliability"], {"image": image})
-        keypoints_px, _, descriptors = decode(*outputs, top_k=self._max_features)
+        keypoints_px, _, descriptors = decode(outputs[0], outputs[1], outputs[2], self._max_features)
         return LocalFeatures(((keypoints_px + 0.5) / scale - 0.5).astype(np.float32), descriptors)
 
 
@@ -167,11 +171,14 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
 FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat")
 
 
-def _points(keypoints: tuple[cv2.KeyPoint, ...], scale: float) -> NDArray[np.float32]:
-    points = cv2.KeyPoint.convert(keypoints)
+def _points(keypoints: Sequence[cv2.KeyPoint], scale: float) -> NDArray[np.float32]:
+    points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float32)
     return np.asarray((points + 0.5) / scale - 0.5, dtype=np.float32)
 
 
 def _none(extractor: LocalFeatureExtractor) -> LocalFeatures:
     shape = (0, extractor.descriptor_size)
-    return LocalFeatures(np.zeros((0, 2), np.float32), np.zeros(shape, dtype=extractor.descriptor_dtype))
+    none: Descriptors = np.zeros(shape, np.uint8)
+    if extractor.descriptor_dtype is np.float32:
+        none = np.zeros(shape, np.float32)
+    return LocalFeatures(np.zeros((0, 2), np.float32), none)

@@ -51,4 +51,4 @@ def match_unit_vectors(
 
 def _distance(similarity: NDArray[np.float32], binary: bool) -> NDArray[np.float32]:
     squared = np.maximum(2.0 - 2.0 * similarity, 0.0)
-    return squared if binary else np.sqrt(squared)
+    return np.asarray(squared if binary else np.sqrt(squared), dtype=np.float32)

@@ -1,0 +1,63 @@
+"""What the commands share: the console, settings from options, progress bars."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+
+from app.settings import Settings
+
+console = Console()
+# What a command reports goes to standard output; what happens meanwhile to standard error.
+errors = Console(stderr=True)
+DataDir = Annotated[Path | None, typer.Option(help="Folder for database and blobs [ROOMFIX_DATA_DIR].")]
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def settings_from(**given: Any) -> Settings:
+    """Return the settings, with the options that were given in place of the environment's."""
+    return Settings(**{name: value for name, value in given.items() if value is not None})
+
+
+def log_to_stderr(level: int = logging.INFO) -> None:
+    """Let the log go to standard error."""
+    logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+
+
+class BarProgress:
+    """Shows each stage as a bar."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._tasks: dict[str, TaskID] = {}
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Move a stage's bar."""
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bars.add_task(stage, total=max(total, 1))
+        self._bars.update(self._tasks[stage], completed=done, total=max(total, 1))
+
+
+@contextmanager
+def progress_bars() -> Iterator[BarProgress]:
+    """Give a progress that draws bars on a terminal, and nothing elsewhere."""
+    columns = (
+        SpinnerColumn(), TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    )  # fmt: skip
+    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
+        yield BarProgress(bars)

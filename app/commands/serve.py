@@ -1,0 +1,60 @@
+"""`roomfix serve` and `roomfix worker`."""
+
+from __future__ import annotations
+
+import ipaddress
+import threading
+from typing import Annotated
+
+import typer
+import uvicorn
+
+from app.commands.console import DataDir, log_to_stderr, settings_from
+from app.jobs.worker import run_worker
+from app.main import create_app
+from app.settings import Settings
+
+
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on [ROOMFIX_HOST, 127.0.0.1].")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on [ROOMFIX_PORT, 8000].")] = None,
+    data_dir: DataDir = None,
+    open_: Annotated[bool, typer.Option("--open", help="Ask for no key; loopback addresses only.")] = False,
+) -> None:
+    """Start the server."""
+    settings = settings_from(host=host, port=port, data_dir=data_dir, open=open_ or None)
+    check_access(settings)
+    log_to_stderr()
+    run_server(settings)
+
+
+def worker(data_dir: DataDir = None) -> None:
+    """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
+    log_to_stderr()
+    run_worker(settings_from(data_dir=data_dir), threading.Event(), threading.Event())
+
+
+def check_access(settings: Settings) -> None:
+    """Refuse to serve without a key anywhere but on loopback."""
+    if settings.open and not _is_loopback(settings.host):
+        raise typer.BadParameter(
+            f"--open serves without a key, so on a loopback address only, not {settings.host}."
+        )
+    if not settings.open and settings.admin_key is None:
+        raise typer.BadParameter("Set ROOMFIX_ADMIN_KEY, or use --open to serve without a key on loopback.")
+
+
+def run_server(settings: Settings) -> None:
+    """Serve until interrupted."""
+    uvicorn.run(
+        create_app(settings), host=settings.host, port=settings.port, log_config=None, access_log=False
+    )
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

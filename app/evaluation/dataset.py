@@ -1,0 +1,50 @@
+"""A dataset split into database and queries by order in the ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.errors import InvalidInputError
+from app.importers.frames import Frame, Scan, ScanOptions, open_scan
+
+
+def parse_range(text: str) -> slice:
+    """Return the slice of `start:stop:step`, each part optional; raises `InvalidInputError`."""
+    parts = text.split(":")
+    try:
+        numbers = [int(part) if part else None for part in parts]
+    except ValueError:
+        raise InvalidInputError(f"{text!r} is not start:stop:step.") from None
+    if not 2 <= len(numbers) <= 3 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
+        raise InvalidInputError(f"{text!r} is not start:stop:step with a step of 1 or more.")
+    return slice(*numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """The scan reduced to its database frames, and the query frames (none of them in the database)."""
+
+    database: Scan
+    queries: tuple[Frame, ...]
+
+
+def split_scan(directory: Path, database: str, queries: str, format: str, options: ScanOptions) -> Split:  # noqa: A002
+    """Open a scan and split its frames by their order; raises `InvalidInputError` for an empty part."""
+    scan = open_scan(directory, format, options)
+    rows = range(len(scan.frames))
+    chosen = list(rows[parse_range(database)])
+    asked = _without(list(rows[parse_range(queries)]), chosen)
+    if not chosen or not asked:
+        raise InvalidInputError(
+            f"{directory.name} has {len(scan.frames)} frames: {len(chosen)} are left for the database and "
+            f"{len(asked)} for queries; both need some."
+        )
+    part = replace(scan, frames=tuple(scan.frames[i] for i in chosen))
+    return Split(part, tuple(scan.frames[i] for i in asked))
+
+
+def _without(rows: Sequence[int], left_out: Sequence[int]) -> list[int]:
+    known = set(left_out)
+    return [row for row in rows if row not in known]

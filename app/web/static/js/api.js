@@ -1,0 +1,118 @@
+// All calls to the server. Addresses are relative to the page, so that it also works below a path prefix.
+
+import { eventData } from "./sse.js";
+
+const KEY = "roomfix.key";
+let askForKey = async () => null;
+
+/** An error answer: its sentence as the message, the stable code beside it. */
+export class ApiError extends Error {
+  constructor(status, code, detail) {
+    super(detail);
+    this.name = "ApiError";
+    this.status = status;
+    this.code = code;
+  }
+}
+
+/** Set what asks the user for a key; it gets the server's reason and returns the key, or null. */
+export function onKeyNeeded(ask) {
+  askForKey = ask;
+}
+
+export const storedKey = {
+  get: () => sessionStorage.getItem(KEY),
+  set: (key) => sessionStorage.setItem(KEY, key),
+  forget: () => sessionStorage.removeItem(KEY),
+};
+
+/** Return a path's absolute address. */
+export function address(path) {
+  return new URL(path, document.baseURI).href;
+}
+
+/** Join parts to a path, each escaped. */
+export function path(...parts) {
+  return parts.map((part) => encodeURIComponent(part)).join("/");
+}
+
+/** Call the server and return the response; throws `ApiError`, after asking for a key where one is needed. */
+export async function request(where, { method = "GET", json, form, signal } = {}) {
+  for (;;) {
+    const headers = authorization();
+    if (json !== undefined) headers["Content-Type"] = "application/json";
+    const body = json === undefined ? form : JSON.stringify(json);
+    const response = await reach(() => fetch(address(where), { method, headers, body, signal }));
+    if (response.ok) return response;
+    const error = problem(response.status, await response.text());
+    if (!(await keyEntered(error))) throw error;
+  }
+}
+
+/** Call the server and return the JSON of its answer. */
+export async function requestJson(where, options) {
+  return (await request(where, options)).json();
+}
+
+/** Post a form and report how much of it has been sent, which fetch can't. */
+export async function upload(where, form, onProgress, signal) {
+  for (;;) {
+    const { status, text } = await send(where, form, onProgress, signal);
+    if (status >= 200 && status < 300) return JSON.parse(text);
+    const error = problem(status, text);
+    if (!(await keyEntered(error))) throw error;
+  }
+}
+
+/** Yield the state of a build whenever it changes, until it has ended. */
+export async function* buildEvents(build, signal) {
+  const response = await request(path("database", "builds", build, "events"), { signal });
+  for await (const data of eventData(response.body)) yield JSON.parse(data);
+}
+
+function authorization() {
+  const key = storedKey.get();
+  return key ? { Authorization: `Bearer ${key}` } : {};
+}
+
+async function keyEntered(error) {
+  if (error.status !== 401) return false;
+  const key = await askForKey(error.message);
+  if (key) storedKey.set(key);
+  return Boolean(key);
+}
+
+async function reach(call) {
+  try {
+    return await call();
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new ApiError(0, "unreachable", "The server can't be reached. Is it running, and is the network there?");
+  }
+}
+
+function problem(status, text) {
+  try {
+    const body = JSON.parse(text);
+    if (body.detail) return new ApiError(status, body.code, String(body.detail));
+  } catch {
+    // Not from Roomfix: a proxy in between answers in its own words.
+  }
+  return new ApiError(status, "http_error", `The server answered with status ${status}.`);
+}
+
+function send(where, form, onProgress, signal) {
+  return new Promise((resolve, reject) => {
+    const xhr = new XMLHttpRequest();
+    xhr.open("POST", address(where));
+    for (const [name, value] of Object.entries(authorization())) xhr.setRequestHeader(name, value);
+    xhr.upload.addEventListener("progress", (event) => onProgress(event.loaded, event.total));
+    xhr.addEventListener("load", () => resolve({ status: xhr.status, text: xhr.responseText }));
+    xhr.addEventListener("error", () =>
+      reject(new ApiError(0, "unreachable", "The upload broke off: the server can't be reached.")),
+    );
+    xhr.addEventListener("abort", () => reject(new DOMException("The upload was cancelled.", "AbortError")));
+    signal.addEventListener("abort", () => xhr.abort());
+    xhr.send(form);
+  });
+}

@@ -1,0 +1,59 @@
+// Starts the page: theme, key, venues, and the three views that the address's fragment chooses between.
+
+import { setUpFloors, showFloors } from "./floors.js";
+import { byId, showError } from "./dom.js";
+import { setUpKey } from "./key.js";
+import { setUpLocate } from "./locate.js";
+import { setUpMaps, showMaps } from "./maps.js";
+import { loadVenues, onVenueChange, setUpVenues } from "./venues.js";
+
+const VIEWS = { locate: () => {}, maps: showMaps, floors: showFloors };
+const TITLES = { locate: "Locate", maps: "Maps", floors: "Floors" };
+const THEMES = ["auto", "light", "dark"];
+
+function currentView() {
+  const name = location.hash.slice(1);
+  return name in VIEWS ? name : "locate";
+}
+
+function showView() {
+  const current = currentView();
+  for (const name of Object.keys(VIEWS)) byId(`view-${name}`).hidden = name !== current;
+  for (const link of document.querySelectorAll(".bar nav a")) {
+    if (link.getAttribute("href") === `#${current}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  document.title = `${TITLES[current]} · Roomfix`;
+  VIEWS[current]();
+}
+
+function setUpTheme() {
+  const button = byId("theme");
+  const root = document.documentElement;
+  const name = () => {
+    const text = `Theme: ${root.dataset.theme}`;
+    button.setAttribute("aria-label", text);
+    button.title = text;
+  };
+  button.addEventListener("click", () => {
+    root.dataset.theme = THEMES[(THEMES.indexOf(root.dataset.theme) + 1) % THEMES.length];
+    localStorage.setItem("roomfix.theme", root.dataset.theme);
+    name();
+  });
+  name();
+}
+
+setUpTheme();
+setUpKey();
+setUpVenues();
+setUpLocate();
+setUpMaps();
+setUpFloors();
+onVenueChange(showView);
+addEventListener("hashchange", () => {
+  if (location.hash === "#content") return;
+  showView();
+  scrollTo(0, 0);
+});
+showView();
+loadVenues().catch((error) => showError(byId("page-error"), error));

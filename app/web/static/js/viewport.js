@@ -1,0 +1,137 @@
+// Zooming and moving of an SVG through its viewBox: wheel, pinch, drag, keys.
+
+const MAX_ZOOM = 40;
+
+export class Viewport {
+  /** `box` is the element that takes pointers and keys; `onChange` runs after each move. */
+  constructor(svgNode, box, onChange) {
+    this.svg = svgNode;
+    this.box = box;
+    this.onChange = onChange;
+    this.content = { x: 0, y: 0, width: 100, height: 100 };
+    this.view = { x: 50, y: 50, unitsPerPx: 1 };
+    this.following = true;
+    this.pointers = new Map();
+    this.listen();
+    new ResizeObserver(() => (this.following ? this.fit() : this.apply())).observe(box);
+  }
+
+  /** Show this rectangle, given in the SVG's units. */
+  setContent(content) {
+    this.content = content;
+    this.fit();
+  }
+
+  fit() {
+    const { x, y, width, height } = this.content;
+    this.following = true;
+    this.view = { x: x + width / 2, y: y + height / 2, unitsPerPx: this.fitUnits() };
+    this.apply();
+  }
+
+  /** Zoom by a factor, around a point of the screen or the middle. */
+  zoom(factor, clientX = null, clientY = null) {
+    const bounds = this.box.getBoundingClientRect();
+    const dx = clientX === null ? 0 : clientX - bounds.left - bounds.width / 2;
+    const dy = clientY === null ? 0 : clientY - bounds.top - bounds.height / 2;
+    const before = this.view.unitsPerPx;
+    const fit = this.fitUnits();
+    const after = Math.min(2 * fit, Math.max(fit / MAX_ZOOM, before / factor));
+    this.following = false;
+    this.view = {
+      x: this.view.x + dx * (before - after),
+      y: this.view.y + dy * (before - after),
+      unitsPerPx: after,
+    };
+    this.apply();
+  }
+
+  move(dxPx, dyPx) {
+    this.following = false;
+    this.view.x -= dxPx * this.view.unitsPerPx;
+    this.view.y -= dyPx * this.view.unitsPerPx;
+    this.apply();
+  }
+
+  /** Move so that this point is in view; nothing happens when it is already. */
+  reveal(x, y) {
+    const { clientWidth, clientHeight } = this.box;
+    const offX = Math.abs(x - this.view.x) / this.view.unitsPerPx;
+    const offY = Math.abs(y - this.view.y) / this.view.unitsPerPx;
+    if (offX < clientWidth / 2 - 30 && offY < clientHeight / 2 - 30) return;
+    this.following = false;
+    this.view = { ...this.view, x, y };
+    this.apply();
+  }
+
+  get unitsPerPx() {
+    return this.view.unitsPerPx;
+  }
+
+  fitUnits() {
+    const { clientWidth, clientHeight } = this.box;
+    return Math.max(this.content.width / Math.max(clientWidth, 1), this.content.height / Math.max(clientHeight, 1));
+  }
+
+  apply() {
+    const { x, y, unitsPerPx } = this.view;
+    const width = Math.max(this.box.clientWidth, 1) * unitsPerPx;
+    const height = Math.max(this.box.clientHeight, 1) * unitsPerPx;
+    this.svg.setAttribute("viewBox", `${x - width / 2} ${y - height / 2} ${width} ${height}`);
+    this.onChange(unitsPerPx);
+  }
+
+  listen() {
+    const { box } = this;
+    box.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 0.05 : 0.0015)), event.clientX, event.clientY);
+      },
+      { passive: false },
+    );
+    box.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      this.pointers.set(event.pointerId, event);
+    });
+    box.addEventListener("pointermove", (event) => this.drag(event));
+    for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
+      box.addEventListener(end, (event) => this.pointers.delete(event.pointerId));
+    }
+    box.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  drag(event) {
+    const last = this.pointers.get(event.pointerId);
+    if (!last) return;
+    const other = [...this.pointers.values()].find((pointer) => pointer.pointerId !== event.pointerId);
+    if (other) {
+      const gap = (a) => Math.hypot(a.clientX - other.clientX, a.clientY - other.clientY);
+      const middle = [(event.clientX + other.clientX) / 2, (event.clientY + other.clientY) / 2];
+      if (gap(last) > 0) this.zoom(gap(event) / gap(last), ...middle);
+    } else {
+      this.move(event.clientX - last.clientX, event.clientY - last.clientY);
+    }
+    this.pointers.set(event.pointerId, event);
+  }
+
+  key(event) {
+    if (event.target !== this.box) return;
+    const step = 60;
+    const actions = {
+      ArrowLeft: () => this.move(step, 0),
+      ArrowRight: () => this.move(-step, 0),
+      ArrowUp: () => this.move(0, step),
+      ArrowDown: () => this.move(0, -step),
+      "+": () => this.zoom(1.4),
+      "=": () => this.zoom(1.4),
+      "-": () => this.zoom(1 / 1.4),
+      0: () => this.fit(),
+    };
+    const action = actions[event.key];
+    if (!action) return;
+    event.preventDefault();
+    action();
+  }
+}

@@ -1,0 +1,140 @@
+"""A running server for tests: the real app with real migrations, SQLite, blobs and, if wanted, build worker."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+from fastapi.testclient import TestClient
+from sqlalchemy import create_engine, select
+
+from app.jobs.runner import BuildRunner
+from app.main import create_app
+from app.settings import Settings
+from app.storage.tables import metadata
+from tests.scenes import CAMERA_TEXT
+
+ENDED = ("succeeded", "failed", "cancelled")
+WAIT_S = 90.0
+# Of the files in the data folder these change without meaning anything.
+IGNORED = ("roomfix.db", "worker.lock")
+
+
+class Server:
+    """The contract's calls on a server, in this process or another."""
+
+    def __init__(self, client: httpx.Client, data_dir: Path) -> None:
+        self.client = client
+        self.data_dir = data_dir
+
+    def add_venue(self, venue: str) -> str:
+        """Add a venue of that id."""
+        assert self.client.post("/venues", json={"id": venue, "name": venue.title()}).status_code == 201
+        return venue
+
+    def submit(self, archive: bytes, venue: str, options: object = None) -> httpx.Response:
+        """Post a scan; options default to the synthetic camera's, text is sent as it is."""
+        chosen = {"camera": CAMERA_TEXT} if options is None else options
+        text = chosen if isinstance(chosen, str) else json.dumps(chosen)
+        return self.client.post(
+            "/database/build",
+            data={"venue": venue, "options": text},
+            files={"archive": ("scan.zip", archive)},
+        )
+
+    def build(self, archive: bytes, venue: str, **options: object) -> dict[str, Any]:
+        """Post a scan and return its build when it has ended."""
+        answer = self.submit(archive, venue, {"camera": CAMERA_TEXT, **options})
+        assert answer.status_code == 202, answer.text
+        return self.wait(answer.json()["build"])
+
+    def status(self, build: str) -> dict[str, Any]:
+        """Return a build."""
+        answer = self.client.get(f"/database/builds/{build}")
+        assert answer.status_code == 200, answer.text
+        return dict(answer.json())
+
+    def wait(self, build: str) -> dict[str, Any]:
+        """Return a build once it has ended."""
+        return wait_for(lambda: body if (body := self.status(build))["state"] in ENDED else None)
+
+    def post_image(self, image: bytes, fields: Mapping[str, str]) -> httpx.Response:
+        """Post an image to /locate with just these fields."""
+        return self.client.post("/locate", data=dict(fields), files={"image": ("photo.jpg", image)})
+
+    def locate(self, image: bytes, **fields: str) -> dict[str, Any]:
+        """Return the LocateResult of an image taken by the synthetic camera."""
+        answer = self.post_image(image, {"camera": CAMERA_TEXT, **fields})
+        assert answer.status_code == 200, answer.text
+        return dict(answer.json())
+
+    def files(self) -> set[str]:
+        """Return every file in the data folder that matters: blobs and scratch."""
+        paths = (path for path in self.data_dir.rglob("*") if path.is_file())
+        names = (path.relative_to(self.data_dir).as_posix() for path in paths)
+        return {name for name in names if not name.startswith(IGNORED)}
+
+    def rows(self, *leave_out: str) -> dict[str, list[str]]:
+        """Return every row of every table, but of those left out."""
+        engine = create_engine(f"sqlite:///{self.data_dir / 'roomfix.db'}")
+        with engine.connect() as connection:
+            found = {
+                table.name: sorted(repr(tuple(row)) for row in connection.execute(select(table)))
+                for table in metadata.sorted_tables
+                if table.name not in leave_out
+            }
+        engine.dispose()
+        return found
+
+    @contextmanager
+    def unchanged(self, *leave_out: str) -> Iterator[None]:
+        """Check that the block leaves all files, and all tables but those named, as they were."""
+        files, rows = self.files(), self.rows(*leave_out)
+        yield
+        assert self.files() == files
+        assert self.rows(*leave_out) == rows
+
+
+@contextmanager
+def running(data_dir: Path, runner: BuildRunner | None = None, **values: Any) -> Iterator[Server]:
+    """Serve in this process, open unless an `admin_key` is given; the build worker is a process of its own."""
+    settings = Settings(_env_file=None, data_dir=data_dir, open="admin_key" not in values, **values)
+    with TestClient(create_app(settings, runner)) as client:
+        yield Server(client, data_dir)
+
+
+def wait_for(condition: Any, seconds: float = WAIT_S) -> Any:
+    """Return what `condition` returns as soon as that is true; fail the test if it never is."""
+    limit = time.monotonic() + seconds
+    while time.monotonic() < limit:
+        if value := condition():
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"waited {seconds} s in vain")
+
+
+def assert_problem(answer: httpx.Response, status: int, code: str | None = None) -> str:
+    """Check that an answer is an RFC 9457 problem for people to act on, and return its sentence."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.headers["x-request-id"]
+    body = answer.json()
+    assert body["status"] == status
+    assert body["type"]
+    assert body["title"]
+    assert code is None or body["code"] == code, body
+    assert_sentence(body["detail"])
+    return str(body["detail"])
+
+
+def assert_sentence(text: str) -> None:
+    """Check that a message is for a person: one short paragraph without a trace of the machinery."""
+    assert len(text) > 10
+    assert len(text) < 500
+    for trace in ("Traceback", "Error:", "Errno", ".py", "0x", "\n", "Unexpected"):
+        assert trace not in text, text
