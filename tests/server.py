@@ -99,6 +99,13 @@ class Server:
         assert self.files() == files
         assert self.rows(*leave_out) == rows
 
+    @contextmanager
+    def unchanged_rows(self) -> Iterator[None]:
+        """Check that the block leaves all tables as they were."""
+        rows = self.rows()
+        yield
+        assert self.rows() == rows
+
 
 @contextmanager
 def running(data_dir: Path, runner: BuildRunner | None = None, **values: Any) -> Iterator[Server]:

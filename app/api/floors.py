@@ -135,6 +135,6 @@ def _pixel(text: str) -> tuple[float, float]:
     try:
         values = json.loads(text) if text.strip().startswith("[") else text.split(",")
         u, v = (float(value) for value in values)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInputError("origin_px must be two numbers, u,v.") from None
     return u, v

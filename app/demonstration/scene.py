@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.demonstration.atlas import LEVELS, build_atlas
+from app.demonstration.atlas import build_atlas
 from app.demonstration.building import shell
 from app.demonstration.decor import decoration
 from app.demonstration.lighting import bake
@@ -151,8 +151,3 @@ def demo_scene() -> Scene:
 def loaded_scene(directory: Path) -> Scene:
     """Return the scene another process saved."""
     return Scene.load(directory)
-
-
-def level_row(texture: NDArray[np.int32], level: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the rows of `atlas_origin` and `atlas_size` for textures (n,) at mipmap levels (n,)."""
-    return np.asarray(texture * LEVELS + level, dtype=np.int32)

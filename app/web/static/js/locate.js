@@ -89,13 +89,17 @@ async function locate() {
   lastNumber += 1;
   trail.push({ number: lastNumber, answer, name: photo.name, url: URL.createObjectURL(photo) });
   await select(lastNumber);
-  if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView({ behavior: "smooth" });
+  if (matchMedia("(max-width: 60rem)").matches) {
+    const news = answer.located ? document.querySelector(".plan-card") : byId("result");
+    news.scrollIntoView({ behavior: "smooth" });
+  }
 }
 
 async function select(number) {
   selected = number;
-  const { answer } = trail.find((entry) => entry.number === number);
-  showResult(answer, floors.find((floor) => floor.id === answer.floor)?.name);
+  const entry = trail.find((one) => one.number === number);
+  const { answer } = entry;
+  showResult(entry, floors.find((floor) => floor.id === answer.floor)?.name);
   if (answer.located) await showFloor(frameOf(answer));
   else showTrail();
 }

@@ -56,6 +56,7 @@ export class PlanDrawing {
     if (this.frame.grid) this.viewport.setContent(around(points, 1 / GRID_M_PER_UNIT));
     this.rescale(this.viewport.unitsPerPx);
     const chosen = places.findIndex((place) => place.number === selected);
+    this.viewport.setFocus(points[chosen] ?? null);
     if (chosen >= 0) this.viewport.reveal(...points[chosen]);
   }
 

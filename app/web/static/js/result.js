@@ -10,10 +10,11 @@ const CAMERA_SOURCES = {
   unknown: "unknown",
 };
 
-/** Show an answer of POST /locate; `floorName` is the name of its floor. */
-export function showResult(answer, floorName) {
+/** Show an answer of POST /locate with its photo, `{answer, number, name, url}`, and the name of its floor. */
+export function showResult({ answer, number, name, url }, floorName) {
   const card = el("section", { class: "card result", "aria-label": "Result" });
-  card.append(...(answer.located ? located(answer, floorName) : notLocated(answer)));
+  const photo = el("figure", {}, el("img", { src: url, alt: "" }), el("figcaption", {}, `Photo ${number}: ${name}`));
+  card.append(photo, ...(answer.located ? located(answer, floorName) : notLocated(answer)));
   card.append(timings(answer.timings_ms), raw(answer));
   byId("result").replaceChildren(card);
 }
@@ -89,7 +90,8 @@ function table(rows) {
 
 function timings(times) {
   const { total = 0, ...stages } = times;
-  const shown = Object.entries(stages).filter(([, value]) => value > 0);
+  const { decode, ...later } = stages;
+  const shown = Object.entries({ decode, ...later }).filter(([, value]) => value > 0);
   const bar = el("div", { class: "time-bar", "aria-hidden": "true" });
   const legend = el("ul", { class: "time-legend" });
   shown.forEach(([stage, value], index) => {

@@ -11,6 +11,7 @@ export class Viewport {
     this.content = { x: 0, y: 0, width: 100, height: 100 };
     this.view = { x: 50, y: 50, unitsPerPx: 1 };
     this.following = true;
+    this.focus = null;
     this.pointers = new Map();
     this.listen();
     new ResizeObserver(() => (this.following ? this.fit() : this.apply())).observe(box);
@@ -29,11 +30,11 @@ export class Viewport {
     this.apply();
   }
 
-  /** Zoom by a factor, around a point of the screen or the middle. */
+  /** Zoom by a factor around a point of the screen; without one around the focus, or else the middle. */
   zoom(factor, clientX = null, clientY = null) {
     const bounds = this.box.getBoundingClientRect();
-    const dx = clientX === null ? 0 : clientX - bounds.left - bounds.width / 2;
-    const dy = clientY === null ? 0 : clientY - bounds.top - bounds.height / 2;
+    let [dx, dy] = [clientX - bounds.left - bounds.width / 2, clientY - bounds.top - bounds.height / 2];
+    if (clientX === null) [dx, dy] = this.focusOffset();
     const before = this.view.unitsPerPx;
     const fit = this.fitUnits();
     const after = Math.min(2 * fit, Math.max(fit / MAX_ZOOM, before / factor));
@@ -51,6 +52,19 @@ export class Viewport {
     this.view.x -= dxPx * this.view.unitsPerPx;
     this.view.y -= dyPx * this.view.unitsPerPx;
     this.apply();
+  }
+
+  /** Keep this point where it is when keys or buttons zoom; null stands for the middle. */
+  setFocus(point) {
+    this.focus = point;
+  }
+
+  focusOffset() {
+    if (this.focus === null) return [0, 0];
+    const dx = (this.focus[0] - this.view.x) / this.view.unitsPerPx;
+    const dy = (this.focus[1] - this.view.y) / this.view.unitsPerPx;
+    const inside = Math.abs(dx) < this.box.clientWidth / 2 && Math.abs(dy) < this.box.clientHeight / 2;
+    return inside ? [dx, dy] : [0, 0];
   }
 
   /** Move so that this point is in view; nothing happens when it is already. */

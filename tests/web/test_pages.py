@@ -1,0 +1,112 @@
+"""The pages over HTTP: what they serve, under which headers, and that nothing in them comes from elsewhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.jobs.runner import NoRunner
+from app.main import create_app
+from app.settings import Settings
+from app.web.pages import STATIC
+
+STATIC_FILES = sorted(path.relative_to(STATIC).as_posix() for path in STATIC.rglob("*") if path.is_file())
+SCRIPTS = sorted((STATIC / "js").glob("*.js"))
+PAGES = sorted(STATIC.glob("*.html"))
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("data"), open=True, run_worker=False)
+    with TestClient(create_app(settings, NoRunner())) as client:
+        yield client
+
+
+@pytest.mark.parametrize("path", ["/", "/docs", "/assets/js/main.js", "/docs/assets/swagger-ui-bundle.js"])
+def test_pages_and_assets_carry_the_security_headers(client: TestClient, path: str) -> None:
+    answer = client.get(path)
+    assert answer.status_code == 200
+    policy = dict(part.split(" ", 1) for part in answer.headers["Content-Security-Policy"].split("; "))
+    assert policy["default-src"] == "'self'"
+    assert policy["frame-ancestors"] == "'none'"
+    assert not any("unsafe" in sources or "http" in sources for sources in policy.values())
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+    assert answer.headers["Referrer-Policy"] == "no-referrer"
+    assert answer.headers["Cache-Control"] == "no-cache"
+
+
+def test_a_missing_asset_is_a_problem_and_the_folder_cannot_be_left(client: TestClient) -> None:
+    for path in ("/assets/none.js", "/assets/../pages.py", "/assets/%2e%2e/pages.py", "/docs/assets/none.js"):
+        answer = client.get(path)
+        assert answer.status_code == 404, path
+        assert answer.headers["Content-Type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize("name", STATIC_FILES)
+def test_every_static_file_is_served_with_its_type(client: TestClient, name: str) -> None:
+    types = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+    answer = client.get(f"/assets/{name}")
+    assert answer.status_code == 200
+    assert answer.headers["Content-Type"].startswith(types[Path(name).suffix])
+
+
+@pytest.mark.parametrize(("page", "address"), [("index.html", "/"), ("docs.html", "/docs")])
+def test_what_a_page_refers_to_is_there(client: TestClient, page: str, address: str) -> None:
+    html = client.get(address).text
+    assert html == (STATIC / page).read_text(encoding="utf-8")
+    references = [r for r in re.findall(r'(?:src|href)="([^"#]+)"', html)]
+    assert len(references) >= 4
+    for reference in references:
+        # Relative, so that the pages also work below the path prefix of a proxy.
+        assert not reference.startswith("/")
+        assert client.get(f"/{reference.removeprefix('./')}").status_code == 200, reference
+
+
+def test_modules_import_only_modules_that_are_there() -> None:
+    for script in SCRIPTS:
+        for imported in re.findall(r'from "([^"]+)"', script.read_text(encoding="utf-8")):
+            assert (script.parent / imported).is_file(), f"{script.name} imports {imported}"
+
+
+def test_ids_that_scripts_look_up_are_in_the_page() -> None:
+    ids = re.findall(r' id="([^"]+)"', (STATIC / "index.html").read_text(encoding="utf-8"))
+    assert len(ids) == len(set(ids))
+    for script in SCRIPTS:
+        for wanted in re.findall(r'byId\("([^"]+)"\)', script.read_text(encoding="utf-8")):
+            assert wanted in ids, f"{script.name} looks for #{wanted}"
+
+
+def test_every_field_has_a_label() -> None:
+    html = (STATIC / "index.html").read_text(encoding="utf-8")
+    labelled = set(re.findall(r'<label[^>]* for="([^"]+)"', html))
+    wrapped = "".join(re.findall(r"<label\b.*?</label>", html, re.S))
+    for field in re.findall(r"<(?:input|select|textarea)\b[^>]*>", html):
+        name = re.search(r' id="([^"]+)"', field)
+        assert field in wrapped or (name and name[1] in labelled), field
+
+
+def test_no_markup_from_data_no_inline_code_no_other_hosts() -> None:
+    for path in [*PAGES, *SCRIPTS, *(STATIC / "css").glob("*.css")]:
+        text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert not re.search(r"https?://|(?:src|href)=\"//|@import|url\(", text.replace('fill: "url(#', "")), path
+        if path.suffix == ".js":
+            assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(", text), path
+        if path.suffix == ".html":
+            assert not re.search(r"\son[a-z]+=|\sstyle=|<style|<script(?![^>]* src=)|javascript:", text), path
+
+
+def test_swagger_ui_is_the_release_that_reads_the_servers_openapi(client: TestClient) -> None:
+    assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
+    # OpenAPI 3.1 is read from Swagger UI 5 on; 4 shows an error instead.
+    assert re.search(r'"5\.\d+\.\d+"', client.get("/docs/assets/swagger-ui-bundle.js").text)
+    assert client.get("/redoc").status_code == 404
+
+
+def test_pages_are_not_part_of_the_api(client: TestClient) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    assert "/" not in paths
+    assert "/docs" not in paths
