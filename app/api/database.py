@@ -85,27 +85,27 @@ def build(
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
 
 
-@router.get("/builds", responses=problems(401))
+@router.get("/builds", responses=problems(401, 422))
 def list_all(state: State, venue: str | None = None) -> list[BuildBody]:
     """List builds, newest first."""
     with state.resources.database.read() as connection:
         return [BuildBody.of(item) for item in list_builds(connection, venue)]
 
 
-@router.get("/builds/{build}", responses=problems(401, 404))
+@router.get("/builds/{build}", responses=problems(401, 404, 422))
 def status(state: State, build: str) -> BuildBody:
     """Return where a build is."""
     return _read(state, build)
 
 
-@router.get("/builds/{build}/events", responses=problems(401, 404))
+@router.get("/builds/{build}/events", responses=problems(401, 404, 422))
 async def events(state: State, build: str) -> EventSourceResponse:
     """Send the build as a server-sent event whenever it changes, until it has ended."""
     first = await run_in_threadpool(_read, state, build)
     return EventSourceResponse(_follow(state, first))
 
 
-@router.delete("/builds/{build}", status_code=202, responses=problems(401, 404, 409))
+@router.delete("/builds/{build}", status_code=202, responses=problems(401, 404, 409, 422))
 def cancel(state: State, build: str) -> BuildBody:
     """Cancel a build; a running one stops at its next step."""
     return BuildBody.of(withdraw_build(state.resources, build))

@@ -51,7 +51,7 @@ class NewFloor(BaseModel):
         return self
 
 
-@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def list_all(state: State, venue: VenueId) -> list[dict[str, Any]]:
     """List a venue's floors, lowest first."""
     with state.resources.database.read() as connection:
@@ -79,7 +79,7 @@ def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[st
     return {**as_dict(stored), "plan_scale": None if alignment is None else alignment.scale}
 
 
-@router.get("/{floor}", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+@router.get("/{floor}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def get(state: State, venue: VenueId, floor: FloorId) -> dict[str, Any]:
     """Return a floor."""
     with state.resources.database.read() as connection:
@@ -87,7 +87,7 @@ def get(state: State, venue: VenueId, floor: FloorId) -> dict[str, Any]:
 
 
 @router.delete(
-    "/{floor}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404)
+    "/{floor}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
 )
 def remove(state: State, venue: VenueId, floor: FloorId) -> Response:
     """Delete a floor with its plan."""
@@ -119,7 +119,7 @@ def put_plan(
 @router.get(
     "/{floor}/plan",
     dependencies=[Depends(require("locate"))],
-    responses={200: {"content": {"image/png": {}, "image/jpeg": {}}}, **problems(401, 404)},
+    responses={200: {"content": {"image/png": {}, "image/jpeg": {}}}, **problems(401, 404, 422)},
     response_class=Response,
 )
 def get_plan(state: State, venue: VenueId, floor: FloorId) -> Response:

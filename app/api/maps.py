@@ -36,7 +36,7 @@ def _body(version: MapVersion, active: int | None) -> MapBody:
     )
 
 
-@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def list_all(state: State, venue: VenueId) -> list[MapBody]:
     """List a venue's map versions, newest first."""
     with state.resources.database.read() as connection:

@@ -28,6 +28,8 @@ class NewVenue(BaseModel):
 class VenueChange(BaseModel):
     """What can be changed of a venue."""
 
+    model_config = ConfigDict(json_schema_extra={"example": {"name": "City museum, new wing"}})
+
     name: Name
 
 
@@ -60,7 +62,7 @@ def list_all(state: State) -> list[VenueBody]:
         return [_body(venue) for venue in list_venues(connection)]
 
 
-@router.get("/{venue}", dependencies=[Depends(require("locate"))], responses=problems(401, 404))
+@router.get("/{venue}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def get(state: State, venue: VenueId) -> VenueBody:
     """Return a venue."""
     with state.resources.database.read() as connection:
@@ -75,7 +77,7 @@ def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
 
 
 @router.delete(
-    "/{venue}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404)
+    "/{venue}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
 )
 def remove(state: State, venue: VenueId) -> Response:
     """Delete a venue with its floors, maps and builds."""

@@ -10,17 +10,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidImageError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.alignment import world_from_scan_by_gravity
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
 from app.services.build_options import BuildOptions, KeyframeRule
+from app.services.frame_images import frame_rgb
 from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
 from app.services.progress import Progress, map_in_order
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
-from app.vision.images import decode_image, measure_quality, to_gray
+from app.vision.images import measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.keyframes import PoseThresholds, select_by_pose
 from app.vision.local_features import LocalFeatureExtractor, LocalFeatures
@@ -121,15 +122,7 @@ def _describe(
     extractor: LocalFeatureExtractor,
 ) -> _Described:
     frame = source.frames[row]
-    try:
-        rgb = decode_image(source.color_bytes(frame))
-    except InvalidImageError as error:
-        raise InvalidScanError(f"{frame.name} can't be used: {error}") from None
-    camera = source.camera
-    if rgb.shape[:2] != (camera.height, camera.width):
-        raise InvalidScanError(
-            f"{frame.name} has {rgb.shape[1]} x {rgb.shape[0]} pixels, the camera {camera.width} x {camera.height}."
-        )
+    rgb = frame_rgb(source, frame)
     gray = to_gray(rgb)
     quality = measure_quality(gray)
     features = extractor.extract(gray)

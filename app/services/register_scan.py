@@ -12,9 +12,9 @@ from app.errors import InvalidScanError
 from app.geometry.alignment import average_poses
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.importers.frames import Frame, FrameSource
+from app.services.frame_images import frame_rgb
 from app.services.localizer import Localizer
 from app.services.progress import Progress, map_in_order
-from app.vision.images import decode_image
 
 SAMPLE = 40
 MIN_AGREEING = 5
@@ -43,7 +43,7 @@ def register_scan(
     frames = spread(source.frames, SAMPLE)
 
     def place(frame: Frame) -> Pose | None:
-        found = localizer.localize(decode_image(source.color_bytes(frame)), source.camera).world_from_camera
+        found = localizer.localize(frame_rgb(source, frame), source.camera).world_from_camera
         return None if found is None else found @ frame.scan_from_camera.inverse()
 
     results = list(map_in_order(executor, place, frames, "register", progress))

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.importers.frames import Frame, FrameSource
 from app.services.build_map import BuiltMap
+from app.services.frame_images import frame_rgb
 from app.services.localizer import Localizer
 from app.services.progress import Progress, map_in_order
 from app.services.register_scan import spread
 from app.services.vision_models import VisionModels
-from app.vision.images import decode_image
 
 SAMPLE = 24
+MIN_OTHERS = 8
+NEIGHBOUR_M, NEIGHBOUR_RAD = 0.5, 0.35
 MIN_LOCATED_SHARE = 0.1
 MAX_MEDIAN_ERROR_M = 0.3
 
@@ -45,24 +49,31 @@ class SelfCheck:
 def check_map(
     built: BuiltMap, source: FrameSource, models: VisionModels, executor: Executor, progress: Progress
 ) -> SelfCheck:
-    """Locate frames of the scan that are no keyframes (where there are such); raises `InvalidScanError` when the
-    map can't be right: it finds hardly any of them, or finds them elsewhere."""
+    """Locate frames of the scan by keyframes that are not the frame itself, whose points would confirm any depth.
+
+    Raises `InvalidScanError` when the map can't be right: it finds hardly any of the frames that have a keyframe
+    nearby, or finds frames elsewhere.
+    """
     localizer = Localizer(built.artifact, built.index, models)
-    keyframes = {frame.name for frame in built.keyframes}
+    keyframes = {frame.name: row for row, frame in enumerate(built.keyframes)}
     others = [frame for frame in source.frames if frame.name not in keyframes]
-    frames = spread(others or source.frames, SAMPLE)
+    frames = spread(others if len(others) >= MIN_OTHERS else source.frames, SAMPLE)
 
     def error(frame: Frame) -> tuple[float, float] | None:
-        found = localizer.localize(decode_image(source.color_bytes(frame)), source.camera).world_from_camera
+        allowed = _all_but(keyframes.get(frame.name), len(keyframes))
+        found = localizer.localize(frame_rgb(source, frame), source.camera, allowed).world_from_camera
         return None if found is None else _errors(found, built.world_from_scan @ frame.scan_from_camera)
 
     results = list(map_in_order(executor, error, frames, "verify", progress))
     errors = np.array([result for result in results if result is not None]).reshape(-1, 2)
-    if len(errors) < max(1, MIN_LOCATED_SHARE * len(frames)):
+    expected = sum(_has_neighbour(frame, built.keyframes) for frame in frames)
+    if len(errors) < MIN_LOCATED_SHARE * expected:
         raise InvalidScanError(
             f"The finished map locates only {len(errors)} of {len(frames)} frames of its own scan: check camera, "
             "depth_scale and the poses."
         )
+    if not len(errors):
+        return SelfCheck(len(frames), 0, None, None)
     position_m, orientation_deg = (float(value) for value in np.median(errors, axis=0))
     if position_m > MAX_MEDIAN_ERROR_M:
         raise InvalidScanError(
@@ -70,6 +81,20 @@ def check_map(
             "scale or the camera don't fit the images."
         )
     return SelfCheck(len(frames), len(errors), round(position_m, 5), round(orientation_deg, 4))
+
+
+def _all_but(row: int | None, count: int) -> NDArray[np.int64] | None:
+    return None if row is None else np.delete(np.arange(count, dtype=np.int64), row)
+
+
+def _has_neighbour(frame: Frame, keyframes: Sequence[Frame]) -> bool:
+    """Return whether a keyframe other than the frame itself must see much of what the frame sees."""
+    return any(
+        keyframe.name != frame.name
+        and position_difference_m(keyframe.scan_from_camera, frame.scan_from_camera) < NEIGHBOUR_M
+        and attitude_difference_rad(keyframe.scan_from_camera, frame.scan_from_camera) < NEIGHBOUR_RAD
+        for keyframe in keyframes
+    )
 
 
 def _errors(found: Pose, truth: Pose) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import tarfile
 import zipfile
@@ -37,9 +38,16 @@ def zip_bomb() -> bytes:
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("rgb.txt", "0 rgb/a.png\n")
         with archive.open(zipfile.ZipInfo("rgb/a.png"), "w", force_zip64=True) as file:
-            for _ in range(600):
+            for _ in range(100):
                 file.write(bytes(MIB))
     return buffer.getvalue()
+
+
+def tar_bomb() -> bytes:
+    """Return 600 MB of zeros as a tar.gz: members of a gzip file may follow one another."""
+    member = tarfile.TarInfo("rgb/a.png")
+    member.size = 600 * MIB
+    return gzip.compress(member.tobuf()) + gzip.compress(bytes(MIB)) * 600 + gzip.compress(bytes(1024))
 
 
 def replaced(files: Files, name: str, old: str, new: str) -> Files:
@@ -103,7 +111,8 @@ BAD_SCANS: dict[str, Callable[[Files], bytes]] = {
     "a symbolic link": lambda _: link("rgb", "/etc", tarfile.SYMTYPE),
     "a hard link": lambda _: link("depth.txt", "/etc/passwd", tarfile.LNKTYPE),
     "a device": lambda _: link("depth.txt", "", tarfile.CHRTYPE),
-    "gigabytes of zeros": lambda _: zip_bomb(),
+    "zeros in a zip": lambda _: zip_bomb(),
+    "zeros in a tar": lambda _: tar_bomb(),
     "another archive inside": lambda files: zipped({"scan.zip": zipped(files)}),
     "no poses": lambda files: zipped(without_poses(files)),
     "empty poses": lambda files: zipped({**files, "groundtruth.txt": b"# nothing\n"}),

@@ -140,12 +140,14 @@ def test_a_venue_without_a_map_says_so_in_plain_words(server: Server, tab: Tab) 
     # A name that would be markup if it were not put in as text.
     name = "<img src=x onerror=alert(1)>"
     page.locator("#new-venue").click()
-    page.get_by_label("Name", exact=True).first.fill(name)
+    page.locator("#venue-name").fill(name)
     page.locator("#venue-id").fill("empty")
     page.get_by_role("button", name="Add", exact=True).click()
     playwright.expect(page.locator("#venue option:checked")).to_have_text(name)
 
-    page.locator("#photo").set_input_files(_photo("it's here.jpg", scenes.Room().view(scenes.pose_at(2, 1.5))))
+    page.locator("#photo").set_input_files(
+        _photo("it's here.jpg", scenes.Room().view(scenes.pose_at(2, 1.5)))
+    )
     page.get_by_role("button", name="Locate", exact=True).click()
     result = page.get_by_role("region", name="Result")
     playwright.expect(result).to_contain_text("Not located")
@@ -156,7 +158,9 @@ def test_a_venue_without_a_map_says_so_in_plain_words(server: Server, tab: Tab) 
     assert "Bearer $ROOMFIX_KEY" in curl
     assert KEY not in curl
 
-    page.locator("#photo").set_input_files({"name": "no.jpg", "mimeType": "image/jpeg", "buffer": b"not an image"})
+    page.locator("#photo").set_input_files(
+        {"name": "no.jpg", "mimeType": "image/jpeg", "buffer": b"not an image"}
+    )
     page.get_by_role("button", name="Locate", exact=True).click()
     answer = server.client.post("/locate", data={"venue": "empty"}, files={"image": b"not an image"})
     playwright.expect(page.locator("#locate-error")).to_have_text(answer.json()["detail"])
@@ -221,7 +225,11 @@ def test_a_build_that_cannot_work_shows_the_servers_reason(server: Server, tab: 
     _give_key(page)
     page.locator("#venue").select_option("broken")
     page.locator("#archive").set_input_files(
-        {"name": "scan.zip", "mimeType": "application/zip", "buffer": scenes.zipped({"readme.txt": b"no scan"})}
+        {
+            "name": "scan.zip",
+            "mimeType": "application/zip",
+            "buffer": scenes.zipped({"readme.txt": b"no scan"}),
+        }
     )
     page.get_by_role("button", name="Upload and build").click()
     playwright.expect(page.locator("#progress")).to_contain_text("The build failed.")
@@ -235,7 +243,8 @@ def test_events_are_read_whatever_the_pieces_they_come_in(server: Server, tab: T
     events = tab.page.evaluate(
         """async () => {
             const { eventData } = await import("/assets/js/sse.js");
-            const text = ': ping\\r\\n\\r\\nevent: build\\r\\ndata: {"a":"ä"}\\r\\n\\r\\ndata: 1\\ndata:2\\n\\ndata: lost';
+            const first = ': ping\\r\\n\\r\\nevent: build\\r\\ndata: {"a":"ä"}\\r\\n\\r\\n';
+            const text = first + 'data: 1\\ndata:2\\n\\ndata: lost';
             const bytes = new TextEncoder().encode(text);
             const all = [];
             for (const size of [1, 2, 7, bytes.length]) {

@@ -58,7 +58,7 @@ def test_every_static_file_is_served_with_its_type(client: TestClient, name: str
 def test_what_a_page_refers_to_is_there(client: TestClient, page: str, address: str) -> None:
     html = client.get(address).text
     assert html == (STATIC / page).read_text(encoding="utf-8")
-    references = [r for r in re.findall(r'(?:src|href)="([^"#]+)"', html)]
+    references = re.findall(r'(?:src|href)="([^"#]+)"', html)
     assert len(references) >= 4
     for reference in references:
         # Relative, so that the pages also work below the path prefix of a proxy.
@@ -92,9 +92,13 @@ def test_every_field_has_a_label() -> None:
 def test_no_markup_from_data_no_inline_code_no_other_hosts() -> None:
     for path in [*PAGES, *SCRIPTS, *(STATIC / "css").glob("*.css")]:
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
-        assert not re.search(r"https?://|(?:src|href)=\"//|@import|url\(", text.replace('fill: "url(#', "")), path
+        assert not re.search(
+            r"https?://|(?:src|href)=\"//|@import|url\(", text.replace('fill: "url(#', "")
+        ), path
         if path.suffix == ".js":
-            assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(", text), path
+            assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(", text), (
+                path
+            )
         if path.suffix == ".html":
             assert not re.search(r"\son[a-z]+=|\sstyle=|<style|<script(?![^>]* src=)|javascript:", text), path
 

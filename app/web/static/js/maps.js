@@ -113,7 +113,10 @@ function figures(statistics) {
   const sum = (values) => Object.values(values).reduce((total, value) => total + value, 0);
   const shown = [];
   const add = (name, value, note) => shown.push(figure(name, value, note));
-  if (statistics.map_keyframes) add("Keyframes", count(statistics.map_keyframes), `from ${count(statistics.frames)} frames`);
+  const leftOut = discarded && sum(discarded) ? `; left out: ${discardWords(discarded)}` : "";
+  if (statistics.map_keyframes) {
+    add("Keyframes", count(statistics.map_keyframes), `from ${count(statistics.frames)} frames${leftOut}`);
+  }
   if (statistics.features) add("Features", count(statistics.features), statistics.feature_method);
   if (check?.tried) add("Self-check", `${check.located} of ${check.tried}`, "frames of the scan located");
   if (check?.median_position_m != null) {
@@ -121,7 +124,6 @@ function figures(statistics) {
   }
   if (sizes) add("Size", bytes(sum(sizes)));
   if (times) add("Build time", seconds(sum(times)));
-  if (discarded && sum(discarded)) add("Left out", count(sum(discarded)), discardWords(discarded));
   return shown;
 }
 
