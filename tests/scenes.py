@@ -50,7 +50,7 @@ class Room:
     """A box room whose six faces are printed at random by `seed`: two seeds share nothing to be found."""
 
     seed: int = 0
-    size_m: Array = field(default_factory=lambda: SIZE_M.copy())
+    size_m: Array = field(default_factory=SIZE_M.copy)
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)

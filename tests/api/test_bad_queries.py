@@ -103,7 +103,9 @@ BAD_CAMERAS = {
     "a model that is a list": json.dumps({"model": [], "width": 320, "height": 240, "params": [262] * 4}),
     "no params": json.dumps({"model": "PINHOLE", "width": 320, "height": 240}),
     "params that are a number": json.dumps({"model": "PINHOLE", "width": 320, "height": 240, "params": 5}),
-    "too few params": json.dumps({"model": "OPENCV", "width": 320, "height": 240, "params": [262, 262, 159, 119]}),
+    "too few params": json.dumps(
+        {"model": "OPENCV", "width": 320, "height": 240, "params": [262, 262, 159, 119]}
+    ),
     "no size": json.dumps({"model": "PINHOLE", "width": 0, "height": 0, "params": [262, 262, 159, 119]}),
     "another aspect ratio": json.dumps(
         {"model": "PINHOLE", "width": 320, "height": 180, "params": [262, 262, 159, 89]}
@@ -147,7 +149,9 @@ def test_a_field_that_can_not_be_meant_is_refused(museum: Server, queries: list[
             assert field in assert_problem(answer, 422), value[:50]
 
 
-@pytest.mark.parametrize("venue", ["nowhere", "../museum", "museum/..", "Museum", "müseum", "m" * 300, "' OR 1=1 --"])
+@pytest.mark.parametrize(
+    "venue", ["nowhere", "../museum", "museum/..", "Museum", "müseum", "m" * 300, "' OR 1=1 --"]
+)
 def test_an_unknown_venue(museum: Server, queries: list[View], venue: str) -> None:
     with museum.unchanged():
         answer = museum.post_image(queries[0].jpeg(), {"venue": venue})

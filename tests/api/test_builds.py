@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import tarfile
 from collections.abc import Iterator
@@ -28,7 +29,7 @@ def first_half(views: list[View]) -> bytes:
 def second_half(room: Room) -> list[View]:
     """The rest of the walk, walked again a few centimetres aside."""
     poses = [
-        Pose(pose.rotation, pose.translation + [0.03, -0.04, 0.02])
+        Pose(pose.rotation, [*pose.translation, 0.03, -0.04, 0.02])
         for pose in (*walk()[5:], pose_at(2.6, 1.9, 1.4, 92.0, -2.0), pose_at(2.6, 1.9, 1.42, 101.0, 1.0))
     ]
     return [room.view(pose) for pose in poses]
@@ -45,7 +46,12 @@ def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 def test_a_build_reports_what_it_did(museum: Server, scan_zip: bytes) -> None:
     museum.add_venue("reported")
     build = museum.build(scan_zip, "reported", format="tum", keyframes={"rule": "pose"})
-    assert (build["state"], build["error"], build["map_version"], build["attempts"]) == ("succeeded", None, 1, 1)
+    assert (build["state"], build["error"], build["map_version"], build["attempts"]) == (
+        "succeeded",
+        None,
+        1,
+        1,
+    )
     assert build["created_at"] <= build["started_at"] <= build["finished_at"]
     report = build["report"]
     assert report["frames"] == 14
@@ -202,7 +208,7 @@ def test_events_follow_a_build_to_its_end(museum: Server, scan_zip: bytes) -> No
     assert bodies[-1] == museum.status(submitted["build"])
     assert bodies[-1]["state"] == "succeeded"
     assert all(body["state"] in ("queued", "running") for body in bodies[:-1])
-    assert all(a != b for a, b in zip(bodies, bodies[1:], strict=False))
+    assert all(a != b for a, b in itertools.pairwise(bodies))
 
 
 def test_events_of_an_ended_build_are_one(museum: Server) -> None:
@@ -234,7 +240,9 @@ def test_the_archive_of_two_builds_stays_until_both_have_ended(idle: Server, sca
 def test_an_ended_build_can_not_be_cancelled(museum: Server) -> None:
     build = museum.client.get("/database/builds", params={"venue": "museum"}).json()[0]["build"]
     with museum.unchanged():
-        assert "succeeded" in assert_problem(museum.client.delete(f"/database/builds/{build}"), 409, "conflict")
+        assert "succeeded" in assert_problem(
+            museum.client.delete(f"/database/builds/{build}"), 409, "conflict"
+        )
 
 
 def test_a_venue_takes_its_builds_maps_and_floors_along(museum: Server, scan_zip: bytes) -> None:

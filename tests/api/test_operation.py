@@ -50,7 +50,12 @@ def operations(server: Server) -> list[tuple[str, str]]:
 
 
 def test_every_call_but_health_asks_for_the_key(locked: Server) -> None:
-    wrong = [{}, {"Authorization": "Bearer wrong"}, {"Authorization": f"Basic {KEY}"}, {"Authorization": "Bearer"}]
+    wrong = [
+        {},
+        {"Authorization": "Bearer wrong"},
+        {"Authorization": f"Basic {KEY}"},
+        {"Authorization": "Bearer"},
+    ]
     wrong.append({"Authorization": "Bearer " + KEY.upper()})
     wrong.append({"Authorization": b"Bearer \xff\xfe".decode("latin-1").encode("latin-1")})  # type: ignore[dict-item]
     calls = [call for call in operations(locked) if call[1] not in PUBLIC]
@@ -59,7 +64,10 @@ def test_every_call_but_health_asks_for_the_key(locked: Server) -> None:
         for method, path in calls:
             for headers in wrong:
                 answer = locked.client.request(
-                    method, path.replace("{", "").replace("}", ""), headers=headers, json={"id": "x", "name": "x"}
+                    method,
+                    path.replace("{", "").replace("}", ""),
+                    headers=headers,
+                    json={"id": "x", "name": "x"},
                 )
                 if answer.status_code != 422 or path not in ("/locate", "/database/build"):
                     assert_problem(answer, 401, "unauthenticated")
@@ -110,7 +118,9 @@ def test_an_unexpected_failure_is_a_500_with_its_id_and_no_details(
 
 @pytest.mark.parametrize("declared", [True, False], ids=["declared", "streamed"])
 @pytest.mark.parametrize(
-    ("path", "megabytes"), [("/locate", 2), ("/database/build", 2), ("/venues", 2)], ids=["image", "scan", "json"]
+    ("path", "megabytes"),
+    [("/locate", 2), ("/database/build", 2), ("/venues", 2)],
+    ids=["image", "scan", "json"],
 )
 def test_a_body_over_the_limit_is_refused(small: Server, path: str, megabytes: int, declared: bool) -> None:
     boundary = b"--b\r\nContent-Disposition: form-data; name=%s; filename=x\r\n\r\n"
@@ -206,7 +216,9 @@ def json_bodies() -> list[type[BaseModel]]:
     routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
     hints = (hint for route in routes for hint in typing.get_type_hints(route.endpoint).items())
     return [
-        hint for name, hint in hints if name != "return" and isinstance(hint, type) and issubclass(hint, BaseModel)
+        hint
+        for name, hint in hints
+        if name != "return" and isinstance(hint, type) and issubclass(hint, BaseModel)
     ]
 
 

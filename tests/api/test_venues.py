@@ -79,7 +79,9 @@ def test_venues_that_can_not_be(empty: Server, body: object) -> None:
 def test_a_body_that_is_no_json(empty: Server) -> None:
     with empty.unchanged():
         for content in (b"{", b"\xff\xfe", b"[" * 100_000, b'{"id": "a", "name": "\\ud800"}'):
-            answer = empty.client.post("/venues", content=content, headers={"Content-Type": "application/json"})
+            answer = empty.client.post(
+                "/venues", content=content, headers={"Content-Type": "application/json"}
+            )
             assert answer.status_code in (400, 422)
             assert_problem(answer, answer.status_code)
 
@@ -139,10 +141,18 @@ BAD_TRANSFORMS = {
     "one world point at two places": {
         "correspondences": [{"world": [1, 1, 0], "plan": [2, 2]}, {"world": [1, 1, 0], "plan": [3, 2]}]
     },
-    "NaN pair": {"correspondences": [{"world": [float("nan"), 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]},
-    "huge pair": {"correspondences": [{"world": [10**400, 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]},
-    "words in a pair": {"correspondences": [{"world": ["a", 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]},
-    "4 numbers": {"correspondences": [{"world": [0, 0, 0, 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]},
+    "NaN pair": {
+        "correspondences": [{"world": [float("nan"), 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]
+    },
+    "huge pair": {
+        "correspondences": [{"world": [10**400, 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]
+    },
+    "words in a pair": {
+        "correspondences": [{"world": ["a", 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]
+    },
+    "4 numbers": {
+        "correspondences": [{"world": [0, 0, 0, 0], "plan": [0, 0]}, {"world": [1, 1], "plan": [1, 1]}]
+    },
     "text": {"correspondences": "none"},
 }
 

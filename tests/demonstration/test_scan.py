@@ -48,9 +48,9 @@ def test_the_importer_reads_the_true_poses(tmp_path):
 
 
 def test_workers_write_the_same_bytes(tmp_path):
-    alone = render_wing(tmp_path / "alone", frames=4, workers=1)
-    together = render_wing(tmp_path / "together", frames=4, workers=2)
-    for k in range(4):
+    alone = render_wing(tmp_path / "alone", frames=2, workers=1)
+    together = render_wing(tmp_path / "together", frames=2, workers=2)
+    for k in range(2):
         assert alone.colour_path(k).read_bytes() == together.colour_path(k).read_bytes()
         assert alone.depth_path(k).read_bytes() == together.depth_path(k).read_bytes()
 
@@ -76,8 +76,8 @@ def test_an_interrupted_render_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
 
 def test_another_recipe_replaces_a_render_but_foreign_files_stay(tmp_path):
-    render_wing(tmp_path / "wing", frames=2, workers=1)
-    assert len(list((render_wing(tmp_path / "wing", frames=3, workers=1).directory / "rgb").iterdir())) == 3
+    render_wing(tmp_path / "wing", frames=1, workers=1)
+    assert len(list((render_wing(tmp_path / "wing", frames=2, workers=1).directory / "rgb").iterdir())) == 2
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "photo.jpg").write_bytes(b"precious")
@@ -87,7 +87,7 @@ def test_another_recipe_replaces_a_render_but_foreign_files_stay(tmp_path):
 
 
 def test_queries_come_with_their_true_poses(tmp_path, monkeypatch):
-    queries = render_queries(tmp_path / "queries", 3)
+    queries = render_queries(tmp_path / "queries", 2)
     listed = json.loads((tmp_path / "queries" / "queries.json").read_text())["queries"]
     for query, entry in zip(queries, listed, strict=True):
         assert query.path.is_file()
@@ -97,7 +97,7 @@ def test_queries_come_with_their_true_poses(tmp_path, monkeypatch):
         )
         assert entry["camera"]["params"] == list(query.camera.params)
     forbid_rendering(monkeypatch)
-    again = render_queries(tmp_path / "queries", 3)
+    again = render_queries(tmp_path / "queries", 2)
     assert [q.name for q in again] == [q.name for q in queries]
     with pytest.raises(InvalidInputError, match="Region"):
-        render_queries(tmp_path / "queries", 3, region="moon")
+        render_queries(tmp_path / "queries", 2, region="moon")

@@ -51,10 +51,14 @@ def test_default_intrinsics(tmp_path: Path) -> None:
     write_color(tmp_path / "frame-000000.color.png", 640, 480)
     write_depth(tmp_path / "frame-000000.depth.png", 1000, 640, 480)
     scan = open_scan(tmp_path)
-    assert scan.camera.params == DEFAULT_INTRINSICS == (585, 585, 320, 240)
+    assert scan.camera.params == DEFAULT_INTRINSICS == (525, 525, 320, 240)
+    assert scan.depth.camera is not None
+    assert scan.depth.camera.params == (585, 585, 320, 240)
     assert scan.depth.scale == 1000
     (tmp_path / "camera.txt").write_text("PINHOLE 640 480 525 525 320 240")
-    assert open_scan(tmp_path).camera.params[0] == 525
+    described = open_scan(tmp_path)
+    assert described.camera.params[0] == 525
+    assert described.depth.camera is None
 
 
 def test_poses_are_moved_from_the_depth_camera_to_the_colour_camera(tmp_path: Path) -> None:

@@ -1,0 +1,50 @@
+"""The build worker, held where a test wants it: at the stage that the file `hold` in the data folder names.
+
+It waits there, having written `held`, until `hold` names another stage or is gone. Started by its path, in place
+of `python -m app.jobs.worker`.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+from app.jobs import handlers, worker
+
+POLL_S = 0.01
+
+
+class HeldProgress(handlers.BuildProgress):
+    """Reports as ever, then waits if it is to be held at that stage."""
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Report, wait, and report again: what happened in the meantime counts."""
+        super().report(stage, done, total)
+        if hold_at(stage):
+            super().report(stage, done, total)
+
+
+def hold_at(stage: str) -> bool:
+    """Wait while the file names the stage; return whether it did."""
+    folder = Path(os.environ["ROOMFIX_DATA_DIR"])
+    hold, held = folder / "hold", folder / "held"
+    if not _names(hold, stage):
+        return False
+    held.write_text(stage)
+    while _names(hold, stage):
+        time.sleep(POLL_S)
+    held.unlink(missing_ok=True)
+    return True
+
+
+def _names(path: Path, stage: str) -> bool:
+    try:
+        return path.read_text() == stage
+    except FileNotFoundError:
+        return False
+
+
+if __name__ == "__main__":
+    handlers.BuildProgress = HeldProgress  # type: ignore[misc]
+    worker.main()
