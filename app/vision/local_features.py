@@ -40,11 +40,16 @@ class LocalFeatures:
 
 
 class LocalFeatureExtractor(Protocol):
-    """What finds and describes keypoints. `name` is what a map records; `ratio` its matching threshold."""
+    """What finds and describes keypoints.
+
+    `name` is what a map records, `ratio` its matching threshold, `min_inliers` twice what images of places that
+    are not in a map reach by chance (docs/features.md).
+    """
 
     name: str
     binary: bool
     ratio: float
+    min_inliers: int
     descriptor_size: int
     descriptor_dtype: type[np.uint8] | type[np.float32]
 
@@ -63,6 +68,7 @@ class RootSift:
 
     binary = False
     ratio = 0.85
+    min_inliers = 20
     descriptor_size = 128
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
@@ -92,6 +98,7 @@ class Orb:
 
     binary = True
     ratio = 0.85
+    min_inliers = 40
     descriptor_size = 32
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
@@ -113,6 +120,7 @@ class Akaze:
 
     binary = True
     ratio = 0.85
+    min_inliers = 20
     descriptor_size = 61
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
     name = "akaze"
@@ -131,6 +139,7 @@ class XFeat:
 
     binary = False
     ratio = 1.0
+    min_inliers = 100
     descriptor_size = 64
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.float32
     name = "xfeat"
