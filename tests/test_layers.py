@@ -39,7 +39,7 @@ ONLY_IN = {
     "pydantic_settings": {"settings"},
     "alembic": {"storage"},
     "obstore": {"storage"},
-    "onnxruntime": {"vision"},
+    "onnxruntime": {"vision", "evaluation"},
     "torch": set(),
 }
 GEOMETRY_LIBRARIES = {"numpy", "scipy", "cv2", "poselib"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
 from app.services.build_options import BuildOptions, KeyframeRule
+from app.services.calibrate import calibrate
+from app.services.calibration_curves import Calibration
 from app.services.frame_images import frame_rgb
 from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
 from app.services.progress import Progress, map_in_order
@@ -34,7 +36,10 @@ BLURRED_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True)
 class BuiltMap:
-    """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i)."""
+    """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i).
+
+    `calibration` is where its keyframe thresholds come from, if the options asked for one.
+    """
 
     artifact: MapArtifact
     index: GlobalIndex
@@ -42,6 +47,7 @@ class BuiltMap:
     world_from_scan: Pose
     discarded: dict[str, tuple[str, ...]]
     seconds: dict[str, float] = field(default_factory=dict)
+    calibration: Calibration | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +75,13 @@ def build_map(
     extractor = models.extractor(options.features)
     placed = world_from_scan or scan_placement(options, source)
     poses = [placed @ frame.scan_from_camera for frame in source.frames]
-    wanted = _select(poses, options.keyframes)
-    support = _support(poses, options.keyframes, wanted) if options.refine_depth else []
+    rule, calibration = options.keyframes, None
+    if rule.calibrated:
+        calibration = calibrate(source, options, models, executor, progress)
+        rule = replace(rule, thresholds=calibration.thresholds)
+        clock.lap("calibrate")
+    wanted = _select(poses, rule)
+    support = _support(poses, rule, wanted) if options.refine_depth else []
     clock.lap("select")
     chosen = sorted({*wanted, *support})
     keyframe_rows = set(wanted)
@@ -86,7 +97,8 @@ def build_map(
     artifact, index, kept = _pack(described, usable, points, source, options, models)
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
-    return BuiltMap(artifact, index, frames, placed, {**dict(source.discarded), **left_out}, clock.seconds)
+    discarded = {**dict(source.discarded), **left_out}
+    return BuiltMap(artifact, index, frames, placed, discarded, clock.seconds, calibration)
 
 
 def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:

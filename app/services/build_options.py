@@ -13,7 +13,7 @@ from app.errors import InvalidInputError
 from app.geometry.camera import MODEL_PARAMETERS, Camera
 from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
-from app.vision.keyframes import PoseThresholds, thresholds_for_matches
+from app.vision.keyframes import WANTED_MATCHES, PoseThresholds, thresholds_for_matches
 from app.vision.local_features import FEATURE_NAMES
 
 FORMATS = ("auto", "tum", "7scenes")
@@ -21,16 +21,22 @@ KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "store_images",
 }  # fmt: skip
-KEYFRAME_KEYS = {"rule", "every", "position_m", "attitude_rad"}
+KEYFRAME_KEYS = {"rule", "every", "position_m", "attitude_rad", "thresholds", "wanted_matches"}
+MIN_WANTED, MAX_WANTED = 4.0, 5000.0
 
 
 @dataclass(frozen=True, slots=True)
 class KeyframeRule:
-    """Which frames become keyframes: `pose` (A 2.1) with its thresholds, or `interval` (every n-th frame)."""
+    """Which frames become keyframes: `pose` (A 2.1) with its thresholds, or `interval` (every n-th frame).
+
+    With `calibrated` the thresholds are those of the scan itself, at which `wanted_matches` are left.
+    """
 
     rule: Literal["pose", "interval"] = "pose"
     thresholds: PoseThresholds = thresholds_for_matches()
     every: int = 1
+    calibrated: bool = False
+    wanted_matches: float = WANTED_MATCHES
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +138,7 @@ def _keyframe_rule(value: object) -> KeyframeRule:
         if every is None or every < 1 or every != int(every):
             raise InvalidInputError("keyframes.every must be a whole number of frames, 1 or more.")
         return KeyframeRule("interval", every=int(every))
+    calibrated, wanted = _calibration(value)
     default = thresholds_for_matches()
     position = _number(value.get("position_m"), "keyframes.position_m")
     attitude = _number(value.get("attitude_rad"), "keyframes.attitude_rad")
@@ -141,7 +148,31 @@ def _keyframe_rule(value: object) -> KeyframeRule:
     )
     if min(thresholds.position_m, thresholds.attitude_rad) <= 0:
         raise InvalidInputError("keyframes.position_m and keyframes.attitude_rad must be above zero.")
-    return KeyframeRule("pose", thresholds)
+    return KeyframeRule("pose", thresholds, calibrated=calibrated, wanted_matches=wanted)
+
+
+def _calibration(value: Mapping[str, Any]) -> tuple[bool, float]:
+    """Return whether the thresholds are to be calibrated, and for how many matches."""
+    if value.get("thresholds", "calibrated") != "calibrated":
+        raise InvalidInputError(
+            'keyframes.thresholds takes "calibrated"; numbers go into keyframes.position_m and keyframes.attitude_rad.'
+        )
+    calibrated = "thresholds" in value
+    if calibrated and not {"position_m", "attitude_rad"}.isdisjoint(value):
+        raise InvalidInputError(
+            "keyframes.thresholds: calibrated thresholds leave no room for position_m or attitude_rad."
+        )
+    given = _number(value.get("wanted_matches"), "keyframes.wanted_matches")
+    return calibrated, check_wanted_matches(WANTED_MATCHES if given is None else given)
+
+
+def check_wanted_matches(wanted: float) -> float:
+    """Return a number of matches that can be asked for; raises `InvalidInputError`."""
+    if not MIN_WANTED <= wanted <= MAX_WANTED:
+        raise InvalidInputError(
+            f"keyframes.wanted_matches must be between {MIN_WANTED:g} and {MAX_WANTED:g}."
+        )
+    return wanted
 
 
 def _gravity(value: object) -> tuple[float, float, float] | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,68 +12,66 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
-from app.geometry.epipolar import filter_by_fundamental_matrix
 from app.geometry.focal import search_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.verification import Evidence, Limits, Reason, confidence_of, gather_evidence, judge
+from app.services.matches import Matches, QueryMatcher
+from app.services.retrieval import Retrieval
+from app.services.verification import (
+    Evidence,
+    Limits,
+    Reason,
+    confidence_of,
+    coverage,
+    gather_evidence,
+    judge,
+)
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArtifact
 from app.vision.images import Rgb, measure_quality, to_gray
 from app.vision.index import GlobalIndex
-from app.vision.local_features import LocalFeatures
-from app.vision.matching import match_unit_vectors, to_unit_vectors
 
-# Keyframes further from the pose than this, or looking elsewhere, share nothing with the query.
-COVISIBLE_RADIUS_M = 5.0
-COVISIBLE_COSINE = 0.5
+# Two poses nearer than this, in both respects, are one place.
+SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
+# A rival below this share of the best pose's features is not worth a closer look.
+RIVAL_SHARE = 0.1
+MIN_RIVAL_INLIERS = 8
+# A first pose with this many times the inliers that are asked for, spread over this share of the image, gets no
+# better by more keyframes (measured: docs/features.md).
+CONVINCING_INLIERS, CONVINCING_COVERAGE = 5, 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class LocalizerSettings:
     """How to localize. The defaults are the measured best (docs/features.md); `PAPER` is paper A's pipeline.
 
-    `max_error` is the inlier limit as an angle (tangent): pixels over focal length.
+    `keyframes` are matched for their looks, then up to `other_places` more that look alike but show other
+    places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
+    may prove that the place is not unique. `max_error` is the inlier limit as an angle (tangent):
+    pixels over focal length. Without `limits` those of the map's features hold.
     """
 
     keyframes: int = 10
+    other_places: int = 4
+    look_alikes: int = 6
     covisible: int = 10
     max_error: float = 6.0 / 525.0
     estimator: Literal["lo_ransac", "epnp_lm"] = "lo_ransac"
     fundamental_filter: bool = False
-    limits: Limits = Limits()
+    limits: Limits | None = None
 
 
 # Paper A, 2.3: the best keyframe alone, fundamental-matrix RANSAC, EPnP and Levenberg-Marquardt, no abstention
 # beyond what the estimator needs.
 PAPER = LocalizerSettings(
-    keyframes=1, covisible=0, estimator="epnp_lm", fundamental_filter=True, limits=Limits.none()
+    keyframes=1,
+    other_places=0,
+    look_alikes=0,
+    covisible=0,
+    estimator="epnp_lm",
+    fundamental_filter=True,
+    limits=Limits.none(),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Matches:
-    """Matches of one query with several keyframes, merged: pixels (n, 2), points (n, 3), their sigma (n,), rows
-    of the query's features (n,), and keyframes (n,)."""
-
-    points_px: NDArray[np.float64]
-    points_in_world: NDArray[np.float64]
-    sigma_m: NDArray[np.float64]
-    query_rows: NDArray[np.intp]
-    keyframes: NDArray[np.intp]
-
-    def __len__(self) -> int:
-        return len(self.points_px)
-
-    def take(self, mask: NDArray[np.bool_]) -> Matches:
-        """Return the matches that the mask (n,) marks."""
-        return Matches(
-            self.points_px[mask],
-            self.points_in_world[mask],
-            self.sigma_m[mask],
-            self.query_rows[mask],
-            self.keyframes[mask],
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +102,24 @@ class Localization:
     timings_ms: dict[str, float]
 
 
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """A pose and the matches that it was estimated from."""
+
+    estimate: PnpEstimate
+    matches: Matches
+
+    @property
+    def inliers(self) -> Matches:
+        """The matches that agree with the pose."""
+        return self.matches.take(self.estimate.inlier_mask)
+
+    @property
+    def rest(self) -> Matches:
+        """The matches that don't."""
+        return self.matches.take(~self.estimate.inlier_mask)
+
+
 class Localizer:
     """Localizes frames in one map. Stateless between calls, safe to share between threads."""
 
@@ -118,10 +133,11 @@ class Localizer:
         models.check_descriptor(artifact.metadata.descriptor_sha256)
         self.artifact = artifact
         self.index = index
+        self._retrieval = Retrieval(artifact, index)
         self._descriptor = models.global_descriptor
         self._extractor = models.extractor(artifact.metadata.features)
         self._settings = settings or LocalizerSettings()
-        self._axes = np.stack([artifact.pose(i).rotation[:, 2] for i in range(artifact.keyframe_count)])
+        self._limits = self._settings.limits or Limits(min_inliers=self._extractor.min_inliers)
 
     def localize(
         self, rgb: Rgb, camera: Camera | None, allowed: NDArray[np.int64] | None = None
@@ -132,79 +148,121 @@ class Localizer:
         """
         timer = StageTimer()
         gray = to_gray(rgb)
-        features = self._extractor.extract(gray)
+        query = QueryMatcher(gray, self.artifact, self._extractor, self._settings.fundamental_filter)
         descriptor = self._descriptor.describe(rgb)
         timer.lap("describe")
-        retrieved, _ = self.index.search(descriptor, self._settings.keyframes, allowed)
+        settings = self._settings
+        similar = self._retrieval.similar(descriptor, settings.keyframes, settings.other_places, allowed)
         timer.lap("retrieve")
-        if len(features) < 8 and measure_quality(gray).is_poor:
-            return _nothing("poor_image", timer)
-        unit = to_unit_vectors(features.descriptors, self._extractor.binary)
-        matches = self._match_all(features, unit, [int(i) for i in retrieved])
+        matches = query.match(similar)
         timer.lap("match")
-        camera = camera or self._search_camera(matches, rgb)
-        if camera is None:
-            return _nothing("no_match", timer, len(np.unique(matches.query_rows)))
-        estimate = self._estimate(matches, camera)
-        timer.lap("pose")
-        if estimate is not None and self._settings.covisible:
-            more = self._covisible(estimate.world_from_camera, set(retrieved.tolist()), allowed)
-            matches = _merge([matches, self._match_all(features, unit, more)])
-            timer.lap("match")
-            estimate = self._estimate(matches, camera, estimate.world_from_camera)
-        result = self._conclude(matches, estimate, camera, timer)
+        result = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
         if result.reason == "no_match" and measure_quality(gray).is_poor:
-            return _nothing("poor_image", timer)
+            return replace(result, reason="poor_image")
         return result
 
-    def _search_camera(self, matches: Matches, rgb: Rgb) -> Camera | None:
-        height, width = rgb.shape[:2]
+    def _locate(
+        self,
+        query: QueryMatcher,
+        matches: Matches,
+        camera: Camera | None,
+        size: tuple[int, ...],
+        allowed: NDArray[np.int64] | None,
+        timer: StageTimer,
+    ) -> Localization:
+        camera = camera or self._search_camera(matches, size)
+        if camera is None:
+            timer.lap("pose")
+            return _nothing("no_match", timer, matches.feature_count)
+        best = self._hypothesis(query, matches, camera, allowed, timer)
+        if best is None:
+            return _nothing("no_match", timer, matches.feature_count, camera)
+        rival = self._rival(query, best, camera, allowed, timer)
+        if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
+            best, rival = rival, best
+        return self._conclude(best, rival, camera, timer)
+
+    def _search_camera(self, matches: Matches, size: tuple[int, ...]) -> Camera | None:
+        height, width = size
         return search_camera(
             matches.points_px,
             matches.points_in_world,
             width,
             height,
             self._settings.max_error,
-            max(self._settings.limits.min_inliers, 8),
+            max(self._limits.min_inliers, 8),
         )
 
-    def _match_all(
-        self, features: LocalFeatures, unit: NDArray[np.float32], keyframes: Sequence[int]
-    ) -> Matches:
-        return _merge([self._match(features, unit, keyframe) for keyframe in keyframes])
+    def _hypothesis(
+        self,
+        query: QueryMatcher,
+        matches: Matches,
+        camera: Camera,
+        allowed: NDArray[np.int64] | None,
+        timer: StageTimer,
+        rival: PnpEstimate | None = None,
+    ) -> Hypothesis | None:
+        """Return the pose that most matches agree on, or refine the one of a rival.
 
-    def _match(self, features: LocalFeatures, unit: NDArray[np.float32], keyframe: int) -> Matches:
-        arrays, rows = self.artifact.arrays, self.artifact.rows(keyframe)
-        theirs = to_unit_vectors(arrays.descriptors[rows], self._extractor.binary)
-        a, b, _ = match_unit_vectors(unit, theirs, self._extractor.ratio, self._extractor.binary)
-        if self._settings.fundamental_filter:
-            good = filter_by_fundamental_matrix(
-                features.keypoints_px[a], arrays.keypoints_px[rows][b], estimator="ransac"
-            )
-            a, b = a[good], b[good]
-        return Matches(
-            features.keypoints_px[a].astype(np.float64),
-            arrays.points_in_world[rows][b].astype(np.float64),
-            arrays.point_sigma_m[rows][b].astype(np.float64),
-            a,
-            np.full(len(a), keyframe, dtype=np.intp),
+        Unless the first estimate is convincing it is made again, with the keyframes that must see the same by it:
+        what retrieval missed is not lost. A rival always is, to be judged by all that speaks for it.
+        """
+        first = rival or self._estimate(matches, camera)
+        timer.lap("pose")
+        if first is None:
+            return None
+        found = Hypothesis(first, matches)
+        if not self._settings.covisible or (rival is None and self._is_convincing(found, camera)):
+            return found
+        more = self._retrieval.covisible(
+            first.world_from_camera, self._settings.covisible, query.matched, allowed
         )
+        matches = Matches.merge([matches, query.match(more)])
+        timer.lap("match")
+        second = self._estimate(matches, camera, first.world_from_camera)
+        timer.lap("pose")
+        return None if second is None else Hypothesis(second, matches)
 
-    def _covisible(
-        self, world_from_camera: Pose, known: set[int], allowed: NDArray[np.int64] | None
-    ) -> list[int]:
-        """Return further keyframes that see what the pose sees, nearest first."""
-        distances = np.linalg.norm(self.artifact.arrays.positions - world_from_camera.translation, axis=1)
-        cosines = self._axes @ world_from_camera.rotation[:, 2]
-        cost = distances + 2.0 * (1.0 - cosines)
-        cost[(distances > COVISIBLE_RADIUS_M) | (cosines < COVISIBLE_COSINE)] = np.inf
-        cost[list(known)] = np.inf
-        if allowed is not None:
-            outside = np.ones(len(cost), dtype=bool)
-            outside[allowed] = False
-            cost[outside] = np.inf
-        order = np.argsort(cost)[: self._settings.covisible]
-        return [int(i) for i in order if np.isfinite(cost[i])]
+    def _is_convincing(self, found: Hypothesis, camera: Camera) -> bool:
+        inliers = found.inliers
+        enough = inliers.feature_count >= CONVINCING_INLIERS * self._limits.min_inliers
+        return enough and coverage(inliers.points_px, (camera.width, camera.height)) >= CONVINCING_COVERAGE
+
+    def _rival(
+        self,
+        query: QueryMatcher,
+        best: Hypothesis,
+        camera: Camera,
+        allowed: NDArray[np.int64] | None,
+        timer: StageTimer,
+    ) -> Hypothesis | None:
+        """Return the best other place that explains matches which the best pose doesn't, on equal terms.
+
+        Places that look like the best keyframes are matched for it, whether retrieval found them or not.
+        """
+        if self._settings.look_alikes:
+            twins = [
+                twin
+                for vote in _votes(best.matches, best.inliers)[:2]
+                for twin in self._retrieval.look_alikes(vote.keyframe, self._settings.look_alikes)
+            ]
+            if allowed is not None:
+                twins = [twin for twin in twins if twin in set(allowed.tolist())]
+            rest = Matches.merge([best.rest, query.match(twins)])
+            timer.lap("match")
+        else:
+            rest = best.rest
+        needed = max(MIN_RIVAL_INLIERS, RIVAL_SHARE * best.inliers.feature_count)
+        if self._limits.max_rival_share >= 1.0 or len(rest) < needed:
+            return None
+        # A rival that matters holds a third of what is left or more: 300 samples of three find it.
+        first = self._estimate(rest, camera, max_iterations=300)
+        if first is None or _same_place(first, best.estimate):
+            return None
+        if rest.take(first.inlier_mask).feature_count < needed:
+            return None
+        rival = self._hypothesis(query, rest, camera, allowed, timer, first)
+        return None if rival is None or _same_place(rival.estimate, best.estimate) else rival
 
     def _estimate(
         self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int = 5000
@@ -224,58 +282,27 @@ class Localizer:
         )
 
     def _conclude(
-        self, matches: Matches, estimate: PnpEstimate | None, camera: Camera, timer: StageTimer
+        self, best: Hypothesis, rival: Hypothesis | None, camera: Camera, timer: StageTimer
     ) -> Localization:
-        if estimate is None:
-            timer.lap("pose")
-            return _nothing("no_match", timer, len(np.unique(matches.query_rows)), camera)
-        inliers = matches.take(estimate.inlier_mask)
-        rival = self._rival(matches, estimate, camera)
+        pose, inliers = best.estimate.world_from_camera, best.inliers
         evidence = gather_evidence(
-            matches.query_rows,
+            best.matches.query_rows,
             inliers.query_rows,
             inliers.points_px,
-            rival,
+            np.zeros(0, np.intp) if rival is None else rival.inliers.query_rows,
             (camera.width, camera.height),
-            self._distance_to_keyframes(estimate.world_from_camera),
+            self._retrieval.distance_m(pose),
         )
-        position_m, orientation_deg = _accuracy(inliers, camera, estimate.world_from_camera)
-        reason = judge(evidence, position_m, self._settings.limits)
-        votes = _votes(matches, inliers)
+        position_m, orientation_deg = _accuracy(inliers, camera, pose)
+        reason = judge(evidence, position_m, self._limits)
+        votes = _votes(best.matches, inliers)
         timer.lap("pose")
         if reason is not None:
             return Localization(None, reason, evidence, None, None, 0.0, votes, camera, timer.milliseconds)
+        confidence = confidence_of(evidence)
         return Localization(
-            estimate.world_from_camera,
-            None,
-            evidence,
-            position_m,
-            orientation_deg,
-            confidence_of(evidence),
-            votes,
-            camera,
-            timer.milliseconds,
+            pose, None, evidence, position_m, orientation_deg, confidence, votes, camera, timer.milliseconds
         )
-
-    def _rival(self, matches: Matches, best: PnpEstimate, camera: Camera) -> int:
-        """Return how many query features support another, distinct pose: a look-alike place."""
-        rest = matches.take(~best.inlier_mask)
-        needed = self._settings.limits.min_inliers
-        if len(rest) < needed or self._settings.limits.max_rival_share >= 1.0:
-            return 0
-        # A rival that matters holds a third of what is left or more: 300 samples of three find it.
-        other = self._estimate(rest, camera, max_iterations=300)
-        if other is None:
-            return 0
-        apart = np.linalg.norm(other.world_from_camera.translation - best.world_from_camera.translation)
-        cosine = float(other.world_from_camera.rotation[:, 2] @ best.world_from_camera.rotation[:, 2])
-        if apart < 0.5 and cosine > np.cos(np.radians(15)):
-            return 0
-        return len(np.unique(rest.query_rows[other.inlier_mask]))
-
-    def _distance_to_keyframes(self, world_from_camera: Pose) -> float:
-        offsets = self.artifact.arrays.positions - world_from_camera.translation
-        return float(np.sqrt((offsets**2).sum(axis=1).min()))
 
 
 class StageTimer:
@@ -292,18 +319,10 @@ class StageTimer:
         self._last = now
 
 
-def _merge(parts: Sequence[Matches]) -> Matches:
-    if not parts:
-        return Matches(
-            np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, np.intp)
-        )
-    return Matches(
-        np.concatenate([part.points_px for part in parts]),
-        np.concatenate([part.points_in_world for part in parts]),
-        np.concatenate([part.sigma_m for part in parts]),
-        np.concatenate([part.query_rows for part in parts]),
-        np.concatenate([part.keyframes for part in parts]),
-    )
+def _same_place(a: PnpEstimate, b: PnpEstimate) -> bool:
+    one, other = a.world_from_camera, b.world_from_camera
+    apart_m = float(np.linalg.norm(one.translation - other.translation))
+    return apart_m < SAME_PLACE_M and float(one.rotation[:, 2] @ other.rotation[:, 2]) > SAME_PLACE_COSINE
 
 
 def _accuracy(inliers: Matches, camera: Camera, pose: Pose) -> tuple[float, float]:

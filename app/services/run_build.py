@@ -192,6 +192,8 @@ def _publish(
         "placement": {"source": placement.source, **placement.figures},
         "self_check": check.as_dict(),
     }
+    if built.calibration is not None:
+        report["calibration"] = built.calibration.as_dict(points=False)
     progress.report("publish", 0, 1)
     with resources.database.write() as connection:
         # Once more with the lock: a cancellation that was acknowledged counts, however late it came.

@@ -19,13 +19,16 @@ class Evidence:
 
     `inliers` and `matches` count features of the query, each once however many keyframes it was matched in.
     `coverage` is the share of an 8 x 6 grid over the image that holds inliers; `rival` the inliers of the best
-    other pose; `keyframe_distance_m` how far the nearest keyframe is.
+    other pose, `rival_only` those that the pose doesn't explain, `pose_only` the inliers that the rival doesn't;
+    `keyframe_distance_m` how far the nearest keyframe is.
     """
 
     matches: int
     inliers: int
     coverage: float
     rival: int
+    rival_only: int
+    pose_only: int
     keyframe_distance_m: float
 
     @property
@@ -36,7 +39,7 @@ class Evidence:
     @staticmethod
     def none(matches: int = 0) -> Evidence:
         """Return the evidence for no pose at all."""
-        return Evidence(matches, 0, 0.0, 0, float("inf"))
+        return Evidence(matches, 0, 0.0, 0, 0, 0, float("inf"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +49,8 @@ class Limits:
 
     min_inliers: int = 20
     min_inlier_ratio: float = 0.12
-    min_coverage: float = 0.08
-    max_rival_share: float = 0.6
+    min_coverage: float = 0.15
+    max_rival_share: float = 0.5
     max_position_sigma_m: float = 0.25
     max_keyframe_distance_m: float = 12.0
 
@@ -61,22 +64,28 @@ def gather_evidence(
     matched_rows: NDArray[np.intp],
     inlier_rows: NDArray[np.intp],
     inlier_px: NDArray[np.float64],
-    rival: int,
+    rival_rows: NDArray[np.intp],
     size_px: tuple[int, int],
     keyframe_distance_m: float,
 ) -> Evidence:
-    """Return the evidence from the rows of the query's features that were matched (m,) and agree (n,), and the
-    pixels (n, 2) of the latter in an image of `size_px` (width, height)."""
-    cells = np.floor(inlier_px / np.array(size_px) * GRID).astype(int)
-    cells = np.clip(cells, 0, np.array(GRID) - 1)
-    filled = len(np.unique(cells[:, 0] * GRID[1] + cells[:, 1]))
+    """Return the evidence from the rows of the query's features that were matched (m,), agree (n,), and agree
+    with a rival (r,), and the pixels (n, 2) of those that agree, in an image of `size_px` (width, height)."""
     return Evidence(
         len(np.unique(matched_rows)),
         len(np.unique(inlier_rows)),
-        filled / (GRID[0] * GRID[1]),
-        rival,
+        coverage(inlier_px, size_px),
+        len(np.unique(rival_rows)),
+        len(np.setdiff1d(rival_rows, inlier_rows)),
+        len(np.setdiff1d(inlier_rows, rival_rows)),
         keyframe_distance_m,
     )
+
+
+def coverage(points_px: NDArray[np.float64], size_px: tuple[int, int]) -> float:
+    """Return the share of the cells of an 8 x 6 grid over an image (width, height) that hold points (n, 2)."""
+    cells = np.floor(points_px / np.array(size_px) * GRID).astype(int)
+    cells = np.clip(cells, 0, np.array(GRID) - 1)
+    return len(np.unique(cells[:, 0] * GRID[1] + cells[:, 1])) / (GRID[0] * GRID[1])
 
 
 def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason | None:

@@ -134,7 +134,7 @@ def _view(data: NDArray[np.uint8], start: int, entry: Mapping[str, Any]) -> NDAr
     dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
     first = start + entry["offset"]
     size = int(np.prod(shape)) * dtype.itemsize
-    if first + size > len(data):
+    if min((*shape, entry["offset"])) < 0 or first + size > len(data):
         raise MapArtifactError("The map artefact is cut short.")
     return np.asarray(data[first : first + size].view(dtype).reshape(shape))
 

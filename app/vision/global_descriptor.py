@@ -30,10 +30,14 @@ class GlobalDescriptor:
             raise InvalidInputError(f"There is no global descriptor model at {path}.")
         self.sha256 = model_sha256(path)
         self._size_px = (width, height)
-        self._session = open_session(path, threads)
-        self._input = self._session.get_inputs()[0].name
-        probe = self.describe(np.zeros((height, width, 3), np.uint8))
-        self.size = len(probe)
+        try:
+            self._session = open_session(path, threads)
+            self._input = self._session.get_inputs()[0].name
+            self.size = len(self.describe(np.zeros((height, width, 3), np.uint8)))
+        except Exception as error:  # those of ONNX Runtime have no class in common
+            raise InvalidInputError(
+                f"{path} is not a model that describes {width} x {height} images."
+            ) from error
 
     def describe(self, rgb: Rgb) -> NDArray[np.float32]:
         """Return the descriptor (d,), of unit length, of an RGB image (height, width, 3)."""

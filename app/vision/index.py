@@ -44,6 +44,10 @@ class GlobalIndex:
         """The descriptors (n, d)."""
         return np.asarray(self._index.reconstruct_n(0, len(self)), dtype=np.float32)
 
+    def descriptor(self, row: int) -> NDArray[np.float32]:
+        """Return the descriptor (d,) of one keyframe."""
+        return np.asarray(self._index.reconstruct(row), dtype=np.float32)
+
     def search(
         self, descriptor: NDArray[np.float32], k: int, allowed: NDArray[np.int64] | None = None
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:

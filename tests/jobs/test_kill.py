@@ -335,8 +335,8 @@ def test_a_server_killed_in_an_upload_leaves_nothing(tmp_path: Path, scan: bytes
             process.wait()
             yield scan[len(scan) // 2 :]
 
+        kind = {"Content-Type": "multipart/form-data; boundary=b"}
         with pytest.raises(httpx.TransportError):
-            kind = {"Content-Type": "multipart/form-data; boundary=b"}
             server.client.post("/database/build", content=half_an_upload(), headers=kind)
     with live(tmp_path) as (_, server):
         site = Site(server, scan, views[3])

@@ -1,0 +1,205 @@
+"""From counted pairs of frames to fitted curves and keyframe thresholds (A 2.1, eq. 1-3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidScanError
+from app.vision.keyframes import PoseThresholds, PowerLaw, thresholds_for_matches
+from app.vision.power_law import Reached, fit_power_law, rmse, threshold_within
+
+Array = NDArray[np.float64]
+
+# Smaller differences are within the noise of a tracked pose.
+MIN_POSITION_M, MIN_ATTITUDE_RAD = 0.01, 0.01
+# A curve is fitted to this many pairs at least; where few are alike enough, the most alike ones are taken.
+MIN_PAIRS, ENOUGH_PAIRS = 12, 40
+# The two thresholds depend on each other a little; a few rounds settle them to a percent.
+ROUNDS, SETTLED = 12, 0.01
+# Held-back pairs whose difference is within this factor of the threshold tell what is left there.
+AROUND_THRESHOLD = 1.25
+
+
+@dataclass(frozen=True, slots=True)
+class PairCounts:
+    """Pairs of frames: position (m) and attitude (rad) differences, verified matches, and whether a pair is held
+    back from the fit, all (n,)."""
+
+    position_m: Array
+    attitude_rad: Array
+    matches: NDArray[np.int64]
+    held_back: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class FittedCurve:
+    """One curve: matches over a difference in metres or radians.
+
+    `other_limit` is how large the other difference of its pairs may be; `range` spans the differences of the
+    pairs of the fit; the errors are in matches. `left_at_threshold` is the median count of the held-back pairs
+    around the threshold, None where there are too few. `differences`, `matches` and `held_back` are the pairs.
+    """
+
+    curve: PowerLaw
+    threshold: float
+    reached: Reached
+    range: tuple[float, float]
+    other_limit: float
+    rmse_fit: float
+    rmse_validation: float | None
+    left_at_threshold: float | None
+    differences: Array
+    matches: NDArray[np.int64]
+    held_back: NDArray[np.bool_]
+
+    def as_dict(self, points: bool = True) -> dict[str, Any]:
+        """Return the figures for JSON, with the data points if wanted."""
+        figures: dict[str, Any] = {
+            "a": round(self.curve.a, 4),
+            "b": round(self.curve.b, 4),
+            "rmse_fit": round(self.rmse_fit, 2),
+            "rmse_validation": _rounded(self.rmse_validation, 2),
+            "pairs_fit": int((~self.held_back).sum()),
+            "pairs_validation": int(self.held_back.sum()),
+            "threshold": round(self.threshold, 4),
+            "reached": self.reached,
+            "left_at_threshold": _rounded(self.left_at_threshold, 1),
+            "range": [round(value, 4) for value in self.range],
+            "other_limit": round(self.other_limit, 4),
+        }
+        if points:
+            figures["points"] = [
+                {"difference": round(float(x), 4), "matches": int(y), "held_back": bool(held)}
+                for x, y, held in zip(self.differences, self.matches, self.held_back, strict=True)
+            ]
+        return figures
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Both curves of a scan and the thresholds that follow; `warnings` are sentences for people."""
+
+    wanted_matches: float
+    features: str
+    frames: int
+    position: FittedCurve
+    attitude: FittedCurve
+    warnings: tuple[str, ...]
+
+    @property
+    def thresholds(self) -> PoseThresholds:
+        """The pose differences at which the wanted matches are left."""
+        return PoseThresholds(self.position.threshold, self.attitude.threshold)
+
+    def as_dict(self, points: bool = True) -> dict[str, Any]:
+        """Return the figures for JSON, with the data points if wanted."""
+        return {
+            "wanted_matches": self.wanted_matches,
+            "features": self.features,
+            "frames": self.frames,
+            "thresholds": {
+                "position_m": round(self.thresholds.position_m, 4),
+                "attitude_rad": round(self.thresholds.attitude_rad, 4),
+            },
+            "position": self.position.as_dict(points),
+            "attitude": self.attitude.as_dict(points),
+            "warnings": list(self.warnings),
+        }
+
+
+def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> Calibration:
+    """Fit both curves and derive the thresholds that leave `wanted` matches (A eq. 1-3).
+
+    In a hand-held scan position and attitude change together, and a curve over all pairs says more about the
+    walk than about the camera: two frames a metre apart mostly look elsewhere, too. A frame is dropped when it
+    is close to a keyframe in *both* respects. So the position curve is fitted to the pairs whose attitudes
+    differ by no more than the attitude threshold, and the attitude curve to those whose positions differ by no
+    more than the position threshold: the two are found in turns, from the paper's thresholds on, until they
+    settle. Each curve then tells what is left at that edge of the box, on average over the box.
+
+    Raises `InvalidScanError` when there are too few pairs, or none with a verified match.
+    """
+    if not np.any(pairs.matches[~pairs.held_back] > 0):
+        raise InvalidScanError(
+            "No two frames of the scan have a match that its depth and poses confirm: check camera, depth_scale "
+            "and the poses."
+        )
+    start = thresholds_for_matches()
+    limits = np.array([start.position_m, start.attitude_rad])
+    for _ in range(ROUNDS):
+        position = _fit(pairs, pairs.position_m, MIN_POSITION_M, pairs.attitude_rad, limits[1], wanted)
+        attitude = _fit(pairs, pairs.attitude_rad, MIN_ATTITUDE_RAD, pairs.position_m, limits[0], wanted)
+        # The geometric mean with the last round keeps the two from swinging.
+        settled = np.sqrt(limits * [position.threshold, attitude.threshold])
+        change = np.max(np.abs(np.log(settled / limits)))
+        limits = settled
+        if change < SETTLED:
+            break
+    notes = [*_warnings(position, wanted, "position", "m"), *_warnings(attitude, wanted, "attitude", "rad")]
+    return Calibration(wanted, features, frames, position, attitude, tuple(notes))
+
+
+def _fit(
+    pairs: PairCounts, difference: Array, smallest: float, other: Array, limit: float, wanted: float
+) -> FittedCurve:
+    distinct = difference >= smallest
+    limit = _limit_for_enough(other[distinct & ~pairs.held_back], limit)
+    chosen = distinct & (other <= limit)
+    x, y, held = difference[chosen], pairs.matches[chosen], pairs.held_back[chosen]
+    if (~held).sum() < MIN_PAIRS:
+        raise InvalidScanError(
+            f"The scan has only {int((~held).sum())} pairs of frames to fit a curve to, and {MIN_PAIRS} are "
+            "needed: scan more frames, or give keyframes.position_m and keyframes.attitude_rad."
+        )
+    curve = fit_power_law(x[~held], y[~held], wanted)
+    span = float(x[~held].min()), float(x[~held].max())
+    threshold = threshold_within(curve, wanted, *span)
+    error = rmse(curve, x[~held], y[~held])
+    return FittedCurve(
+        curve,
+        threshold.value,
+        threshold.reached,
+        span,
+        limit,
+        0.0 if error is None else error,
+        rmse(curve, x[held], y[held]),
+        _left_around(threshold.value, x[held], y[held]),
+        x,
+        y,
+        held,
+    )
+
+
+def _limit_for_enough(other: Array, limit: float) -> float:
+    """Return the limit, raised where fewer than `ENOUGH_PAIRS` pairs are below it."""
+    if len(other) == 0:
+        return limit
+    return max(limit, float(np.sort(other)[min(ENOUGH_PAIRS, len(other)) - 1]))
+
+
+def _left_around(threshold: float, x: Array, matches: NDArray[np.int64]) -> float | None:
+    near = np.abs(np.log(x / threshold)) < np.log(AROUND_THRESHOLD)
+    return float(np.median(matches[near])) if near.sum() >= 3 else None
+
+
+def _warnings(fit: FittedCurve, wanted: float, name: str, unit: str) -> Sequence[str]:
+    if fit.reached == "beyond":
+        return [
+            f"Frames as far apart in {name} as the scan has them ({fit.range[1]:.3g} {unit}) still share more than "
+            f"{wanted:g} matches; the threshold is that difference."
+        ]
+    if fit.reached == "below":
+        return [
+            f"Even frames that differ by {fit.range[0]:.3g} {unit} in {name} share fewer than {wanted:g} matches; "
+            "the threshold is that difference. Ask for fewer matches, or use other features."
+        ]
+    return []
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

@@ -1,0 +1,98 @@
+"""Matches of one query with keyframes of a map, merged into one set of pixels and world points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.epipolar import filter_by_fundamental_matrix
+from app.storage.map_artifact import MapArtifact
+from app.vision.images import Gray
+from app.vision.local_features import LocalFeatureExtractor
+from app.vision.matching import match_unit_vectors, to_unit_vectors
+
+
+@dataclass(frozen=True, slots=True)
+class Matches:
+    """Matches of one query with several keyframes: pixels (n, 2), world points (n, 3), their sigma (n,), rows of
+    the query's features (n,), and keyframes (n,)."""
+
+    points_px: NDArray[np.float64]
+    points_in_world: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    query_rows: NDArray[np.intp]
+    keyframes: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.points_px)
+
+    @property
+    def feature_count(self) -> int:
+        """How many of the query's features are matched, each counted once."""
+        return len(np.unique(self.query_rows))
+
+    def take(self, mask: NDArray[np.bool_]) -> Matches:
+        """Return the matches that the mask (n,) marks."""
+        return Matches(
+            self.points_px[mask],
+            self.points_in_world[mask],
+            self.sigma_m[mask],
+            self.query_rows[mask],
+            self.keyframes[mask],
+        )
+
+    @staticmethod
+    def merge(parts: Sequence[Matches]) -> Matches:
+        """Return the matches of all parts."""
+        if not parts:
+            none = np.zeros(0, np.intp)
+            return Matches(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), none, none)
+        return Matches(
+            np.concatenate([part.points_px for part in parts]),
+            np.concatenate([part.points_in_world for part in parts]),
+            np.concatenate([part.sigma_m for part in parts]),
+            np.concatenate([part.query_rows for part in parts]),
+            np.concatenate([part.keyframes for part in parts]),
+        )
+
+
+class QueryMatcher:
+    """Matches the features of one query with keyframes, each keyframe once."""
+
+    def __init__(
+        self, gray: Gray, artifact: MapArtifact, extractor: LocalFeatureExtractor, fundamental_filter: bool
+    ) -> None:
+        features = extractor.extract(gray)
+        self.feature_count = len(features)
+        self.matched: set[int] = set()
+        self._keypoints_px = features.keypoints_px
+        self._unit = to_unit_vectors(features.descriptors, extractor.binary)
+        self._artifact = artifact
+        self._extractor = extractor
+        self._fundamental_filter = fundamental_filter
+
+    def match(self, keyframes: Sequence[int]) -> Matches:
+        """Return the merged matches with the keyframes among these that were not matched before."""
+        new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self.matched]
+        self.matched.update(new)
+        return Matches.merge([self._match(keyframe) for keyframe in new])
+
+    def _match(self, keyframe: int) -> Matches:
+        arrays, rows = self._artifact.arrays, self._artifact.rows(keyframe)
+        theirs = to_unit_vectors(arrays.descriptors[rows], self._extractor.binary)
+        a, b, _ = match_unit_vectors(self._unit, theirs, self._extractor.ratio, self._extractor.binary)
+        if self._fundamental_filter:
+            good = filter_by_fundamental_matrix(
+                self._keypoints_px[a], arrays.keypoints_px[rows][b], estimator="ransac"
+            )
+            a, b = a[good], b[good]
+        return Matches(
+            self._keypoints_px[a].astype(np.float64),
+            arrays.points_in_world[rows][b].astype(np.float64),
+            arrays.point_sigma_m[rows][b].astype(np.float64),
+            a,
+            np.full(len(a), keyframe, dtype=np.intp),
+        )
