@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import database, floors, health, locate, maps, venues
+from app.api import calibrate, database, floors, health, locate, maps, venues
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -21,6 +23,7 @@ from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
+from app.storage.venues import list_venues
 from app.web.pages import install_pages
 
 DESCRIPTION = (
@@ -44,6 +47,10 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         library = MapLibrary(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
         app.state.roomfix = AppState(resources, LocateService(resources, library), executor, builds, metrics)
+        with resources.database.read() as connection:
+            warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
+        # Kept, since a task that nothing refers to may be collected before it has run.
+        app.state.warming = asyncio.ensure_future(warming)
         builds.start()
         try:
             yield
@@ -61,7 +68,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         redoc_url=None,
     )
     for router in (
-        locate.router, venues.router, floors.router, maps.router, database.router, health.router,
+        locate.router, venues.router, floors.router, maps.router, database.router, calibrate.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)

@@ -39,7 +39,7 @@ class AccuracyBody(BaseModel):
 
 
 class KeyframeBody(BaseModel):
-    """A keyframe that was matched."""
+    """A keyframe that agrees with the pose."""
 
     keyframe: int
     matches: int
@@ -111,21 +111,34 @@ def body_of(result: LocateResult) -> LocateBody:
         pose=PoseBody.of(pose) if pose is not None else None,
         plan=None
         if plan is None
-        else PlanBody(x=plan.x, y=plan.y, heading_deg=plan.heading_deg, u_px=plan.u_px, v_px=plan.v_px),
+        else PlanBody(
+            x=round(plan.x, 4),
+            y=round(plan.y, 4),
+            heading_deg=round(plan.heading_deg, 3),
+            u_px=_rounded(plan.u_px, 2),
+            v_px=_rounded(plan.v_px, 2),
+        ),
         accuracy=None
         if result.position_m is None or result.orientation_deg is None
-        else AccuracyBody(position_m=result.position_m, orientation_deg=result.orientation_deg),
+        else AccuracyBody(
+            position_m=round(result.position_m, 5), orientation_deg=round(result.orientation_deg, 4)
+        ),
         confidence=round(result.confidence, 4),
         inliers=result.inliers,
         matches=result.matches,
         keyframes=[
             KeyframeBody(keyframe=vote.keyframe, matches=vote.matches, inliers=vote.inliers)
             for vote in result.keyframes
+            if vote.inliers
         ],
         camera=None if result.camera is None else CameraBody.of(result.camera, result.camera_source),
         narrowed=result.narrowed,
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
     )
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
 
 
 def _camera(text: str | None) -> Camera | tuple[float, ...] | None:

@@ -33,8 +33,9 @@ class PoseBody(BaseModel):
 
     @staticmethod
     def of(world_from_camera: Pose) -> PoseBody:
-        """Return the body of a pose."""
-        (x, y, z), (qx, qy, qz, qw) = world_from_camera.translation, world_from_camera.quaternion
+        """Return the body of a pose, to the micrometre."""
+        x, y, z = (round(float(value), 6) for value in world_from_camera.translation)
+        qx, qy, qz, qw = (round(float(value), 8) for value in world_from_camera.quaternion)
         return PoseBody(position=Position(x=x, y=y, z=z), quaternion=Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 

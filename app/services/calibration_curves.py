@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
 from app.vision.keyframes import PoseThresholds, PowerLaw, thresholds_for_matches
-from app.vision.power_law import Reached, fit_power_law, rmse, threshold_within
+from app.vision.power_law import Reached, fit_near, rmse, threshold_within
 
 Array = NDArray[np.float64]
 
@@ -40,9 +41,10 @@ class PairCounts:
 class FittedCurve:
     """One curve: matches over a difference in metres or radians.
 
-    `other_limit` is how large the other difference of its pairs may be; `range` spans the differences of the
-    pairs of the fit; the errors are in matches. `left_at_threshold` is the median count of the held-back pairs
-    around the threshold, None where there are too few. `differences`, `matches` and `held_back` are the pairs.
+    `other_limit` is how large the other difference of its pairs may be. The curve is fitted to, and its errors
+    (in matches) are those of, the pairs in `range`, around the threshold. `left_at_threshold` is the median count
+    of the held-back pairs about there, None where there are too few. `differences`, `matches` and `held_back` are
+    all pairs, also those outside of the range.
     """
 
     curve: PowerLaw
@@ -56,6 +58,8 @@ class FittedCurve:
     differences: Array
     matches: NDArray[np.int64]
     held_back: NDArray[np.bool_]
+    pairs_fit: int
+    pairs_validation: int
 
     def as_dict(self, points: bool = True) -> dict[str, Any]:
         """Return the figures for JSON, with the data points if wanted."""
@@ -64,8 +68,8 @@ class FittedCurve:
             "b": round(self.curve.b, 4),
             "rmse_fit": round(self.rmse_fit, 2),
             "rmse_validation": _rounded(self.rmse_validation, 2),
-            "pairs_fit": int((~self.held_back).sum()),
-            "pairs_validation": int(self.held_back.sum()),
+            "pairs_fit": self.pairs_fit,
+            "pairs_validation": self.pairs_validation,
             "threshold": round(self.threshold, 4),
             "reached": self.reached,
             "left_at_threshold": _rounded(self.left_at_threshold, 1),
@@ -130,13 +134,13 @@ def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> 
             "and the poses."
         )
     start = thresholds_for_matches()
-    limits = np.array([start.position_m, start.attitude_rad])
+    limits = start.position_m, start.attitude_rad
     for _ in range(ROUNDS):
         position = _fit(pairs, pairs.position_m, MIN_POSITION_M, pairs.attitude_rad, limits[1], wanted)
         attitude = _fit(pairs, pairs.attitude_rad, MIN_ATTITUDE_RAD, pairs.position_m, limits[0], wanted)
         # The geometric mean with the last round keeps the two from swinging.
-        settled = np.sqrt(limits * [position.threshold, attitude.threshold])
-        change = np.max(np.abs(np.log(settled / limits)))
+        settled = math.sqrt(limits[0] * position.threshold), math.sqrt(limits[1] * attitude.threshold)
+        change = max(abs(math.log(new / old)) for new, old in zip(settled, limits, strict=True))
         limits = settled
         if change < SETTLED:
             break
@@ -156,22 +160,24 @@ def _fit(
             f"The scan has only {int((~held).sum())} pairs of frames to fit a curve to, and {MIN_PAIRS} are "
             "needed: scan more frames, or give keyframes.position_m and keyframes.attitude_rad."
         )
-    curve = fit_power_law(x[~held], y[~held], wanted)
-    span = float(x[~held].min()), float(x[~held].max())
-    threshold = threshold_within(curve, wanted, *span)
-    error = rmse(curve, x[~held], y[~held])
+    fit = fit_near(x[~held], y[~held], wanted)
+    threshold = threshold_within(fit.curve, wanted, float(x[~held].min()), float(x[~held].max()))
+    within = (x >= fit.low) & (x <= fit.high)
+    fitted, checked = within & ~held, within & held
     return FittedCurve(
-        curve,
-        threshold.value,
-        threshold.reached,
-        span,
-        limit,
-        0.0 if error is None else error,
-        rmse(curve, x[held], y[held]),
-        _left_around(threshold.value, x[held], y[held]),
-        x,
-        y,
-        held,
+        curve=fit.curve,
+        threshold=threshold.value,
+        reached=threshold.reached,
+        range=(fit.low, fit.high),
+        other_limit=limit,
+        rmse_fit=rmse(fit.curve, x[fitted], y[fitted]) or 0.0,
+        rmse_validation=rmse(fit.curve, x[checked], y[checked]),
+        left_at_threshold=_left_around(threshold.value, x[held], y[held]),
+        differences=x,
+        matches=y,
+        held_back=held,
+        pairs_fit=int(fitted.sum()),
+        pairs_validation=int(checked.sum()),
     )
 
 

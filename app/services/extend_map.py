@@ -40,6 +40,8 @@ def join_maps(
         old.metadata.descriptor_size,
         old.metadata.cameras + new.metadata.cameras,
         old.metadata.keyframe_names + new.metadata.keyframe_names,
+        max(old.metadata.position_sigma_m, new.metadata.position_sigma_m),
+        max(old.metadata.orientation_sigma_deg, new.metadata.orientation_sigma_deg),
     )
     descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
     return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(descriptors)

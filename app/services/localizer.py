@@ -293,7 +293,11 @@ class Localizer:
             (camera.width, camera.height),
             self._retrieval.distance_m(pose),
         )
-        position_m, orientation_deg = _accuracy(inliers, camera, pose)
+        centres = self.artifact.arrays.positions[inliers.keyframes]
+        position_m, orientation_deg = _accuracy(inliers, centres, camera, pose)
+        # What all points share, the map's own error, is not in the covariance.
+        position_m = float(np.hypot(position_m, self.artifact.metadata.position_sigma_m))
+        orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
         reason = judge(evidence, position_m, self._limits)
         votes = _votes(best.matches, inliers)
         timer.lap("pose")
@@ -325,14 +329,30 @@ def _same_place(a: PnpEstimate, b: PnpEstimate) -> bool:
     return apart_m < SAME_PLACE_M and float(one.rotation[:, 2] @ other.rotation[:, 2]) > SAME_PLACE_COSINE
 
 
-def _accuracy(inliers: Matches, camera: Camera, pose: Pose) -> tuple[float, float]:
+def _accuracy(
+    inliers: Matches, keyframe_centres: NDArray[np.float64], camera: Camera, pose: Pose
+) -> tuple[float, float]:
+    """Return one sigma of position in metres and orientation in degrees.
+
+    A point is uncertain along its keyframe's ray, which a camera beside the keyframe hardly sees: what counts is
+    the part of it across the camera's own ray.
+    """
+    across = inliers.sigma_m * _sines(
+        inliers.points_in_world - keyframe_centres, inliers.points_in_world - pose.translation
+    )
     try:
         covariance = pose_covariance(
-            inliers.points_px, inliers.points_in_world, camera, pose, point_sigma_m=inliers.sigma_m
+            inliers.points_px, inliers.points_in_world, camera, pose, point_sigma_m=across
         )
     except DegenerateGeometryError:
         return float("inf"), 180.0
     return pose_accuracy(covariance)
+
+
+def _sines(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sine of the angle between each pair of vectors (n, 3), (n, 3)."""
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1) / np.maximum(lengths, 1e-12))
 
 
 def _votes(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:

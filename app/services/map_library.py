@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections import OrderedDict
+from collections.abc import Iterable
 from threading import Lock
 
+from app.errors import RoomfixError
 from app.services.localizer import Localizer
 from app.services.resources import Resources
 from app.storage.map_artifact import MapArtifact
@@ -12,6 +15,7 @@ from app.storage.maps import MapVersion, get_map
 from app.storage.venues import get_venue
 from app.vision.index import GlobalIndex
 
+log = logging.getLogger("roomfix.maps")
 CAPACITY = 16
 
 
@@ -35,6 +39,14 @@ class MapLibrary:
             version = get_map(connection, venue_id, venue.active_map_version)
         return self._localizer(version), version
 
+    def warm(self, venue_ids: Iterable[str]) -> None:
+        """Open the maps of venues, so that their first query doesn't have to."""
+        for venue_id in venue_ids:
+            try:
+                self.active(venue_id)
+            except RoomfixError as error:
+                log.warning("the map of venue %s can't be opened: %s", venue_id, error)
+
     def _localizer(self, version: MapVersion) -> Localizer:
         with self._lock:
             key = version.artifact_blob + version.index_blob
@@ -51,4 +63,6 @@ class MapLibrary:
         blobs = self._resources.blobs
         artifact = MapArtifact.open(blobs.local_path(version.artifact_blob))
         index = GlobalIndex.open(blobs.local_path(version.index_blob))
+        # Reads every page of the index once, which the first query would wait for.
+        index.search(index.descriptor(0), 1)
         return Localizer(artifact, index, self._resources.models)

@@ -162,7 +162,7 @@ def _publish(
 ) -> int:
     began = time.perf_counter()
     progress.report("store", 0, 1)
-    artifact, index = built.artifact, built.index
+    artifact, index = check.stated_in(built.artifact), built.index
     images = _store_images(built, options, resources, written)
     if options.mode == "extend" and present is not None:
         localizer, old = present

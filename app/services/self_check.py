@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,15 @@ from app.services.localizer import Localizer
 from app.services.progress import Progress, map_in_order
 from app.services.register_scan import spread
 from app.services.vision_models import VisionModels
+from app.storage.map_artifact import MapArtifact
 
 SAMPLE = 24
 MIN_OTHERS = 8
 NEIGHBOUR_M, NEIGHBOUR_RAD = 0.5, 0.35
 MIN_LOCATED_SHARE = 0.1
 MAX_MEDIAN_ERROR_M = 0.3
+# Root mean square over median of the length of a normal vector in three dimensions.
+SIGMA_PER_MEDIAN = 1.126
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,15 @@ class SelfCheck:
     located: int
     median_position_m: float | None
     median_orientation_deg: float | None
+
+    def stated_in(self, artifact: MapArtifact) -> MapArtifact:
+        """Return the map with these errors stated in it, as one sigma."""
+        metadata = replace(
+            artifact.metadata,
+            position_sigma_m=SIGMA_PER_MEDIAN * (self.median_position_m or 0.0),
+            orientation_sigma_deg=SIGMA_PER_MEDIAN * (self.median_orientation_deg or 0.0),
+        )
+        return replace(artifact, metadata=metadata)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for a report."""

@@ -31,13 +31,19 @@ class MapArtifactError(RoomfixError):
 
 @dataclass(frozen=True, slots=True)
 class MapMetadata:
-    """What a map was made with: feature method, model of the global descriptor, cameras."""
+    """What a map was made with: feature method, model of the global descriptor, cameras.
+
+    `position_sigma_m` and `orientation_sigma_deg` are the error that frames of its own scan have in it: what the
+    map adds to the error of any pose.
+    """
 
     features: str
     descriptor_sha256: str
     descriptor_size: int
     cameras: tuple[Camera, ...]
     keyframe_names: tuple[str, ...]
+    position_sigma_m: float = 0.0
+    orientation_sigma_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,4 +159,6 @@ def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:
         values["descriptor_size"],
         cameras,
         tuple(values["keyframe_names"]),
+        values["position_sigma_m"],
+        values["orientation_sigma_deg"],
     )

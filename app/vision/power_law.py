@@ -17,11 +17,12 @@ Reached = Literal["within", "beyond", "below"]
 
 # Matches fall with the difference; a curve that rises is none.
 EXPONENT_BOUNDS = (-12.0, -1e-3)
-# Counts scatter by about this factor's logarithm around a curve; what is further off counts linearly.
+# Counts scatter by about a factor e^0.3 around a curve; what is further off counts linearly, not squared.
 SCATTER = 0.3
-# Pairs whose counts are this many octaves from the wanted one weigh half.
-OCTAVES_HALF_WEIGHT = 1.0
-NEIGHBOURS = 15
+# Real counts level off at small differences and fall off a cliff at large ones: a power law holds between the
+# crossing divided by this and multiplied by this.
+WINDOW = 3.0
+MIN_IN_WINDOW = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +37,21 @@ class Threshold:
     reached: Reached
 
 
-def fit_power_law(differences: ArrayLike, matches: ArrayLike, wanted: float | None = None) -> PowerLaw:
+@dataclass(frozen=True, slots=True)
+class LocalFit:
+    """A curve and the differences [low, high] that it was fitted to."""
+
+    curve: PowerLaw
+    low: float
+    high: float
+
+
+def fit_power_law(differences: ArrayLike, matches: ArrayLike) -> PowerLaw:
     """Return the robust fit of matches = a x^b, a > 0 > b, to differences (n,) above 0 and counts (n,).
 
-    The residual is of the logarithms, with a soft-L1 loss: half a decade of counts weighs the same everywhere,
-    and a pair with hardly a match, which looks at something else, doesn't pull. Least squares of the counts
-    themselves fits the many matches of near pairs and is off by any factor where the few dozen of interest are.
-
-    With `wanted`, pairs weigh by how near the median count of their neighbours in `differences` is to it: real
-    counts level off at small differences, and the curve has to hold where it is read (A eq. 3).
+    The residual is of the logarithms, with a soft-L1 loss: a factor weighs the same everywhere, and a pair with
+    hardly a match, which looks at something else, doesn't pull. Least squares of the counts themselves fits the
+    many matches of near pairs and is off by any factor where the few dozen of interest are.
 
     Raises `DegenerateGeometryError` for fewer than two different differences.
     """
@@ -55,12 +62,12 @@ def fit_power_law(differences: ArrayLike, matches: ArrayLike, wanted: float | No
     if len(np.unique(x)) < 2:
         raise DegenerateGeometryError("A curve needs pairs of frames at two different distances at least.")
     log_x = np.log(x)
+    # Around their mean the two parameters don't depend on each other.
     centre = float(np.mean(log_x))
-    root_weights = np.ones(len(x)) if wanted is None else np.sqrt(_weights_near(x, y, wanted))
 
     def residuals(parameters: Array) -> Array:
         level, b = parameters
-        return np.asarray(root_weights * (level + b * (log_x - centre) - y) / SCATTER)
+        return np.asarray((level + b * (log_x - centre) - y) / SCATTER)
 
     low, high = EXPONENT_BOUNDS
     fit = least_squares(
@@ -71,6 +78,34 @@ def fit_power_law(differences: ArrayLike, matches: ArrayLike, wanted: float | No
     )
     level, b = (float(value) for value in fit.x)
     return PowerLaw(float(np.exp(level - b * centre)), b)
+
+
+def crossing(differences: ArrayLike, matches: ArrayLike, wanted: float) -> float:
+    """Return the difference that best parts the pairs with `wanted` matches or more from those with fewer.
+
+    It needs no model and no bins: the number of pairs on the wrong side is the least. An end of the data when
+    all are on one side.
+    """
+    order = np.argsort(np.asarray(differences, dtype=np.float64), kind="stable")
+    x = np.asarray(differences, dtype=np.float64)[order]
+    enough = np.asarray(matches)[order] >= wanted
+    wrong_below = np.concatenate([[0], np.cumsum(~enough)])
+    wrong_above = np.concatenate([np.cumsum(enough[::-1])[::-1], [0]])
+    split = int(np.argmin(wrong_below + wrong_above))
+    return float(np.sqrt(x[max(split - 1, 0)] * x[min(split, len(x) - 1)]))
+
+
+def fit_near(differences: ArrayLike, matches: ArrayLike, wanted: float) -> LocalFit:
+    """Return the fit to the pairs around the crossing of `wanted` matches, where the curve is read (A eq. 3).
+
+    Where fewer than `MIN_IN_WINDOW` pairs are within a factor of `WINDOW`, the nearest ones are taken.
+    Raises `DegenerateGeometryError` like `fit_power_law`.
+    """
+    x, y = np.asarray(differences, dtype=np.float64), np.asarray(matches, dtype=np.float64)
+    off = np.abs(np.log(x / crossing(x, y, wanted)))
+    reach = max(float(np.log(WINDOW)), float(np.sort(off)[min(MIN_IN_WINDOW, len(x)) - 1]))
+    near = off <= reach
+    return LocalFit(fit_power_law(x[near], y[near]), float(x[near].min()), float(x[near].max()))
 
 
 def rmse(curve: PowerLaw, differences: ArrayLike, matches: ArrayLike) -> float | None:
@@ -88,17 +123,3 @@ def threshold_within(curve: PowerLaw, wanted: float, low: float, high: float) ->
     if float(curve(low)) < wanted:
         return Threshold(low, "below")
     return Threshold(curve.inverse(wanted), "within")
-
-
-def _weights_near(x: Array, y: Array, wanted: float) -> Array:
-    """Return weights (n,) that fall with the octaves between the running median of log counts y and `wanted`."""
-    order = np.argsort(x, kind="stable")
-    reach = min(NEIGHBOURS, max(1, len(x) // 5))
-    sorted_y = y[order]
-    medians = np.array(
-        [np.median(sorted_y[max(0, i - reach) : i + reach + 1]) for i in range(len(x))], dtype=np.float64
-    )
-    octaves = (medians - np.log(wanted)) / np.log(2.0)
-    weights = np.empty(len(x))
-    weights[order] = 1.0 / (1.0 + (octaves / OCTAVES_HALF_WEIGHT) ** 2)
-    return weights

@@ -77,6 +77,14 @@ def test_views_with_parallax_take_a_sensors_bias_out(views: int, bias: float) ->
     assert np.median(refined.error_px) < 1.0
 
 
+@pytest.mark.parametrize("baseline_m", [0.05, 0.15, 0.4])
+def test_sensor_and_views_are_weighed_by_their_information(baseline_m: float) -> None:
+    true_m, refined = refine([[baseline_m, 0.0, 0.0]])
+    prior, total = DEPTH_PRIOR_SIGMA**-2, (refined.depth_m / refined.sigma_m) ** 2
+    # The optimum of a quadratic between the sensor's logarithm of the depth and that of the views.
+    assert np.allclose(np.log(refined.depth_m / true_m), np.log(BIAS) * prior / total, rtol=0.1, atol=2e-4)
+
+
 def test_a_correct_sensor_is_left_alone() -> None:
     true_m, refined = refine(BASELINES_M, bias=1.0)
     assert relative_errors(true_m, refined).max() < 1e-6

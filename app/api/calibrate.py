@@ -1,0 +1,86 @@
+"""Calibration: the keyframe thresholds that suit a venue's own scan."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, File, Form, UploadFile
+from pydantic import BaseModel, Field
+
+from app.api.deps import State, require
+from app.api.schemas import problems
+from app.errors import InvalidInputError
+from app.services.build_options import parse_build_options
+from app.services.calibrate_archive import calibrate_archive
+
+router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
+
+
+class PointBody(BaseModel):
+    """One pair of frames: difference in metres or radians, verified matches, kept for validation or fitted to."""
+
+    difference: float
+    matches: int
+    held_back: bool
+
+
+class CurveBody(BaseModel):
+    """matches = a x^b around the threshold; errors in matches, differences in metres or radians."""
+
+    a: float
+    b: float
+    rmse_fit: float
+    rmse_validation: float | None = Field(description="Of the pairs held back from the fit")
+    pairs_fit: int
+    pairs_validation: int
+    threshold: float
+    reached: Literal["within", "beyond", "below"] = Field(
+        description="beyond: more matches are left even at the largest difference; below: fewer at the smallest"
+    )
+    left_at_threshold: float | None = Field(
+        description="Median matches of held-back pairs around the threshold"
+    )
+    range: tuple[float, float] = Field(description="Differences that the curve is fitted to")
+    other_limit: float = Field(description="Largest other difference (rad or m) of its pairs")
+    points: list[PointBody]
+
+
+class ThresholdsBody(BaseModel):
+    """As `keyframes.position_m` and `keyframes.attitude_rad` of a build take them."""
+
+    position_m: float
+    attitude_rad: float
+
+
+class CalibrationBody(BaseModel):
+    """Both curves of a scan and the keyframe thresholds that follow."""
+
+    wanted_matches: float
+    features: str
+    frames: int = Field(description="Frames of the scan that were compared")
+    thresholds: ThresholdsBody
+    position: CurveBody
+    attitude: CurveBody
+    warnings: list[str]
+
+
+@router.post("/calibrate", responses=problems(401, 404, 413, 422, 503))
+async def calibrate(
+    state: State,
+    archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
+    venue: Annotated[str, Form(description="The venue that the scan is of")],
+    options: Annotated[str, Form(description="JSON, as in POST /database/build")] = "{}",
+) -> CalibrationBody:
+    """Fit matches over pose difference to a scan and answer with the keyframe thresholds for it.
+
+    Takes some seconds and changes nothing. `options.keyframes.wanted_matches` says how many matches a frame must
+    share with its nearest keyframe. A build does the same by itself with `{"keyframes": {"thresholds":
+    "calibrated"}}`.
+    """
+    try:
+        parsed = parse_build_options(json.loads(options))
+    except (ValueError, RecursionError) as error:
+        raise InvalidInputError(f"options is not JSON: {error}.") from None
+    found = await state.executor.run(lambda: calibrate_archive(state.resources, venue, parsed, archive.file))
+    return CalibrationBody.model_validate(found.as_dict())
