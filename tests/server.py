@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -48,10 +50,13 @@ class Server:
         )
 
     def build(self, archive: bytes, venue: str, **options: object) -> dict[str, Any]:
-        """Post a scan and return its build when it has ended."""
+        """Post a scan and return its build when it has ended and its archive is gone, which is a moment later."""
         answer = self.submit(archive, venue, {"camera": CAMERA_TEXT, **options})
         assert answer.status_code == 202, answer.text
-        return self.wait(answer.json()["build"])
+        ended = self.wait(answer.json()["build"])
+        digest = hashlib.sha256(archive).hexdigest()
+        wait_for(lambda: not any(name.endswith(digest) for name in self.files()))
+        return ended
 
     def status(self, build: str) -> dict[str, Any]:
         """Return a build."""
@@ -75,7 +80,8 @@ class Server:
 
     def files(self) -> set[str]:
         """Return every file in the data folder that matters: blobs and scratch."""
-        paths = (path for path in self.data_dir.rglob("*") if path.is_file())
+        # Not by `rglob`, which fails on folders that vanish under it.
+        paths = (Path(folder, name) for folder, _, names in os.walk(self.data_dir) for name in names)
         names = (path.relative_to(self.data_dir).as_posix() for path in paths)
         return {name for name in names if not name.startswith(IGNORED)}
 

@@ -44,4 +44,4 @@ def _panel(axes: Axes, fit: FittedCurve, paper: PowerLaw, wanted: float, name: s
     axes.set_ylim(0, 1.1 * max(float(np.quantile(y, 0.99)), 2 * wanted))
     axes.set_xlabel(f"{name} ({unit})")
     axes.set_ylabel("verified matches")
-    axes.legend(fontsize=8, loc="upper right", frameon=False, bbox_to_anchor=(1.0, 0.92))
+    axes.legend(fontsize=8, loc="upper right", framealpha=0.9, bbox_to_anchor=(1.0, 0.92))

@@ -47,8 +47,8 @@ class Limits:
     """What a pose must pass; measured on places that are in the map and on places that are not
     (docs/features.md)."""
 
-    min_inliers: int = 20
-    min_inlier_ratio: float = 0.12
+    min_inliers: int = 16
+    min_inlier_ratio: float = 0.10
     min_coverage: float = 0.15
     max_rival_share: float = 0.5
     max_position_sigma_m: float = 0.25

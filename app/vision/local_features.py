@@ -42,8 +42,8 @@ class LocalFeatures:
 class LocalFeatureExtractor(Protocol):
     """What finds and describes keypoints.
 
-    `name` is what a map records, `ratio` its matching threshold, `min_inliers` twice what images of places that
-    are not in a map reach by chance (docs/features.md).
+    `name` is what a map records, `ratio` its matching threshold, `min_inliers` nearly twice what images of
+    places that are not in a map reach by chance (docs/features.md).
     """
 
     name: str
@@ -68,7 +68,7 @@ class RootSift:
 
     binary = False
     ratio = 0.85
-    min_inliers = 20
+    min_inliers = 16
     descriptor_size = 128
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
@@ -120,7 +120,7 @@ class Akaze:
 
     binary = True
     ratio = 0.85
-    min_inliers = 20
+    min_inliers = 16
     descriptor_size = 61
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
     name = "akaze"

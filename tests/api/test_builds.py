@@ -141,7 +141,7 @@ def test_a_map_is_extended_by_a_scan_that_is_placed(
 ) -> None:
     venue = museum.add_venue("extended")
     first = museum.build(first_half, venue)
-    query = room.view(pose_at(2.6, 1.9, 1.43, 95.0))
+    query = room.view(pose_at(2.6, 1.9, 1.43, 112.0))
     assert not museum.locate(query.jpeg(), venue=venue)["located"]
     second = museum.build(
         zipped(scan_files(second_half)), venue, mode="extend", world_from_scan=np.eye(4).tolist()
@@ -167,7 +167,7 @@ def test_a_map_is_extended_by_a_scan_that_finds_its_place(
     assert placement["agreeing"] >= 5
     truth = scan_from_world.inverse().matrix
     assert np.allclose(build["report"]["world_from_scan"], truth, atol=0.02)
-    query = pose_at(2.6, 1.9, 1.43, 95.0)
+    query = pose_at(2.6, 1.9, 1.43, 112.0)
     found = museum.locate(room.view(query).jpeg(), venue=venue)["pose"]["position"]
     assert np.allclose([found["x"], found["y"], found["z"]], query.translation, atol=0.05)
 
