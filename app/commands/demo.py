@@ -86,8 +86,11 @@ def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]
                 _put_floor(resources, VENUE.id, floor)
             marker = data_dir / "mapped.json"
             wanted = {"region": region, "poses": len(scan.timestamps_s)}
-            serving = MapLibrary(resources).active(VENUE.id)
-            if serving is None or not marker.is_file() or json.loads(marker.read_text()) != wanted:
+            if (
+                not _is_mapped(resources, VENUE.id)
+                or not marker.is_file()
+                or json.loads(marker.read_text()) != wanted
+            ):
                 console.print("Building the map ...")
                 options = {"format": "tum", "world_from_scan": Pose.identity().matrix.tolist()}
                 build_scan(resources, VENUE.id, scan.directory, options, progress)
@@ -95,6 +98,14 @@ def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]
         finally:
             resources.close()
     return list(queries)
+
+
+def _is_mapped(resources: Resources, venue: str) -> bool:
+    try:
+        return MapLibrary(resources).active(venue) is not None
+    except RoomfixError:
+        # Made by another version of the project: build it again.
+        return False
 
 
 def _reporter(progress: BarProgress, stage: str) -> Callable[[int, int], None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 import time
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.errors import CancelledBuildError, InvalidScanError
+from app.errors import CancelledBuildError, ConflictError, InvalidScanError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.importers.archive import extract_archive
 from app.importers.archive_readers import ArchiveLimits
@@ -25,9 +26,11 @@ from app.services.register_scan import register_scan
 from app.services.resources import Resources
 from app.services.self_check import SelfCheck, check_map
 from app.storage.builds import Build, finish_build, report_progress
+from app.storage.map_artifact import MapArtifactError
 from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 
+log = logging.getLogger("roomfix.builds")
 # A registration this close to the scan's own frame says that the frame is the world already.
 SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
 
@@ -51,7 +54,7 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
     with _scratch(resources.scratch_dir / build.id) as folder:
         source = _unpack(build, options, resources, folder, progress)
         unpacked = time.perf_counter()
-        present = library.active(build.venue_id)
+        present = _present_map(build, options, library)
         placement = _place(source, options, present, resources, progress)
         placed = time.perf_counter()
         built = build_map(
@@ -80,6 +83,20 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
                 written,
                 progress,
             )
+
+
+def _present_map(
+    build: Build, options: BuildOptions, library: MapLibrary
+) -> tuple[Localizer, MapVersion] | None:
+    """Return the map that serves. One that can't be opened, as after a change of the global descriptor, is what
+    a new build replaces, so it doesn't stand in its way."""
+    try:
+        return library.active(build.venue_id)
+    except (ConflictError, MapArtifactError) as error:
+        if options.mode == "extend":
+            raise
+        log.warning("the present map of venue %s can't be used: %s", build.venue_id, error)
+        return None
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from app.services.run_build import run_build
 from app.services.submit_build import submit_build, withdraw_build
 from app.settings import Settings
 from app.storage.builds import Build, claim_build, get_build
+from app.storage.map_artifact import MapArtifactError
 from app.storage.maps import list_maps
 from app.storage.venues import create_venue
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
@@ -57,6 +58,28 @@ def test_a_build_stores_map_and_pictures(claimed: tuple[Resources, Build]) -> No
     assert versions(resources) == 1
     assert len(resources.blobs.digests()) > 3
     assert not list(resources.scratch_dir.iterdir())
+
+
+def test_a_map_that_cant_be_opened_is_replaced_but_not_extended(
+    claimed: tuple[Resources, Build], views: list[View]
+) -> None:
+    resources, build = claimed
+    nothing = AtStage("", lambda: None)
+    run_build(build, resources, MapLibrary(resources), nothing)
+    with resources.database.read() as connection:
+        path = resources.blobs.local_path(list_maps(connection, "v")[0].artifact_blob)
+    path.write_bytes(b"damaged" * 99)
+    for mode in ("extend", "replace"):
+        options = {"camera": CAMERA_TEXT, "mode": mode}
+        submit_build(resources, "v", options, io.BytesIO(zipped(scan_files(views[:4]))))
+        with resources.database.write() as connection:
+            again = claim_build(connection)
+        assert again is not None
+        if mode == "extend":
+            with pytest.raises(MapArtifactError):
+                run_build(again, resources, MapLibrary(resources), nothing)
+        else:
+            assert run_build(again, resources, MapLibrary(resources), nothing) == 2
 
 
 def test_a_cancellation_just_before_the_map_is_published_counts(claimed: tuple[Resources, Build]) -> None:
