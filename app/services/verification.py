@@ -50,7 +50,7 @@ class Limits:
     min_inliers: int = 16
     min_inlier_ratio: float = 0.10
     min_coverage: float = 0.15
-    max_rival_share: float = 0.5
+    max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.25
     max_keyframe_distance_m: float = 12.0
 
