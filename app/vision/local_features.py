@@ -22,6 +22,8 @@ MODELS_DIR = Path(__file__).parent.parent / "models"
 # RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
 ROOT_SIFT_SCALE = 512.0
 SIFT_FEATURES, SIFT_SIDE_PX = 2000, 400
+# Binary features work on images of at most this size.
+MAX_SIDE_PX = 960
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +110,7 @@ class Orb:
 
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
-        small, scale = shrink(gray, 960)
-        keypoints, descriptors = cv2.ORB.create(self._max_features).detectAndCompute(small, None)
-        if not len(keypoints):
-            return _none(self)
-        return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
+        return _binary_features(cv2.ORB.create(self._max_features), gray, self)
 
 
 class Akaze:
@@ -127,11 +125,7 @@ class Akaze:
 
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
-        small, scale = shrink(gray, 960)
-        keypoints, descriptors = cv2.AKAZE.create().detectAndCompute(small, None)
-        if not len(keypoints):
-            return _none(self)
-        return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
+        return _binary_features(cv2.AKAZE.create(), gray, self)
 
 
 class XFeat:
@@ -178,6 +172,14 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
 
 
 FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat")
+
+
+def _binary_features(detector: cv2.Feature2D, gray: Gray, extractor: LocalFeatureExtractor) -> LocalFeatures:
+    small, scale = shrink(gray, MAX_SIDE_PX)
+    keypoints, descriptors = detector.detectAndCompute(small, None)
+    if not len(keypoints):
+        return _none(extractor)
+    return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
 
 
 def _points(keypoints: Sequence[cv2.KeyPoint], scale: float) -> NDArray[np.float32]:
