@@ -47,7 +47,8 @@ class LocalizerSettings:
 
     `keyframes` are matched for their looks, then up to `other_places` more that look alike but show other
     places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
-    may prove that the place is not unique. `max_error` is the inlier limit as an angle (tangent):
+    may prove that the place is not unique. A frame that is not located gets a second look at `second_look`
+    keyframes, turned ones too. `max_error` is the inlier limit as an angle (tangent):
     pixels over focal length. Without `limits` those of the map's features hold.
     """
 
@@ -55,6 +56,7 @@ class LocalizerSettings:
     other_places: int = 4
     look_alikes: int = 6
     covisible: int = 10
+    second_look: int = 40
     max_error: float = 6.0 / 525.0
     estimator: Literal["lo_ransac", "epnp_lm"] = "lo_ransac"
     fundamental_filter: bool = False
@@ -68,6 +70,7 @@ PAPER = LocalizerSettings(
     other_places=0,
     look_alikes=0,
     covisible=0,
+    second_look=0,
     estimator="epnp_lm",
     fundamental_filter=True,
     limits=Limits.none(),
@@ -157,9 +160,25 @@ class Localizer:
         matches = query.match(similar)
         timer.lap("match")
         result = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
+        if settings.second_look and result.reason in ("no_match", "too_few_inliers") and query.feature_count:
+            matches = query.match_all(self._wider(rgb, descriptor, allowed))
+            timer.lap("match")
+            again = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
+            result = again if again.world_from_camera is not None else result
         if result.reason == "no_match" and measure_quality(gray).is_poor:
             return replace(result, reason="poor_image")
         return result
+
+    def _wider(
+        self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None
+    ) -> list[int]:
+        """Return keyframes for a second look: further down the ranks, and for the image turned by 90, 180 and
+        270 degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
+        rows = self._retrieval.similar(descriptor, self._settings.second_look, 0, allowed)
+        for turns in (1, 2, 3):
+            turned = self._descriptor.describe(np.ascontiguousarray(np.rot90(rgb, turns)))
+            rows += self._retrieval.similar(turned, self._settings.keyframes, 0, allowed)
+        return rows
 
     def _locate(
         self,

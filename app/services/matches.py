@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,18 +67,28 @@ class QueryMatcher:
     ) -> None:
         features = extractor.extract(gray)
         self.feature_count = len(features)
-        self.matched: set[int] = set()
+        self._matches: dict[int, Matches] = {}
         self._keypoints_px = features.keypoints_px
         self._unit = to_unit_vectors(features.descriptors, extractor.binary)
         self._artifact = artifact
         self._extractor = extractor
         self._fundamental_filter = fundamental_filter
 
+    @property
+    def matched(self) -> Set[int]:
+        """The keyframes that were matched so far."""
+        return self._matches.keys()
+
     def match(self, keyframes: Sequence[int]) -> Matches:
         """Return the merged matches with the keyframes among these that were not matched before."""
-        new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self.matched]
-        self.matched.update(new)
-        return Matches.merge([self._match(keyframe) for keyframe in new])
+        new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
+        self._matches.update((keyframe, self._match(keyframe)) for keyframe in new)
+        return Matches.merge([self._matches[keyframe] for keyframe in new])
+
+    def match_all(self, keyframes: Sequence[int]) -> Matches:
+        """Return the merged matches with these keyframes and all that were matched before."""
+        self.match(keyframes)
+        return Matches.merge(list(self._matches.values()))
 
     def _match(self, keyframe: int) -> Matches:
         arrays, rows = self._artifact.arrays, self._artifact.rows(keyframe)
