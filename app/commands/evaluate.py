@@ -43,7 +43,10 @@ def evaluate(
         Path | None, typer.Option(exists=True, help="Images of other places: none may be located.")
     ] = None,
     server: Annotated[
-        str | None, typer.Option(help="Evaluate over HTTP, e.g. http://127.0.0.1:8000.")
+        str | None,
+        typer.Option(
+            help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."
+        ),
     ] = None,
     options: Options = "{}",
     json_file: JsonFile = None,
@@ -53,7 +56,9 @@ def evaluate(
     base = parse_build_options(json.loads(options))
     split = split_scan(dataset, database, queries, base.format, base.scan)
     if server is not None:
-        results = [evaluate_over_http(server, split, dataset, json.loads(options))]
+        key = Settings().admin_key
+        plain = key.get_secret_value() if key is not None else None
+        results = [evaluate_over_http(server, split, dataset, json.loads(options), plain)]
     else:
         results = _evaluate_here(dataset.name, split, base, features, pipeline, keyframes, absent)
     console.print(_table(results))
