@@ -36,7 +36,8 @@ export class Progress {
   /** Follow a build until it has ended; null clears the place when it shows another venue's build. */
   follow(build, venue) {
     if (this.uploading || (build && this.following?.build === build.build)) return;
-    if (!build && this.following === null && this.venue === venue) return;
+    // A list that was asked for before the build was submitted knows nothing of it: its own events tell its end.
+    if (!build && this.venue === venue) return;
     this.stop();
     this.place.replaceChildren();
     this.venue = venue;
