@@ -100,6 +100,11 @@ class Camera:
         return 0.5 * (self.params[0] + self.params[1])
 
     @property
+    def principal_point_px(self) -> Array:
+        """The pixel (2,) that the optical axis goes through."""
+        return np.array(self.params[2:4])
+
+    @property
     def distortion(self) -> Array:
         """The coefficients in OpenCV's order (none, 4 or 8 of them)."""
         return np.array(self.params[4:], dtype=np.float64)

@@ -29,13 +29,15 @@ def pose_covariance(
     sigma_px: float | None = None,
     *,
     point_sigma_m: ArrayLike | None = None,
+    focal_unknown: bool = False,
 ) -> Array:
     """Return the covariance (6, 6) of a pose that fits pixels (n, 2) to world points (n, 3) by least squares.
 
     Order: rotation vector in world axes (rad, applied on the left: R = exp(w) R_estimate), then the camera
     centre in world metres; see `app.geometry.reprojection.perturbed`. `sigma_px` is the noise of one pixel
     coordinate, by default estimated from the residuals; `point_sigma_m`, (n,) or one number, the noise of one
-    world coordinate, as from depth. Give inliers only. An error all points share, such as the map's own, is
+    world coordinate, as from depth. With `focal_unknown` the focal length was fitted to the same points, which
+    leaves less of them to hold the pose. Give inliers only. An error all points share, such as the map's own, is
     not in it. Raises `DegenerateGeometryError` for points that leave the pose undetermined,
     `InvalidInputError` for a bad number. Source: first-order error propagation.
     """
@@ -51,7 +53,10 @@ def pose_covariance(
         residuals = project_from_world(points[seen], camera, world_from_camera) - pixels[seen]
         sigma_px = _sigma_of_pixels(residuals, noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
-    return _least_squares_covariance(jacobian, noise + pixel_variance * np.eye(2))
+    if focal_unknown:
+        by_log_focal = project_from_world(points[seen], camera, world_from_camera) - camera.principal_point_px
+        jacobian = np.concatenate([jacobian, by_log_focal[:, :, None]], axis=2)
+    return _least_squares_covariance(jacobian, noise + pixel_variance * np.eye(2))[:6, :6]
 
 
 def pose_accuracy(covariance: ArrayLike) -> tuple[float, float]:
@@ -90,11 +95,11 @@ def _variances(sigma: ArrayLike | None, count: int, name: str) -> Array:
 
 
 def _least_squares_covariance(jacobian: Array, noise: Array) -> Array:
-    """Return (J'J)^-1 J'NJ (J'J)^-1 of a Jacobian (n, 2, 6) and the points' noise N (n, 2, 2)."""
+    """Return (J'J)^-1 J'NJ (J'J)^-1 of a Jacobian (n, 2, p) and the points' noise N (n, 2, 2)."""
     # Columns of unit length, so that the condition is one of geometry and not of metres against radians.
     lengths = np.linalg.norm(jacobian, axis=(0, 1))
     scaled = jacobian / np.maximum(lengths, 1e-12)
-    rows = scaled.reshape(-1, 6)
+    rows = scaled.reshape(-1, jacobian.shape[2])
     hessian = rows.T @ rows
     eigenvalues = np.linalg.eigvalsh(hessian)
     if eigenvalues[0] * MAX_CONDITION < eigenvalues[-1]:
@@ -102,5 +107,5 @@ def _least_squares_covariance(jacobian: Array, noise: Array) -> Array:
             "The points leave the pose undetermined: are they on one line or in one spot?"
         )
     solver = np.linalg.inv(hessian) / np.maximum(lengths, 1e-12)
-    covariance = solver.T @ (rows.T @ (noise @ scaled).reshape(-1, 6)) @ solver
+    covariance = solver.T @ (rows.T @ (noise @ scaled).reshape(rows.shape)) @ solver
     return np.asarray(0.5 * (covariance + covariance.T))

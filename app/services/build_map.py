@@ -21,6 +21,7 @@ from app.services.calibration_curves import Calibration
 from app.services.frame_images import frame_rgb
 from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
 from app.services.progress import Progress, map_in_order
+from app.services.repetition import elsewhere
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
 from app.vision.images import measure_quality, to_gray
@@ -94,7 +95,7 @@ def build_map(
     usable, left_out = _without_blurred(described, wanted)
     points = _refine(described, usable, source, options, extractor, executor, progress)
     clock.lap("refine")
-    artifact, index, kept = _pack(described, usable, points, source, options, models)
+    artifact, index, kept = _pack(described, usable, points, source, options, models, progress)
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}
@@ -188,7 +189,9 @@ def _pack(
     source: FrameSource,
     options: BuildOptions,
     models: VisionModels,
+    progress: Progress,
 ) -> tuple[MapArtifact, GlobalIndex, list[int]]:
+    extractor = models.extractor(options.features)
     kept = [(row, own) for row, own in zip(usable, points, strict=True) if len(own.features)]
     if not kept:
         raise InvalidScanError(
@@ -197,17 +200,25 @@ def _pack(
     poses = [described[row].view.world_from_camera for row, _ in kept]
     counts = [len(own.features) for _, own in kept]
     features = [own.features for _, own in kept]
+    descriptors = _stack_descriptors(features)
+    points_in_world = np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32)
+    progress.report("distinguish", 0, 1)
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets)
+    progress.report("distinguish", 1, 1)
     arrays = MapArrays(
         positions=np.stack([pose.translation for pose in poses]),
         quaternions=np.stack([pose.quaternion for pose in poses]),
         camera_rows=np.zeros(len(kept), np.int32),
-        offsets=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        offsets=offsets,
         keypoints_px=np.concatenate([f.keypoints_px for f in features]).astype(np.float32),
-        points_in_world=np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32),
+        points_in_world=points_in_world,
         point_sigma_m=np.concatenate([own.sigma_m for _, own in kept]).astype(np.float32),
-        descriptors=_stack_descriptors(features),
+        distance_elsewhere=distance,
+        keyframe_elsewhere=keyframe,
+        descriptors=descriptors,
     )
-    descriptors = [described[row].descriptor for row, _ in kept]
+    global_descriptors = [described[row].descriptor for row, _ in kept]
     model = models.global_descriptor
     metadata = MapMetadata(
         options.features,
@@ -216,7 +227,7 @@ def _pack(
         (source.camera,),
         tuple(described[row].frame.name for row, _ in kept),
     )
-    index = GlobalIndex.from_descriptors(np.stack([d for d in descriptors if d is not None]))
+    index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
     return MapArtifact(metadata, arrays), index, [row for row, _ in kept]
 
 

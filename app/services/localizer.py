@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
-from app.geometry.focal import search_camera
+from app.geometry.focal import refine_camera, search_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
 from app.services.matches import Matches, QueryMatcher
@@ -151,7 +151,7 @@ class Localizer:
         """
         timer = StageTimer()
         gray = to_gray(rgb)
-        query = QueryMatcher(gray, self.artifact, self._extractor, self._settings.fundamental_filter)
+        query = QueryMatcher(gray, self.artifact, self._extractor, self._settings.fundamental_filter, allowed)
         descriptor = self._descriptor.describe(rgb)
         timer.lap("describe")
         settings = self._settings
@@ -189,17 +189,30 @@ class Localizer:
         allowed: NDArray[np.int64] | None,
         timer: StageTimer,
     ) -> Localization:
+        focal_unknown = camera is None
         camera = camera or self._search_camera(matches, size)
         if camera is None:
             timer.lap("pose")
             return _nothing("no_match", timer, matches.feature_count)
         best = self._hypothesis(query, matches, camera, allowed, timer)
+        if focal_unknown and best is not None:
+            camera, best = self._refine_camera(best, camera)
+            timer.lap("pose")
         if best is None:
             return _nothing("no_match", timer, matches.feature_count, camera)
         rival = self._rival(query, best, camera, allowed, timer)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
-        return self._conclude(best, rival, camera, timer)
+        return self._conclude(best, rival, camera, focal_unknown, timer)
+
+    def _refine_camera(self, best: Hypothesis, camera: Camera) -> tuple[Camera, Hypothesis | None]:
+        """Fit the focal length to all inliers, more than it was searched with, and the pose again."""
+        inliers, pose = best.inliers, best.estimate.world_from_camera
+        refined = refine_camera(inliers.points_px, inliers.points_in_world, camera, pose)
+        if refined is None:
+            return camera, None
+        estimate = self._estimate(best.matches, refined, pose)
+        return refined, None if estimate is None else Hypothesis(estimate, best.matches)
 
     def _search_camera(self, matches: Matches, size: tuple[int, ...]) -> Camera | None:
         height, width = size
@@ -301,19 +314,25 @@ class Localizer:
         )
 
     def _conclude(
-        self, best: Hypothesis, rival: Hypothesis | None, camera: Camera, timer: StageTimer
+        self,
+        best: Hypothesis,
+        rival: Hypothesis | None,
+        camera: Camera,
+        focal_unknown: bool,
+        timer: StageTimer,
     ) -> Localization:
         pose, inliers = best.estimate.world_from_camera, best.inliers
         evidence = gather_evidence(
             best.matches.query_rows,
             inliers.query_rows,
             inliers.points_px,
+            inliers.distinct_count,
             np.zeros(0, np.intp) if rival is None else rival.inliers.query_rows,
             (camera.width, camera.height),
             self._retrieval.distance_m(pose),
         )
         centres = self.artifact.arrays.positions[inliers.keyframes]
-        position_m, orientation_deg = _accuracy(inliers, centres, camera, pose)
+        position_m, orientation_deg = _accuracy(inliers, centres, camera, pose, focal_unknown)
         # What all points share, the map's own error, is not in the covariance.
         position_m = float(np.hypot(position_m, self.artifact.metadata.position_sigma_m))
         orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
@@ -349,7 +368,11 @@ def _same_place(a: PnpEstimate, b: PnpEstimate) -> bool:
 
 
 def _accuracy(
-    inliers: Matches, keyframe_centres: NDArray[np.float64], camera: Camera, pose: Pose
+    inliers: Matches,
+    keyframe_centres: NDArray[np.float64],
+    camera: Camera,
+    pose: Pose,
+    focal_unknown: bool,
 ) -> tuple[float, float]:
     """Return one sigma of position in metres and orientation in degrees.
 
@@ -361,7 +384,12 @@ def _accuracy(
     )
     try:
         covariance = pose_covariance(
-            inliers.points_px, inliers.points_in_world, camera, pose, point_sigma_m=across
+            inliers.points_px,
+            inliers.points_in_world,
+            camera,
+            pose,
+            point_sigma_m=across,
+            focal_unknown=focal_unknown,
         )
     except DegenerateGeometryError:
         return float("inf"), 180.0

@@ -14,17 +14,22 @@ from app.vision.images import Gray
 from app.vision.local_features import LocalFeatureExtractor
 from app.vision.matching import match_unit_vectors, to_unit_vectors
 
+# A match is distinct when its distance is below this share of the distance to the most similar thing elsewhere in
+# the map: the ratio test over the whole map instead of one keyframe.
+DISTINCT_RATIO = 0.85
+
 
 @dataclass(frozen=True, slots=True)
 class Matches:
     """Matches of one query with several keyframes: pixels (n, 2), world points (n, 3), their sigma (n,), rows of
-    the query's features (n,), and keyframes (n,)."""
+    the query's features (n,), keyframes (n,), and whether nothing elsewhere in the map looks like it (n,)."""
 
     points_px: NDArray[np.float64]
     points_in_world: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
     query_rows: NDArray[np.intp]
     keyframes: NDArray[np.intp]
+    distinct: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.points_px)
@@ -34,6 +39,11 @@ class Matches:
         """How many of the query's features are matched, each counted once."""
         return len(np.unique(self.query_rows))
 
+    @property
+    def distinct_count(self) -> int:
+        """How many of the query's features have a distinct match."""
+        return len(np.unique(self.query_rows[self.distinct]))
+
     def take(self, mask: NDArray[np.bool_]) -> Matches:
         """Return the matches that the mask (n,) marks."""
         return Matches(
@@ -42,6 +52,7 @@ class Matches:
             self.sigma_m[mask],
             self.query_rows[mask],
             self.keyframes[mask],
+            self.distinct[mask],
         )
 
     @staticmethod
@@ -49,21 +60,30 @@ class Matches:
         """Return the matches of all parts."""
         if not parts:
             none = np.zeros(0, np.intp)
-            return Matches(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), none, none)
+            return Matches(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), none, none, none.astype(bool))
         return Matches(
             np.concatenate([part.points_px for part in parts]),
             np.concatenate([part.points_in_world for part in parts]),
             np.concatenate([part.sigma_m for part in parts]),
             np.concatenate([part.query_rows for part in parts]),
             np.concatenate([part.keyframes for part in parts]),
+            np.concatenate([part.distinct for part in parts]),
         )
 
 
 class QueryMatcher:
-    """Matches the features of one query with keyframes, each keyframe once."""
+    """Matches the features of one query with keyframes, each keyframe once.
+
+    What looks alike matters only among the `allowed` keyframes.
+    """
 
     def __init__(
-        self, gray: Gray, artifact: MapArtifact, extractor: LocalFeatureExtractor, fundamental_filter: bool
+        self,
+        gray: Gray,
+        artifact: MapArtifact,
+        extractor: LocalFeatureExtractor,
+        fundamental_filter: bool,
+        allowed: NDArray[np.int64] | None = None,
     ) -> None:
         features = extractor.extract(gray)
         self.feature_count = len(features)
@@ -73,6 +93,7 @@ class QueryMatcher:
         self._artifact = artifact
         self._extractor = extractor
         self._fundamental_filter = fundamental_filter
+        self._excluded = _excluded(artifact, allowed)
 
     @property
     def matched(self) -> Set[int]:
@@ -99,10 +120,32 @@ class QueryMatcher:
                 self._keypoints_px[a], arrays.keypoints_px[rows][b], estimator="ransac"
             )
             a, b = a[good], b[good]
+        similarity = np.einsum("ij,ij->i", self._unit[a], theirs[b])
+        distances = np.sqrt(np.maximum(2.0 - 2.0 * similarity, 0.0))
         return Matches(
             self._keypoints_px[a].astype(np.float64),
             arrays.points_in_world[rows][b].astype(np.float64),
             arrays.point_sigma_m[rows][b].astype(np.float64),
             a,
             np.full(len(a), keyframe, dtype=np.intp),
+            self._is_distinct(rows, b, distances),
         )
+
+    def _is_distinct(
+        self, rows: slice, matched: NDArray[np.intp], distances: NDArray[np.float32]
+    ) -> NDArray[np.bool_]:
+        arrays = self._artifact.arrays
+        distinct = distances < DISTINCT_RATIO * arrays.distance_elsewhere[rows][matched]
+        if self._excluded is not None:
+            # The last entry answers for -1.
+            distinct |= self._excluded[arrays.keyframe_elsewhere[rows][matched]]
+        return np.asarray(distinct)
+
+
+def _excluded(artifact: MapArtifact, allowed: NDArray[np.int64] | None) -> NDArray[np.bool_] | None:
+    if allowed is None:
+        return None
+    excluded = np.ones(artifact.keyframe_count + 1, dtype=bool)
+    excluded[allowed] = False
+    excluded[-1] = False
+    return excluded

@@ -183,7 +183,13 @@ def _publish(
     images = _store_images(built, options, resources, written)
     if options.mode == "extend" and present is not None:
         localizer, old = present
-        artifact, index = join_maps(localizer.artifact, localizer.index, artifact, index)
+        artifact, index = join_maps(
+            localizer.artifact,
+            localizer.index,
+            artifact,
+            index,
+            resources.models.extractor(options.features).binary,
+        )
         with resources.database.read() as connection:
             before = list_keyframe_images(connection, build.venue_id, old.version)
         # Pictures are kept for all keyframes or for none.

@@ -18,7 +18,8 @@ class Evidence:
     """What speaks for and against a pose.
 
     `inliers` and `matches` count features of the query, each once however many keyframes it was matched in.
-    `coverage` is the share of an 8 x 6 grid over the image that holds inliers; `rival` the inliers of the best
+    `coverage` is the share of an 8 x 6 grid over the image that holds inliers; `distinct` the inliers that
+    resemble nothing elsewhere in the map; `rival` the inliers of the best
     other pose, `rival_only` those that the pose doesn't explain, `pose_only` the inliers that the rival doesn't;
     `keyframe_distance_m` how far the nearest keyframe is.
     """
@@ -26,6 +27,7 @@ class Evidence:
     matches: int
     inliers: int
     coverage: float
+    distinct: int
     rival: int
     rival_only: int
     pose_only: int
@@ -36,10 +38,15 @@ class Evidence:
         """Inliers over matches."""
         return self.inliers / self.matches if self.matches else 0.0
 
+    @property
+    def distinct_share(self) -> float:
+        """Distinct inliers over inliers."""
+        return self.distinct / self.inliers if self.inliers else 0.0
+
     @staticmethod
     def none(matches: int = 0) -> Evidence:
         """Return the evidence for no pose at all."""
-        return Evidence(matches, 0, 0.0, 0, 0, 0, float("inf"))
+        return Evidence(matches, 0, 0.0, 0, 0, 0, 0, float("inf"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +57,7 @@ class Limits:
     min_inliers: int = 16
     min_inlier_ratio: float = 0.10
     min_coverage: float = 0.15
+    min_distinct_share: float = 0.2
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.25
     max_keyframe_distance_m: float = 12.0
@@ -57,23 +65,26 @@ class Limits:
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
-        return Limits(0, 0.0, 0.0, 1.0, float("inf"), float("inf"))
+        return Limits(0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"))
 
 
 def gather_evidence(
     matched_rows: NDArray[np.intp],
     inlier_rows: NDArray[np.intp],
     inlier_px: NDArray[np.float64],
+    distinct: int,
     rival_rows: NDArray[np.intp],
     size_px: tuple[int, int],
     keyframe_distance_m: float,
 ) -> Evidence:
     """Return the evidence from the rows of the query's features that were matched (m,), agree (n,), and agree
-    with a rival (r,), and the pixels (n, 2) of those that agree, in an image of `size_px` (width, height)."""
+    with a rival (r,), the pixels (n, 2) of those that agree, in an image of `size_px` (width, height), and how
+    many of them are distinct."""
     return Evidence(
         len(np.unique(matched_rows)),
         len(np.unique(inlier_rows)),
         coverage(inlier_px, size_px),
+        distinct,
         len(np.unique(rival_rows)),
         len(np.setdiff1d(rival_rows, inlier_rows)),
         len(np.setdiff1d(inlier_rows, rival_rows)),
@@ -96,7 +107,8 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         return "too_few_inliers"
     if evidence.coverage < limits.min_coverage or position_sigma_m > limits.max_position_sigma_m:
         return "too_few_inliers"
-    if evidence.rival > limits.max_rival_share * evidence.inliers:
+    not_distinct = evidence.distinct_share < limits.min_distinct_share
+    if not_distinct or evidence.rival > limits.max_rival_share * evidence.inliers:
         return "ambiguous"
     if evidence.keyframe_distance_m > limits.max_keyframe_distance_m:
         return "outside_venue"

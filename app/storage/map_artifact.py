@@ -19,7 +19,7 @@ from app.errors import RoomfixError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 
-MAGIC = b"RFMAP001"
+MAGIC = b"RFMAP002"
 ALIGNMENT = 64
 
 
@@ -53,7 +53,8 @@ class MapArrays:
     `positions` (k, 3) and `quaternions` (k, 4; x y z w) are world_from_camera; `camera_rows` (k,) index the
     cameras; keyframe i owns the features `offsets[i]:offsets[i + 1]`, `offsets` (k + 1,). Per feature:
     `keypoints_px` (f, 2), `points_in_world` (f, 3) in metres, `point_sigma_m` (f,) along the ray,
-    `descriptors` (f, d).
+    `distance_elsewhere` (f,), how far off in unit descriptors the most similar feature at another place is,
+    `keyframe_elsewhere` (f,), which keyframe has it (-1: none is known), and `descriptors` (f, d).
     """
 
     positions: NDArray[np.float64]
@@ -63,6 +64,8 @@ class MapArrays:
     keypoints_px: NDArray[np.float32]
     points_in_world: NDArray[np.float32]
     point_sigma_m: NDArray[np.float32]
+    distance_elsewhere: NDArray[np.float16]
+    keyframe_elsewhere: NDArray[np.int32]
     descriptors: NDArray[Any]
 
 

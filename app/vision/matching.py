@@ -10,7 +10,7 @@ from app.vision.local_features import Descriptors
 Unit = NDArray[np.float32]
 
 
-def to_unit_vectors(descriptors: Descriptors, binary: bool) -> Unit:
+def to_unit_vectors(descriptors: Descriptors | NDArray[np.float16], binary: bool) -> Unit:
     """Return descriptors (n, d) as float32 rows of unit length, whose scalar product ranks like the distance.
 
     Bits become +1 and -1: with b bits the product is 1 - 2 Hamming / b, so that 2 - 2 s is 4 Hamming / b.

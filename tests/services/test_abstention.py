@@ -11,7 +11,9 @@ from app.services.verification import Evidence, Limits, confidence_of, judge
 from tests.scenes import View
 from tests.server import Server
 
-GOOD = replace(Evidence.none(), matches=200, inliers=150, coverage=0.5, rival=0, keyframe_distance_m=0.5)
+GOOD = replace(
+    Evidence.none(), matches=200, inliers=150, coverage=0.5, distinct=120, rival=0, keyframe_distance_m=0.5
+)
 SIGMA_M = 0.02
 
 
@@ -29,6 +31,7 @@ def test_good_evidence_is_trusted() -> None:
         ({}, 2.0, "too_few_inliers"),
         ({}, float("inf"), "too_few_inliers"),
         ({"rival": 140}, SIGMA_M, "ambiguous"),
+        ({"distinct": 10}, SIGMA_M, "ambiguous"),
         ({"keyframe_distance_m": 100.0}, SIGMA_M, "outside_venue"),
     ],
     ids=str,

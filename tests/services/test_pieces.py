@@ -150,7 +150,7 @@ def test_joined_maps_hold_the_keyframes_of_both() -> None:
     rng = np.random.default_rng(0)
     rows = rng.normal(size=(5, 8)).astype(np.float32)
     joined, index = join_maps(
-        a, GlobalIndex.from_descriptors(rows[:3]), b, GlobalIndex.from_descriptors(rows[3:])
+        a, GlobalIndex.from_descriptors(rows[:3]), b, GlobalIndex.from_descriptors(rows[3:]), False
     )
     assert np.array_equal(index.descriptors, rows)
     assert (joined.keyframe_count, joined.feature_count) == (5, 18)
@@ -169,7 +169,7 @@ def test_maps_of_different_making_are_not_joined(changes: dict[str, str]) -> Non
     other = replace(a, metadata=replace(a.metadata, **changes))
     index = GlobalIndex.from_descriptors(np.ones((1, 8), np.float32))
     with pytest.raises(InvalidInputError):
-        join_maps(a, index, other, index)
+        join_maps(a, index, other, index, False)
 
 
 def test_no_options_are_the_defaults() -> None:

@@ -35,6 +35,8 @@ def retrieval() -> Retrieval:
         np.zeros((0, 2), np.float32),
         np.zeros((0, 3), np.float32),
         np.zeros(0, np.float32),
+        np.zeros(0, np.float16),
+        np.zeros(0, np.int32),
         np.zeros((0, 128), np.uint8),
     )
     names = tuple(str(i) for i in range(count))

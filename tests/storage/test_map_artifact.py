@@ -26,6 +26,8 @@ def make_map(features: tuple[int, ...] = (5, 0, 7), dtype: type = np.uint8, widt
         keypoints_px=rng.normal(size=(total, 2)).astype(np.float32),
         points_in_world=rng.normal(size=(total, 3)).astype(np.float32),
         point_sigma_m=rng.random(total).astype(np.float32),
+        distance_elsewhere=rng.random(total).astype(np.float16),
+        keyframe_elsewhere=np.full(total, -1, np.int32),
         descriptors=(rng.random((total, width)) * 200).astype(dtype),
     )
     cameras = (

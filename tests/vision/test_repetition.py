@@ -1,0 +1,53 @@
+"""Which features of a map have a look-alike elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.vision.repetition import ELSEWHERE_M, find_repetition
+
+COUNT = 300
+
+
+def noisy_copies(rng: np.random.Generator, rows: np.ndarray) -> np.ndarray:
+    return np.clip(rows + rng.normal(scale=2.0, size=rows.shape), 0, 255)
+
+
+def test_what_is_repeated_elsewhere_is_near_and_what_is_not_is_far() -> None:
+    rng = np.random.default_rng(0)
+    prints = rng.uniform(0, 255, (COUNT, 128))
+    # Each thing is seen twice where it is; the first half hangs again in another room.
+    descriptors = np.concatenate([prints, noisy_copies(rng, prints), noisy_copies(rng, prints[: COUNT // 2])])
+    here = rng.uniform(0, 1, (COUNT, 3))
+    there = here[: COUNT // 2] + np.array([10.0, 0, 0])
+    points = np.concatenate([here, here, there]).astype(np.float32)
+    found = find_repetition(descriptors.astype(np.uint8), False, points).distance
+    rows = find_repetition(descriptors.astype(np.uint8), False, points).row
+    assert np.mean(rows[2 * COUNT :] % COUNT == np.arange(COUNT // 2)) > 0.95
+    repeated = np.r_[found[: COUNT // 2], found[2 * COUNT :]]
+    single = found[COUNT // 2 : COUNT]
+    assert np.percentile(repeated, 95) < 0.1
+    assert np.percentile(single, 5) > 0.3
+
+
+def test_the_next_floor_is_elsewhere() -> None:
+    rng = np.random.default_rng(1)
+    prints = rng.uniform(0, 255, (COUNT, 128))
+    points = rng.uniform(0, 1, (COUNT, 3))
+    twice = np.concatenate([prints, prints]).astype(np.uint8)
+    above = np.concatenate([points, points + np.array([0, 0, 3.0])]).astype(np.float32)
+    beside = np.concatenate([points, points + np.array([3.0, 0, 0])]).astype(np.float32)
+    assert np.median(find_repetition(twice, False, above).distance) < 0.01
+    assert np.median(find_repetition(twice, False, beside).distance) > 0.1
+    assert ELSEWHERE_M > 3.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_tiny_maps_have_nothing_elsewhere(count: int) -> None:
+    rng = np.random.default_rng(2)
+    descriptors = rng.integers(0, 255, (count, 32), dtype=np.uint8)
+    found = find_repetition(descriptors, True, np.zeros((count, 3), np.float32))
+    assert found.distance.shape == found.row.shape == (count,)
+    assert np.all(np.isinf(found.distance))
+    assert np.all(found.row == -1)
