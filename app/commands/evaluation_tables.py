@@ -1,0 +1,89 @@
+"""The tables that the evaluation commands print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from app.evaluation.report import ReportTable
+from app.evaluation.run import Evaluation
+from app.evaluation.sections import cell, thresholds_text
+
+MAP_ROWS = ("keyframes", "features_per_keyframe", "megabytes", "build_s", "discarded")
+ERROR_ROWS = {
+    "queries": "queries",
+    "located %": "located_percent",
+    "median cm": "median_cm",
+    "median deg": "median_deg",
+    "90 % cm": "p90_cm",
+    "90 % deg": "p90_deg",
+    "mean cm": "mean_cm",
+    "mean deg": "mean_deg",
+    "within 5 cm, 5 deg %": "within_5cm_5deg_percent",
+    "within 10 cm, 5 deg %": "within_10cm_5deg_percent",
+    "within 25 cm %": "within_25cm_percent",
+    "wrong by over 0.5 m %": "gross_percent",
+    "wrong by over 1 m %": "over_1m_percent",
+    "largest error cm": "max_cm",
+    "not located": "reasons",
+    "median ms": "median_ms",
+}
+# The columns that the product's bars for degraded queries speak of.
+VARIATION_COLUMNS = {
+    "located %": "located_percent",
+    "median cm": "median_cm",
+    "< 10 cm, 5 deg %": "within_10cm_5deg_percent",
+    "< 25 cm %": "within_25cm_percent",
+    "> 0.5 m %": "gross_percent",
+    "> 1 m %": "over_1m_percent",
+    "median ms": "median_ms",
+}
+
+
+def maps_table(evaluations: Sequence[Evaluation]) -> Table:
+    """Return maps and errors, one column an evaluation."""
+    table = Table("", *(evaluation.label for evaluation in evaluations))
+    for name in MAP_ROWS:
+        table.add_row(name.replace("_", " "), *(str(getattr(each.map, name)) for each in evaluations))
+    table.add_row(
+        "keyframe thresholds", *(cell(thresholds_text(each.map.thresholds)) for each in evaluations)
+    )
+    for title, name in ERROR_ROWS.items():
+        table.add_row(title, *(str(getattr(each.summary, name)) for each in evaluations))
+    if any(each.absent for each in evaluations):
+        table.add_row("absent places located", *(_false_fixes(each) for each in evaluations))
+        table.add_row(
+            "  most inliers there",
+            *(str(each.absent.most_inliers) if each.absent else "" for each in evaluations),
+        )
+    return table
+
+
+def variations_table(evaluations: Sequence[Evaluation]) -> Table:
+    """Return the errors of variations, one row each."""
+    several = len({each.configuration for each in evaluations}) > 1
+    absent = any(each.absent for each in evaluations)
+    table = Table()
+    table.add_column("variation", no_wrap=True)
+    for title in (*VARIATION_COLUMNS, "not located", *(["absent located"] if absent else [])):
+        table.add_column(title, overflow="fold")
+    for each in evaluations:
+        name = f"{each.configuration}, {each.variation}" if several else each.variation
+        figures = (str(getattr(each.summary, column)) for column in VARIATION_COLUMNS.values())
+        reasons = cell(each.summary.reasons or None)
+        table.add_row(name, *figures, reasons, *([_false_fixes(each)] if absent else []))
+    return table
+
+
+def plain_table(table: ReportTable) -> Table:
+    """Return a report's table for the console."""
+    out = Table(*table.columns, title=table.caption or None)
+    for row in table.rows:
+        out.add_row(*row)
+    return out
+
+
+def _false_fixes(evaluation: Evaluation) -> str:
+    absent = evaluation.absent
+    return f"{len(absent.located)} of {len(absent.outcomes)}" if absent else ""
