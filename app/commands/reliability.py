@@ -11,11 +11,9 @@ import typer
 from app.commands.console import console
 from app.commands.evaluation_tables import plain_table
 from app.evaluation.pose_errors import QueryOutcome
-from app.evaluation.reliability import measure_reliability, read_outcomes
+from app.evaluation.reliability import measure_reliability, read_outcomes, with_pool
 from app.evaluation.report import Report
 from app.evaluation.sections import reliability_section, reliability_table
-
-POOLED = "all together"
 
 
 def reliability(
@@ -33,9 +31,7 @@ def reliability(
     for path in files:
         for name, outcomes in read_outcomes(path).items():
             groups.setdefault(name, []).extend(outcomes)
-    if len(groups) > 1:
-        groups[POOLED] = [outcome for outcomes in list(groups.values()) for outcome in outcomes]
-    measured = {name: measure_reliability(outcomes) for name, outcomes in groups.items()}
+    measured = {name: measure_reliability(outcomes) for name, outcomes in with_pool(groups).items()}
     console.print(plain_table(reliability_table(measured)))
     figures = {name: each.as_dict() for name, each in measured.items()}
     if json_file is not None:

@@ -16,9 +16,21 @@ from app.evaluation.run import Evaluation
 SMALLEST_CM, SMALLEST_DEG = 0.1, 0.02
 
 
+def curve_labels(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return a label for each evaluation: of one configuration the variations' names say enough."""
+    if len(evaluations) > 1 and len({evaluation.configuration for evaluation in evaluations}) == 1:
+        return [evaluation.variation for evaluation in evaluations]
+    return [evaluation.label for evaluation in evaluations]
+
+
+def _columns(labels: Sequence[str]) -> int:
+    longest = max(map(len, labels))
+    return 6 if longest < 20 else 3 if longest < 45 else 1
+
+
 def plot_cumulative(evaluations: Sequence[Evaluation], path: Path) -> Path:
     """Draw the share of all queries below each position and attitude error; what wasn't located never is below."""
-    figure = new_figure(11, 4.6)
+    figure, labels = new_figure(11, 4.6), curve_labels(evaluations)
     left, right = figure.subplots(1, 2)
     for axes, name, unit, smallest, widest in (
         (left, "position_m", "position error (cm)", SMALLEST_CM, 100.0),
@@ -40,9 +52,10 @@ def plot_cumulative(evaluations: Sequence[Evaluation], path: Path) -> Path:
         axes.set_xlim(smallest, largest)
         axes.set_ylim(0, 102)
         label_axes(axes, unit, "share of queries (%)")
-    handles, labels = left.get_legend_handles_labels()
-    columns = 1 if max(map(len, labels)) > 55 else 3
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    handles, _ = left.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=_columns(labels), fontsize=8, frameon=False
+    )
     return save(figure, path)
 
 
@@ -75,14 +88,14 @@ def plot_from_above(evaluation: Evaluation, path: Path) -> Path:
 
 def plot_error_over_inliers(evaluations: Sequence[Evaluation], path: Path) -> Path:
     """Draw the position error of each located query over its inliers, and the limit of a wrong one."""
-    figure = new_figure(8.6, 4.8)
+    figure, labels = new_figure(8.6, 4.8), curve_labels(evaluations)
     axes = figure.subplots()
     for number, evaluation in enumerate(evaluations):
         located = [o for o in evaluation.outcomes if o.located]
         marker = "o^s"[number // len(PALETTE) % 3]
         axes.scatter(
             [o.inliers for o in located], [max(100 * o.position_m, SMALLEST_CM) for o in located],
-            s=14, marker=marker, color=line_style(number)[0], alpha=0.65, linewidths=0, label=evaluation.label,
+            s=14, marker=marker, color=line_style(number)[0], alpha=0.65, linewidths=0, label=labels[number],
         )  # fmt: skip
     axes.axhline(100 * GROSS_M, color="#000000", linewidth=0.8, linestyle="--")
     axes.annotate("wrong: 50 cm", (1.0, 100 * GROSS_M), xycoords=("axes fraction", "data"), ha="right", va="bottom",
@@ -92,8 +105,7 @@ def plot_error_over_inliers(evaluations: Sequence[Evaluation], path: Path) -> Pa
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     label_axes(axes, "inliers", "position error (cm)")
-    columns = 1 if max(len(e.label) for e in evaluations) > 55 else 3
-    figure.legend(loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    figure.legend(loc="outside lower center", ncols=_columns(labels), fontsize=8, frameon=False)
     return save(figure, path)
 
 
@@ -108,7 +120,7 @@ def plot_stages(evaluations: Sequence[Evaluation], path: Path) -> Path:
         width = np.array([evaluation.stages_ms.get(stage, 0.0) for evaluation in evaluations])
         axes.barh(rows, width, left=start, color=line_style(number)[0], height=0.7, label=stage)
         start += width
-    axes.set_yticks(rows, [evaluation.label for evaluation in evaluations], fontsize=8)
+    axes.set_yticks(rows, curve_labels(evaluations), fontsize=8)
     axes.invert_yaxis()
     label_axes(axes, "median time (ms)", "")
     axes.grid(visible=False, axis="y")

@@ -16,6 +16,7 @@ from app.evaluation.pose_errors import QueryOutcome
 
 BINS = 10
 SURE = 0.9
+POOLED = "all together"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +105,13 @@ def coverage_risk(
     answered = last + 1
     wrong = np.cumsum(~right)[last]
     return answered / max(queries, 1), wrong / answered
+
+
+def with_pool(groups: Mapping[str, Sequence[QueryOutcome]]) -> dict[str, Sequence[QueryOutcome]]:
+    """Return the named groups, and all of them together when there are several."""
+    if len(groups) < 2:
+        return dict(groups)
+    return {**groups, POOLED: [outcome for group in groups.values() for outcome in group]}
 
 
 def read_outcomes(path: Path) -> dict[str, list[QueryOutcome]]:

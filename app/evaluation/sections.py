@@ -13,7 +13,7 @@ from app.evaluation.error_plots import (
     plot_stages,
 )
 from app.evaluation.pose_errors import QueryOutcome
-from app.evaluation.reliability import SURE, Reliability, measure_reliability
+from app.evaluation.reliability import SURE, Reliability, measure_reliability, with_pool
 from app.evaluation.reliability_plots import plot_coverage_risk, plot_reliability
 from app.evaluation.report import ReportFigure, ReportTable, Section
 from app.evaluation.run import Evaluation, MapFigures
@@ -93,8 +93,8 @@ def error_table(evaluations: Sequence[Evaluation]) -> ReportTable:
 
 
 def reliability_section(outcomes: Mapping[str, Sequence[QueryOutcome]], directory: Path) -> Section:
-    """Return the section on confidence, one curve for each named group of outcomes."""
-    measured = {name: measure_reliability(group) for name, group in outcomes.items()}
+    """Return the section on confidence: a curve for each named group of outcomes, and for all together."""
+    measured = {name: measure_reliability(group) for name, group in with_pool(outcomes).items()}
     return Section(
         "Confidence",
         "Confidence is the probability that a located query is within 0.5 m and 5 degrees. The expected calibration "
