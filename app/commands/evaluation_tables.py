@@ -66,13 +66,14 @@ def variations_table(evaluations: Sequence[Evaluation]) -> Table:
     absent = any(each.absent for each in evaluations)
     table = Table()
     table.add_column("variation", no_wrap=True)
-    for title in (*VARIATION_COLUMNS, "not located", *(["absent located"] if absent else [])):
-        table.add_column(title, overflow="fold")
+    for title in (*VARIATION_COLUMNS, *(["absent located"] if absent else [])):
+        table.add_column(title)
+    table.add_column("not located", min_width=18)
     for each in evaluations:
         name = f"{each.configuration}, {each.variation}" if several else each.variation
         figures = (str(getattr(each.summary, column)) for column in VARIATION_COLUMNS.values())
         reasons = cell(each.summary.reasons or None)
-        table.add_row(name, *figures, reasons, *([_false_fixes(each)] if absent else []))
+        table.add_row(name, *figures, *([_false_fixes(each)] if absent else []), reasons)
     return table
 
 
