@@ -10,6 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import httpx
 import typer
 from rich.table import Table
 
@@ -194,13 +195,14 @@ def _evaluate_there(
     variations: Sequence[Variation],
 ) -> Iterator[Evaluation]:
     key = Settings().admin_key
-    plain = key.get_secret_value() if key is not None else None
-    for dataset in datasets:
-        for difference, given in zip(name_by_difference(options), options, strict=True):
-            base = parse_build_options(given)
-            split = split_scan(dataset, database, queries, base.format, base.scan)
-            name = dataset.resolve().name + (f", {difference}" if difference else "")
-            yield from evaluate_over_http(server, split, name, given, plain, variations)
+    headers = {"Authorization": f"Bearer {key.get_secret_value()}"} if key is not None else {}
+    with httpx.Client(base_url=server, headers=headers, timeout=300) as client:
+        for dataset in datasets:
+            for difference, given in zip(name_by_difference(options), options, strict=True):
+                base = parse_build_options(given)
+                split = split_scan(dataset, database, queries, base.format, base.scan)
+                name = dataset.resolve().name + (f", {difference}" if difference else "")
+                yield from evaluate_over_http(client, split, name, given, variations)
 
 
 def _print(results: Sequence[Evaluation], variations: Sequence[Variation]) -> None:

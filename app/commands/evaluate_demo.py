@@ -18,7 +18,7 @@ from app.evaluation.outcome import outcome_of
 from app.evaluation.pose_errors import summarize
 from app.evaluation.report import Report, ReportTable, Section
 from app.evaluation.run import Evaluation, map_figures, median_stages
-from app.evaluation.sections import evaluation_sections
+from app.evaluation.sections import cell, evaluation_sections
 from app.evaluation.variations import PLAIN
 from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
@@ -92,9 +92,17 @@ def _evaluate(region: str, localizer: Localizer, queries: Sequence[DemoQuery], p
 
 
 def _table(regions: Sequence[_Region]) -> Table:
-    table = Table(
-        "region", "located %", "median cm", "wrong by over 0.5 m %", "wrong floor", "not located", "median ms"
-    )
+    table = Table()
+    table.add_column("region", no_wrap=True)
+    for title in (
+        "located %",
+        "median cm",
+        "wrong by over 0.5 m %",
+        "wrong floor",
+        "not located",
+        "median ms",
+    ):
+        table.add_column(title, min_width=17 if title == "not located" else None)
     for region in regions:
         summary = region.evaluation.summary
         table.add_row(
@@ -103,7 +111,7 @@ def _table(regions: Sequence[_Region]) -> Table:
             str(summary.median_cm),
             str(summary.gross_percent),
             str(region.wrong_floor),
-            str(summary.reasons),
+            cell(summary.reasons or None),
             str(summary.median_ms),
         )
     return table

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatter
 
 from app.evaluation.plot_style import GREY, PALETTE, label_axes, line_style, new_figure, save
 from app.evaluation.pose_errors import GROSS_M, QueryOutcome
@@ -68,8 +68,10 @@ def plot_from_above(evaluation: Evaluation, path: Path) -> Path:
     truth = np.array([o.truth_m for o in known]).reshape(-1, 3)
     located = [(o.truth_m, o.estimate_m) for o in known if o.truth_m and o.estimate_m]
     missed = np.array([o.truth_m for o in known if not o.located]).reshape(-1, 3)
+    # Many keyframes are a trail, few are marks.
+    size = float(np.clip(2200 / max(len(keyframes), 1), 2, 22))
     axes.scatter(
-        keyframes[:, 0], keyframes[:, 1], s=22, marker="s", color=GREY, linewidths=0, label="keyframe"
+        keyframes[:, 0], keyframes[:, 1], s=size, marker="s", color=GREY, linewidths=0, label="keyframe"
     )
     axes.scatter(truth[:, 0], truth[:, 1], s=26, facecolors="none", edgecolors=PALETTE[0], label="truth")
     if located:
@@ -104,6 +106,7 @@ def plot_error_over_inliers(evaluations: Sequence[Evaluation], path: Path) -> Pa
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
     label_axes(axes, "inliers", "position error (cm)")
     figure.legend(loc="outside lower center", ncols=_columns(labels), fontsize=8, frameon=False)
     return save(figure, path)

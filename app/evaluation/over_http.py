@@ -28,36 +28,34 @@ POLL_S = 0.3
 
 
 def evaluate_over_http(
-    server: str,
+    client: httpx.Client,
     split: Split,
     name: str,
     options: dict[str, Any],
-    key: str | None = None,
     variations: Sequence[Variation] = (PLAIN,),
 ) -> list[Evaluation]:
-    """Build the split's database on a server, in a venue of its own that is deleted again, and locate its queries.
+    """Build the split's database on a client's server, in a venue of its own that is deleted again, and locate
+    its queries.
 
     The scan goes there in TUM form with its poses as they were read. Raises `RoomfixError` when the build fails.
     """
     venue = f"evaluation-{uuid.uuid4().hex[:8]}"
-    headers = {"Authorization": f"Bearer {key}"} if key else {}
-    with httpx.Client(base_url=server, headers=headers, timeout=300) as client:
-        client.post("/venues", json={"id": venue, "name": f"Evaluation of {name}"}).raise_for_status()
-        try:
-            report = _build(client, venue, split, options)["report"]
-            world_from_scan = Pose.from_matrix(np.array(report["world_from_scan"]))
-            figures = _map_figures(f"{name} over HTTP", report, len(split.database.frames))
-            results = []
-            for variation in variations:
-                answers = [
-                    _locate(client, venue, split, number, world_from_scan, variation)
-                    for number in range(len(split.queries))
-                ]
-                outcomes = tuple(outcome for outcome, _ in answers)
-                stages = median_stages([times for outcome, times in answers if outcome.located])
-                results.append(Evaluation(figures, variation.name, summarize(outcomes), stages, outcomes))
-        finally:
-            client.delete(f"/venues/{venue}")
+    client.post("/venues", json={"id": venue, "name": f"Evaluation of {name}"}).raise_for_status()
+    try:
+        report = _build(client, venue, split, options)["report"]
+        world_from_scan = Pose.from_matrix(np.array(report["world_from_scan"]))
+        figures = _map_figures(f"{name} over HTTP", report, len(split.database.frames))
+        results = []
+        for variation in variations:
+            answers = [
+                _locate(client, venue, split, number, world_from_scan, variation)
+                for number in range(len(split.queries))
+            ]
+            outcomes = tuple(outcome for outcome, _ in answers)
+            stages = median_stages([times for outcome, times in answers if outcome.located])
+            results.append(Evaluation(figures, variation.name, summarize(outcomes), stages, outcomes))
+    finally:
+        client.delete(f"/venues/{venue}")
     return results
 
 

@@ -18,7 +18,7 @@ def plot_reliability(measured: Mapping[str, Reliability], path: Path) -> Path:
     """Draw the measured share of right poses over the mean confidence of each bin, and one standard error."""
     figure = new_figure(6.4, 5.6)
     axes = figure.subplots()
-    lowest = WIDEST_ZOOM
+    x_low = y_low = WIDEST_ZOOM
     for number, (name, reliability) in enumerate(measured.items()):
         color, dashes = line_style(number)
         x = np.array([b.confidence for b in reliability.bins])
@@ -27,13 +27,13 @@ def plot_reliability(measured: Mapping[str, Reliability], path: Path) -> Path:
         ece = "-" if reliability.ece is None else f"{reliability.ece:.3f}"
         axes.errorbar(
             x, y, yerr=np.sqrt(y * (1 - y) / np.maximum(count, 1)), color=color, linestyle=dashes, marker="o",
-            markersize=5, linewidth=1.3, elinewidth=0.8, clip_on=False, label=f"{name} (ECE {ece})",
+            markersize=5, linewidth=1.3, elinewidth=0.8, label=f"{name} (ECE {ece})",
         )  # fmt: skip
-        lowest = min([lowest, *x, *y])
-    lowest = float(np.floor(lowest * 10) / 10)
-    axes.plot([lowest, 1], [lowest, 1], color=GREY, linewidth=1, linestyle="--")
-    axes.set_xlim(lowest, 1.0)
-    axes.set_ylim(lowest, 1.0)
+        x_low, y_low = min([x_low, *x]), min([y_low, *y])
+    axes.plot([0, 1], [0, 1], color=GREY, linewidth=1, linestyle="--")
+    # A little beyond 1, for the marks there.
+    axes.set_xlim(np.floor(10 * x_low - 0.5) / 10, 1.01)
+    axes.set_ylim(max(0.0, np.floor(10 * y_low - 0.5) / 10), 1.01)
     label_axes(axes, "confidence", "measured share within 0.5 m and 5 degrees", "Reliability")
     figure.legend(loc="outside lower center", fontsize=8, frameon=False)
     return save(figure, path)
