@@ -43,7 +43,7 @@ def evaluate_demo(
 
     page = None if report is None else Report(f"Evaluation of {VENUE.name}", report)
     resources = Resources.open(settings_from(data_dir=data_dir))
-    regions: list[_Region] = []
+    regions: list[RegionFigures] = []
     try:
         serving = MapLibrary(resources).active(VENUE.id)
         if serving is None:
@@ -51,7 +51,7 @@ def evaluate_demo(
         with progress_bars() as progress:
             for region in REGIONS:
                 queries = render_queries(data_dir / f"queries-{region}", count, region=region)
-                regions.append(_evaluate(region, serving[0], queries, progress))
+                regions.append(evaluate_region(region, serving[0], queries, progress))
     finally:
         resources.close()
     console.print(_table(regions))
@@ -66,7 +66,7 @@ def evaluate_demo(
 
 
 @dataclass(frozen=True, slots=True)
-class _Region:
+class RegionFigures:
     """The figures of a region; `wrong_floor` counts located pictures whose estimate is on another floor."""
 
     name: str
@@ -74,7 +74,10 @@ class _Region:
     wrong_floor: int
 
 
-def _evaluate(region: str, localizer: Localizer, queries: Sequence[DemoQuery], progress: Progress) -> _Region:
+def evaluate_region(
+    region: str, localizer: Localizer, queries: Sequence[DemoQuery], progress: Progress
+) -> RegionFigures:
+    """Locate the pictures of a region and compare with the truth, the floor too."""
     from app.demonstration import floor_of
 
     outcomes, timings, wrong_floor = [], [], 0
@@ -88,10 +91,10 @@ def _evaluate(region: str, localizer: Localizer, queries: Sequence[DemoQuery], p
             wrong_floor += floor_of(found.world_from_camera) != query.floor
     figures = map_figures(region, localizer.artifact, int(localizer.index.descriptors.nbytes))
     evaluation = Evaluation(figures, PLAIN.name, summarize(outcomes), median_stages(timings), tuple(outcomes))
-    return _Region(region, evaluation, wrong_floor)
+    return RegionFigures(region, evaluation, wrong_floor)
 
 
-def _table(regions: Sequence[_Region]) -> Table:
+def _table(regions: Sequence[RegionFigures]) -> Table:
     table = Table()
     table.add_column("region", no_wrap=True)
     for title in (
@@ -117,7 +120,7 @@ def _table(regions: Sequence[_Region]) -> Table:
     return table
 
 
-def _floor_section(regions: Sequence[_Region]) -> Section:
+def _floor_section(regions: Sequence[RegionFigures]) -> Section:
     rows = [[each.name, str(len(each.evaluation.outcomes)), str(each.wrong_floor)] for each in regions]
     table = ReportTable(["region", "pictures", "located on another floor"], rows)
     return Section("Wrong floor", "Located pictures whose height is that of another floor.", [table])

@@ -128,7 +128,8 @@ def _locate(
     milliseconds = 1e3 * (time.perf_counter() - started)
     answer.raise_for_status()
     found = answer.json()
-    return _outcome(frame.name, found, truth, milliseconds), found["timings_ms"]
+    stages = {stage: value for stage, value in found["timings_ms"].items() if stage != "total"}
+    return _outcome(frame.name, found, truth, milliseconds), stages
 
 
 def _outcome(name: str, found: Mapping[str, Any], truth: Pose, milliseconds: float) -> QueryOutcome:

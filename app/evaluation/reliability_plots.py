@@ -32,7 +32,7 @@ def plot_reliability(measured: Mapping[str, Reliability], path: Path) -> Path:
         x_low, y_low = min([x_low, *x]), min([y_low, *y])
     axes.plot([0, 1], [0, 1], color=GREY, linewidth=1, linestyle="--")
     # A little beyond 1, for the marks there.
-    axes.set_xlim(np.floor(10 * x_low - 0.5) / 10, 1.01)
+    axes.set_xlim(max(0.0, np.floor(10 * x_low - 0.5) / 10), 1.01)
     axes.set_ylim(max(0.0, np.floor(10 * y_low - 0.5) / 10), 1.01)
     label_axes(axes, "confidence", "measured share within 0.5 m and 5 degrees", "Reliability")
     figure.legend(loc="outside lower center", fontsize=8, frameon=False)
