@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
-from app.commands.evaluation_tables import maps_table, variations_table
+from app.commands.evaluation_tables import absent_lines, maps_table, variations_table
 from app.errors import InvalidInputError
 from app.evaluation.absent import check_places, locate_absent
 from app.evaluation.benchmark import describe_machine, run_benchmark
@@ -26,7 +26,7 @@ from app.evaluation.report import Report
 from app.evaluation.run import Evaluation, build
 from app.evaluation.run import evaluate as run_evaluation
 from app.evaluation.sections import evaluation_sections
-from app.evaluation.variations import Variation, parse_variations
+from app.evaluation.variations import VARIATIONS, Variation, parse_variations
 from app.services.build_options import BuildOptions, parse_build_options
 from app.services.localizer import PAPER, LocalizerSettings
 from app.services.progress import Progress
@@ -74,7 +74,9 @@ def evaluate(
     keyframes: Annotated[int | None, typer.Option(help="Keyframes that a query is matched with.")] = None,
     degrade: Annotated[
         list[str] | None,
-        typer.Option(help="Ask the same map with queries made worse, or all; repeat it for several."),
+        typer.Option(
+            help=f"Ask the same map with queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
+        ),
     ] = None,
     no_camera: Annotated[
         bool, typer.Option("--no-camera", help="Locate without a camera; the same as --degrade no-camera.")
@@ -210,6 +212,8 @@ def _print(results: Sequence[Evaluation], variations: Sequence[Variation]) -> No
     console.print(maps_table(first))
     if len(variations) > 1:
         console.print(variations_table(results))
+        for line in absent_lines(results):
+            console.print(line, soft_wrap=True)
 
 
 def _title(datasets: Sequence[Path]) -> str:

@@ -43,7 +43,9 @@ VARIATION_COLUMNS = {
 
 def maps_table(evaluations: Sequence[Evaluation]) -> Table:
     """Return maps and errors, one column an evaluation."""
-    table = Table("", *(evaluation.label for evaluation in evaluations))
+    table = Table("")
+    for evaluation in evaluations:
+        table.add_column(evaluation.label, overflow="fold")
     for name in MAP_ROWS:
         table.add_row(name.replace("_", " "), *(str(getattr(each.map, name)) for each in evaluations))
     table.add_row(
@@ -61,20 +63,25 @@ def maps_table(evaluations: Sequence[Evaluation]) -> Table:
 
 
 def variations_table(evaluations: Sequence[Evaluation]) -> Table:
-    """Return the errors of variations, one row each."""
+    """Return the errors of variations, one row each, on 80 columns."""
     several = len({each.configuration for each in evaluations}) > 1
-    absent = any(each.absent for each in evaluations)
     table = Table()
-    table.add_column("variation", no_wrap=True)
-    for title in (*VARIATION_COLUMNS, *(["absent located"] if absent else [])):
-        table.add_column(title)
-    table.add_column("not located", min_width=18)
+    table.add_column("variation", overflow="fold")
+    for title in VARIATION_COLUMNS:
+        table.add_column(title, min_width=5)
     for each in evaluations:
         name = f"{each.configuration}, {each.variation}" if several else each.variation
-        figures = (str(getattr(each.summary, column)) for column in VARIATION_COLUMNS.values())
-        reasons = cell(each.summary.reasons or None)
-        table.add_row(name, *figures, *([_false_fixes(each)] if absent else []), reasons)
+        table.add_row(name, *(str(getattr(each.summary, column)) for column in VARIATION_COLUMNS.values()))
     return table
+
+
+def absent_lines(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return a sentence for each time that absent places were asked."""
+    return [
+        f"{each.label}: {_false_fixes(each)} absent places located, {each.absent.most_inliers} inliers at most."
+        for each in evaluations
+        if each.absent
+    ]
 
 
 def plain_table(table: ReportTable) -> Table:

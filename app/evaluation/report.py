@@ -26,8 +26,10 @@ nav a { margin-right: 1rem; } p { max-width: 75ch; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; margin: 1rem 0; }
 caption { text-align: left; font-weight: 600; padding: 0.3rem 0; }
 th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid #e4e4e4; text-align: right; vertical-align: bottom; }
-th:first-child, td:first-child { text-align: left; } thead th { border-bottom: 2px solid #999; }
-.figures { display: flex; flex-wrap: wrap; gap: 1rem; } figure { margin: 0; max-width: 100%; }
+th:first-child, td:first-child { text-align: left; white-space: nowrap; } thead th { border-bottom: 2px solid #999; }
+.figures { display: flex; flex-wrap: wrap; gap: 1rem; }
+figure { margin: 0; width: calc(50% - 0.5rem); min-width: 20rem; }
+figure.wide { width: 100%; }
 figure img { max-width: 100%; height: auto; } figcaption { font-size: 13px; color: #555; }
 </style>
 </head>
@@ -55,10 +57,11 @@ class ReportTable:
 
 @dataclass(frozen=True, slots=True)
 class ReportFigure:
-    """An image file below the report's folder, and what it shows."""
+    """An image file below the report's folder, and what it shows; a wide one has a row of its own."""
 
     path: Path
     caption: str
+    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +121,10 @@ class Report:
     def _figure(self, figure: ReportFigure) -> str:
         source = quote(figure.path.resolve().relative_to(self.directory.resolve()).as_posix())
         caption = escape(figure.caption)
-        return f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+        wide = ' class="wide"' if figure.wide else ""
+        return (
+            f'<figure{wide}><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+        )
 
 
 def _table(table: ReportTable) -> str:

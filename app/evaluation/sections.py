@@ -55,9 +55,13 @@ def evaluation_sections(evaluations: Sequence[Evaluation], directory: Path) -> l
             "located is infinitely far off, which a dash stands for.",
             [error_table(evaluations)],
             [
-                ReportFigure(plot_cumulative(evaluations, directory / "cumulative.png"), "Cumulative errors"),
                 ReportFigure(
-                    plot_error_over_inliers(evaluations, directory / "inliers.png"), "Error against inliers"
+                    plot_cumulative(evaluations, directory / "cumulative.png"), "Cumulative errors", wide=True
+                ),
+                ReportFigure(
+                    plot_error_over_inliers(evaluations, directory / "inliers.png"),
+                    "Error against inliers",
+                    wide=True,
                 ),
             ],
         ),
@@ -155,7 +159,9 @@ def _from_above(evaluations: Sequence[Evaluation], directory: Path) -> Section:
 def _times(evaluations: Sequence[Evaluation], directory: Path) -> Section:
     stages = list(dict.fromkeys(stage for evaluation in evaluations for stage in evaluation.stages_ms))
     rows = [[e.label, *(cell(e.stages_ms.get(stage)) for stage in stages)] for e in evaluations]
-    figure = ReportFigure(plot_stages(evaluations, directory / "stages.png"), "Median time by stage")
+    figure = ReportFigure(
+        plot_stages(evaluations, directory / "stages.png"), "Median time by stage", wide=True
+    )
     text = "Medians in milliseconds over the located queries, one query at a time."
     return Section("Time by stage", text, [ReportTable(["queries of", *stages], rows)], [figure])
 
