@@ -116,13 +116,7 @@ def evaluate(
         configurations = list(_configurations(datasets, database, queries, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
     _print(results, variations)
-    figures = [result.as_dict() for result in results]
-    if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False))
-    if page is not None:
-        page.add(*evaluation_sections(results, page.directory))
-        page.write_json("evaluation.json", figures)
-        console.print(f"The report is {page.write()}.", soft_wrap=True)
+    _write(results, json_file, page)
 
 
 def _settings(pipeline: Pipeline, keyframes: int | None) -> LocalizerSettings:
@@ -214,6 +208,16 @@ def _print(results: Sequence[Evaluation], variations: Sequence[Variation]) -> No
         console.print(variations_table(results))
         for line in absent_lines(results):
             console.print(line, soft_wrap=True)
+
+
+def _write(results: Sequence[Evaluation], json_file: Path | None, page: Report | None) -> None:
+    figures = [result.as_dict() for result in results]
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False))
+    if page is not None:
+        page.add(*evaluation_sections(results, page.directory))
+        page.write_json("evaluation.json", figures)
+        console.print(f"The report is {page.write()}.", soft_wrap=True)
 
 
 def _title(datasets: Sequence[Path]) -> str:

@@ -66,7 +66,7 @@ def variations_table(evaluations: Sequence[Evaluation]) -> Table:
     """Return the errors of variations, one row each, on 80 columns."""
     several = len({each.configuration for each in evaluations}) > 1
     table = Table()
-    table.add_column("variation", overflow="fold")
+    table.add_column("variation", overflow="fold", no_wrap=not several)
     for title in VARIATION_COLUMNS:
         table.add_column(title, min_width=5)
     for each in evaluations:
