@@ -3,44 +3,89 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
+import httpx
 import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
+from app.commands.evaluation_tables import absent_lines, maps_table, variations_table
+from app.errors import InvalidInputError
+from app.evaluation.absent import check_places, locate_absent
 from app.evaluation.benchmark import describe_machine, run_benchmark
 from app.evaluation.dataset import Split, split_scan
+from app.evaluation.naming import name_by_difference
 from app.evaluation.over_http import evaluate_over_http
-from app.evaluation.run import Evaluation, count_false_fixes, list_images
+from app.evaluation.report import Report
+from app.evaluation.run import Evaluation, build
 from app.evaluation.run import evaluate as run_evaluation
+from app.evaluation.sections import evaluation_sections
+from app.evaluation.variations import VARIATIONS, Variation, parse_variations
 from app.services.build_options import BuildOptions, parse_build_options
 from app.services.localizer import PAPER, LocalizerSettings
+from app.services.progress import Progress
 from app.services.resources import cap_threads, open_models
+from app.services.vision_models import VisionModels
 from app.settings import Settings
 
-Pipeline = Literal["default", "paper"]
 Dataset = Annotated[Path, typer.Argument(exists=True, file_okay=False, help="A scan in a known format.")]
+Datasets = Annotated[
+    list[Path], typer.Argument(exists=True, file_okay=False, help="Scans in a known format.")
+]
 Database = Annotated[str, typer.Option(help="Frames of the map: start:stop:step, by order.")]
 Queries = Annotated[str, typer.Option(help="Frames to locate, those of the map left out.")]
 Options = Annotated[str, typer.Option(help="JSON, as in POST /database/build.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
+ReportDir = Annotated[Path | None, typer.Option("--report", help="Write a page with plots into this folder.")]
+
+
+class Pipeline(StrEnum):
+    """How to localize."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+
+
+@dataclass(frozen=True, slots=True)
+class _Configuration:
+    """One map to build and how to localize in it; `name` tells it apart from the others."""
+
+    name: str
+    split: Split
+    options: BuildOptions
+    settings: LocalizerSettings
 
 
 def evaluate(
-    dataset: Dataset,
+    datasets: Datasets,
     database: Database = "0::2",
     queries: Queries = "1::2",
     features: Annotated[list[str] | None, typer.Option(help="Feature method; repeat it to compare.")] = None,
     pipeline: Annotated[
-        Pipeline, typer.Option(help="paper: ORB, F-RANSAC, EPnP + LM, one keyframe.")
-    ] = "default",
+        list[Pipeline] | None,
+        typer.Option(help="default, or paper: ORB, F-RANSAC, EPnP + LM, one keyframe; repeat it to compare."),
+    ] = None,
     keyframes: Annotated[int | None, typer.Option(help="Keyframes that a query is matched with.")] = None,
+    degrade: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"Ask the same map with queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
+        ),
+    ] = None,
+    no_camera: Annotated[
+        bool, typer.Option("--no-camera", help="Locate without a camera; the same as --degrade no-camera.")
+    ] = False,
     absent: Annotated[
-        Path | None, typer.Option(exists=True, help="Images of other places: none may be located.")
+        list[str] | None,
+        typer.Option(
+            help="A folder of other places, or synthetic: none may be located; repeat it for several."
+        ),
     ] = None,
     server: Annotated[
         str | None,
@@ -48,54 +93,145 @@ def evaluate(
             help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."
         ),
     ] = None,
-    options: Options = "{}",
+    options: Annotated[
+        list[str] | None, typer.Option(help="JSON, as in POST /database/build; repeat it to compare.")
+    ] = None,
     json_file: JsonFile = None,
+    report: ReportDir = None,
 ) -> None:
     """Build a map from one part of a dataset, locate the other part, compare with the truth."""
     cap_threads()
-    base = parse_build_options(json.loads(options))
-    split = split_scan(dataset, database, queries, base.format, base.scan)
+    variations = parse_variations([*(degrade or []), *(["no-camera"] if no_camera else [])])
+    check_places(absent or [])
+    parsed = [_json(each) for each in options or ["{}"]]
+    page = None if report is None else Report(_title(datasets), report)
     if server is not None:
-        key = Settings().admin_key
-        plain = key.get_secret_value() if key is not None else None
-        results = [evaluate_over_http(server, split, dataset, json.loads(options), plain)]
+        if features or pipeline or keyframes is not None or absent:
+            raise InvalidInputError(
+                "--server takes its pipeline from the server: leave out features, pipeline, keyframes and absent."
+            )
+        results = list(_evaluate_there(server, datasets, database, queries, parsed, variations))
     else:
-        results = _evaluate_here(dataset.name, split, base, features, pipeline, keyframes, absent)
-    console.print(_table(results))
-    if json_file is not None:
-        json_file.write_text(json.dumps(results, indent=1, default=str))
+        settings = {name: _settings(name, keyframes) for name in pipeline or [Pipeline.DEFAULT]}
+        configurations = list(_configurations(datasets, database, queries, parsed, features, settings))
+        results = _evaluate_here(configurations, variations, absent or [])
+    _print(results, variations)
+    _write(results, json_file, page)
+
+
+def _settings(pipeline: Pipeline, keyframes: int | None) -> LocalizerSettings:
+    settings = PAPER if pipeline is Pipeline.PAPER else LocalizerSettings()
+    return settings if keyframes is None else replace(settings, keyframes=keyframes)
+
+
+def _configurations(
+    datasets: Sequence[Path],
+    database: str,
+    queries: str,
+    options: Sequence[dict[str, Any]],
+    features: Sequence[str] | None,
+    settings: dict[Pipeline, LocalizerSettings],
+) -> Iterator[_Configuration]:
+    """Yield every dataset with every set of options, pipeline and feature method."""
+    for dataset in datasets:
+        for difference, given in zip(name_by_difference(options), options, strict=True):
+            base = parse_build_options(given)
+            split = split_scan(dataset, database, queries, base.format, base.scan)
+            for pipeline, localizer_settings in settings.items():
+                # The paper takes each keyframe's depth as it is.
+                chosen = replace(base, refine_depth=False) if pipeline is Pipeline.PAPER else base
+                methods = features or (["orb"] if pipeline is Pipeline.PAPER else [base.features])
+                name = f"{dataset.resolve().name} {pipeline}" + (f", {difference}" if difference else "")
+                for method in methods:
+                    checked = parse_build_options({"features": method}).features
+                    yield _Configuration(name, split, replace(chosen, features=checked), localizer_settings)
 
 
 def _evaluate_here(
-    name: str,
-    split: Split,
-    base: BuildOptions,
-    features: list[str] | None,
-    pipeline: Pipeline,
-    keyframes: int | None,
-    absent: Path | None,
-) -> list[dict[str, Any]]:
-    settings = PAPER if pipeline == "paper" else LocalizerSettings()
-    if keyframes is not None:
-        settings = replace(settings, keyframes=keyframes)
-    if pipeline == "paper":
-        # The paper takes each keyframe's depth as it is.
-        base = replace(base, refine_depth=False)
-    methods = features or (["orb"] if pipeline == "paper" else [base.features])
-    models, results = open_models(Settings()), []
+    configurations: Sequence[_Configuration], variations: Sequence[Variation], absent: Sequence[str]
+) -> list[Evaluation]:
+    models = open_models(Settings())
+    results: list[Evaluation] = []
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
-        for method in methods:
-            options = replace(base, features=parse_build_options({"features": method}).features)
-            figures, localizer = run_evaluation(
-                f"{name} {pipeline}", split, options, settings, models, executor, progress
-            )
-            result = _flat(figures)
-            if absent is not None:
-                images = list_images(absent)
-                false, highest = count_false_fixes(localizer, images, split.database.camera)
-                result["absent"] = {"images": len(images), "located": len(false), "most_inliers": highest}
-            results.append(result)
+        for configuration in configurations:
+            results += _evaluate_map(configuration, variations, absent, models, executor, progress)
     return results
+
+
+def _evaluate_map(
+    configuration: _Configuration,
+    variations: Sequence[Variation],
+    absent: Sequence[str],
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[Evaluation]:
+    """Build once, and ask every variation; absent places once with a camera and once without, as variations are."""
+    split = configuration.split
+    built = build(
+        configuration.name, split, configuration.options, configuration.settings, models, executor, progress
+    )
+    asked: set[bool] = set()
+    for variation in variations:
+        result = run_evaluation(built, split, progress, variation)
+        if absent and variation.camera_given not in asked:
+            asked.add(variation.camera_given)
+            camera = split.database.camera
+            found = locate_absent(built.localizer, absent, camera, variation.camera_given, progress)
+            result = replace(result, absent=found)
+        yield result
+
+
+def _evaluate_there(
+    server: str,
+    datasets: Sequence[Path],
+    database: str,
+    queries: str,
+    options: Sequence[dict[str, Any]],
+    variations: Sequence[Variation],
+) -> Iterator[Evaluation]:
+    key = Settings().admin_key
+    headers = {"Authorization": f"Bearer {key.get_secret_value()}"} if key is not None else {}
+    with httpx.Client(base_url=server, headers=headers, timeout=300) as client:
+        for dataset in datasets:
+            for difference, given in zip(name_by_difference(options), options, strict=True):
+                base = parse_build_options(given)
+                split = split_scan(dataset, database, queries, base.format, base.scan)
+                name = dataset.resolve().name + (f", {difference}" if difference else "")
+                yield from evaluate_over_http(client, split, name, given, variations)
+
+
+def _print(results: Sequence[Evaluation], variations: Sequence[Variation]) -> None:
+    first = [result for result in results if result.variation == variations[0].name]
+    console.print(maps_table(first))
+    if len(variations) > 1:
+        console.print(variations_table(results))
+        for line in absent_lines(results):
+            console.print(line, soft_wrap=True)
+
+
+def _write(results: Sequence[Evaluation], json_file: Path | None, page: Report | None) -> None:
+    figures = [result.as_dict() for result in results]
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False))
+    if page is not None:
+        page.add(*evaluation_sections(results, page.directory))
+        page.write_json("evaluation.json", figures)
+        console.print(f"The report is {page.write()}.", soft_wrap=True)
+
+
+def _title(datasets: Sequence[Path]) -> str:
+    return f"Evaluation of {', '.join(dataset.resolve().name for dataset in datasets)}"
+
+
+def _json(text: str) -> dict[str, Any]:
+    try:
+        parsed = json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(f"options is not JSON: {error}.") from None
+    if not isinstance(parsed, dict):
+        raise InvalidInputError("options must be a JSON object.")
+    return parsed
 
 
 def benchmark(
@@ -112,7 +248,7 @@ def benchmark(
 ) -> None:
     """Time a located query on one thread: medians by stage, and the sum of its kernels."""
     cap_threads()
-    base = replace(parse_build_options(json.loads(options)), features=features)
+    base = replace(parse_build_options(_json(options)), features=features)
     split = split_scan(dataset, database, queries, base.format, base.scan)
     with ThreadPoolExecutor(1) as executor, progress_bars() as progress:
         figures = run_benchmark(split, base, open_models(Settings()), executor, progress, repeats, compare)
@@ -134,45 +270,3 @@ def benchmark(
     console.print(table)
     if json_file is not None:
         json_file.write_text(json.dumps({**figures.as_dict(), "machine": describe_machine()}, indent=1))
-
-
-def _flat(figures: Evaluation) -> dict[str, Any]:
-    return figures.as_dict()
-
-
-ROWS = {
-    "queries": "queries",
-    "located %": "located_percent",
-    "median cm": "median_cm",
-    "median deg": "median_deg",
-    "90 % cm": "p90_cm",
-    "90 % deg": "p90_deg",
-    "mean cm": "mean_cm",
-    "mean deg": "mean_deg",
-    "within 5 cm, 5 deg %": "within_5cm_5deg_percent",
-    "within 10 cm, 5 deg %": "within_10cm_5deg_percent",
-    "wrong by over 0.5 m %": "gross_percent",
-    "largest error cm": "max_cm",
-    "not located": "reasons",
-    "median ms": "median_ms",
-}
-
-
-def _table(results: list[dict[str, Any]]) -> Table:
-    table = Table("", *(f"{result['name']}, {result['features']}" for result in results))
-    for name in ("keyframes", "features_per_keyframe", "megabytes", "build_s", "discarded"):
-        table.add_row(name.replace("_", " "), *(str(result.get(name)) for result in results))
-    for title, name in ROWS.items():
-        table.add_row(title, *(str(result["summary"][name]) for result in results))
-    if any("absent" in result for result in results):
-        table.add_row(
-            "absent places located",
-            *(
-                f"{r['absent']['located']} of {r['absent']['images']}" if "absent" in r else ""
-                for r in results
-            ),
-        )
-        table.add_row(
-            "  most inliers there", *(str(r.get("absent", {}).get("most_inliers")) for r in results)
-        )
-    return table

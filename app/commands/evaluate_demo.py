@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,9 +14,15 @@ from rich.table import Table
 from app.commands.console import console, progress_bars, settings_from
 from app.commands.demo import DEFAULT_DIR
 from app.errors import ConflictError
-from app.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
+from app.evaluation.outcome import outcome_of
+from app.evaluation.pose_errors import summarize
+from app.evaluation.report import Report, ReportTable, Section
+from app.evaluation.run import Evaluation, map_figures, median_stages
+from app.evaluation.sections import cell, evaluation_sections
+from app.evaluation.variations import PLAIN
 from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
+from app.services.progress import Progress
 from app.services.resources import Resources
 from app.vision.images import decode_image
 
@@ -26,12 +34,16 @@ def evaluate_demo(
     count: Annotated[int, typer.Option(min=1, help="Pictures of each region.")] = 80,
     data_dir: Annotated[Path, typer.Option(help="The folder of `roomfix demo`.")] = DEFAULT_DIR,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Write a page with plots into this folder.")
+    ] = None,
 ) -> None:
     """Locate rendered phone pictures of every region in the demonstration venue's map (run `demo --whole` first)."""
     from app.demonstration import REGIONS, VENUE, render_queries
 
+    page = None if report is None else Report(f"Evaluation of {VENUE.name}", report)
     resources = Resources.open(settings_from(data_dir=data_dir))
-    summaries: dict[str, ErrorSummary] = {}
+    regions: list[RegionFigures] = []
     try:
         serving = MapLibrary(resources).active(VENUE.id)
         if serving is None:
@@ -39,44 +51,76 @@ def evaluate_demo(
         with progress_bars() as progress:
             for region in REGIONS:
                 queries = render_queries(data_dir / f"queries-{region}", count, region=region)
-                outcomes = []
-                for done, query in enumerate(queries):
-                    progress.report(region, done + 1, count)
-                    outcomes.append(_locate(serving[0], query))
-                summaries[region] = summarize(outcomes)
+                regions.append(evaluate_region(region, serving[0], queries, progress))
     finally:
         resources.close()
-    console.print(_table(summaries))
+    console.print(_table(regions))
+    figures = [{**each.evaluation.as_dict(), "wrong_floor": each.wrong_floor} for each in regions]
     if json_file is not None:
-        json_file.write_text(json.dumps({name: s.as_dict() for name, s in summaries.items()}, indent=1))
+        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False))
+    if page is not None:
+        page.add(*evaluation_sections([each.evaluation for each in regions], page.directory))
+        page.add(_floor_section(regions))
+        page.write_json("evaluation.json", figures)
+        console.print(f"The report is {page.write()}.", soft_wrap=True)
 
 
-def _locate(localizer: Localizer, query: DemoQuery) -> QueryOutcome:
-    found = localizer.localize(decode_image(query.path.read_bytes()), query.camera)
-    position_m, orientation_deg = float("inf"), 180.0
-    if found.world_from_camera is not None:
-        position_m, orientation_deg = pose_error(found.world_from_camera, query.world_from_camera)
-    return QueryOutcome(
-        query.name,
-        found.world_from_camera is not None,
-        position_m,
-        orientation_deg,
-        found.reason,
-        found.evidence.inliers,
-        found.confidence,
-        sum(found.timings_ms.values()),
-    )
+@dataclass(frozen=True, slots=True)
+class RegionFigures:
+    """The figures of a region; `wrong_floor` counts located pictures whose estimate is on another floor."""
+
+    name: str
+    evaluation: Evaluation
+    wrong_floor: int
 
 
-def _table(summaries: dict[str, ErrorSummary]) -> Table:
-    table = Table("region", "located %", "median cm", "wrong by over 0.5 m %", "not located", "median ms")
-    for region, summary in summaries.items():
+def evaluate_region(
+    region: str, localizer: Localizer, queries: Sequence[DemoQuery], progress: Progress
+) -> RegionFigures:
+    """Locate the pictures of a region and compare with the truth, the floor too."""
+    from app.demonstration import floor_of
+
+    outcomes, timings, wrong_floor = [], [], 0
+    for done, query in enumerate(queries):
+        progress.report(region, done + 1, len(queries))
+        found = localizer.localize(decode_image(query.path.read_bytes()), query.camera)
+        milliseconds = sum(found.timings_ms.values())
+        outcomes.append(outcome_of(query.name, found, query.world_from_camera, milliseconds))
+        if found.world_from_camera is not None:
+            timings.append(found.timings_ms)
+            wrong_floor += floor_of(found.world_from_camera) != query.floor
+    figures = map_figures(region, localizer.artifact, int(localizer.index.descriptors.nbytes))
+    evaluation = Evaluation(figures, PLAIN.name, summarize(outcomes), median_stages(timings), tuple(outcomes))
+    return RegionFigures(region, evaluation, wrong_floor)
+
+
+def _table(regions: Sequence[RegionFigures]) -> Table:
+    table = Table()
+    table.add_column("region", no_wrap=True)
+    for title in (
+        "located %",
+        "median cm",
+        "wrong by over 0.5 m %",
+        "wrong floor",
+        "not located",
+        "median ms",
+    ):
+        table.add_column(title, min_width=17 if title == "not located" else None)
+    for region in regions:
+        summary = region.evaluation.summary
         table.add_row(
-            region,
+            region.name,
             str(summary.located_percent),
             str(summary.median_cm),
             str(summary.gross_percent),
-            str(summary.reasons),
+            str(region.wrong_floor),
+            cell(summary.reasons or None),
             str(summary.median_ms),
         )
     return table
+
+
+def _floor_section(regions: Sequence[RegionFigures]) -> Section:
+    rows = [[each.name, str(len(each.evaluation.outcomes)), str(each.wrong_floor)] for each in regions]
+    table = ReportTable(["region", "pictures", "located on another floor"], rows)
+    return Section("Wrong floor", "Located pictures whose height is that of another floor.", [table])

@@ -6,7 +6,7 @@ Rendering needs the `demo` extra (embreex) and raises `MissingRendererError` wit
 from __future__ import annotations
 
 from app.demonstration.layout import CORRIDORS, WING_ROOMS
-from app.demonstration.queries import PHONE_CAMERA, REGIONS, DemoQuery, render_queries
+from app.demonstration.queries import PHONE_CAMERA, REGIONS, DemoQuery, floor_of, render_queries
 from app.demonstration.raycast import render
 from app.demonstration.scan import SCAN_CAMERA, VENUE_FRAMES, WING_FRAMES, DemoScan, render_venue, render_wing
 from app.demonstration.scene import MissingRendererError, Scene, demo_scene
@@ -28,6 +28,7 @@ __all__ = [
     "MissingRendererError",
     "Scene",
     "demo_scene",
+    "floor_of",
     "floor_plans",
     "render",
     "render_queries",

@@ -90,8 +90,13 @@ def _region_poses(region: str) -> list[Pose]:
 
 def room_of(world_from_camera: Pose) -> Room | None:
     """Return the room a camera is in."""
-    x, y, z = world_from_camera.translation
-    return room_at(x, y, int(z > FLOOR_HEIGHT_M))
+    x, y, _ = world_from_camera.translation
+    return room_at(x, y, floor_of(world_from_camera))
+
+
+def floor_of(world_from_camera: Pose) -> int:
+    """Return the floor a camera is on, by its height: 0 is the ground floor."""
+    return int(world_from_camera.translation[2] > FLOOR_HEIGHT_M)
 
 
 def _is_in(room: Room | None, region: str) -> bool:
@@ -108,8 +113,7 @@ def _is_in(room: Room | None, region: str) -> bool:
 def _query(directory: Path, number: int, camera: Camera, pose: Pose) -> DemoQuery:
     room = room_of(pose)
     name = f"query_{number:04d}"
-    floor = int(pose.translation[2] > FLOOR_HEIGHT_M)
-    return DemoQuery(name, directory / f"{name}.jpg", camera, pose, room.id if room else "", floor)
+    return DemoQuery(name, directory / f"{name}.jpg", camera, pose, room.id if room else "", floor_of(pose))
 
 
 def _phone(seed: int, number: int) -> ColourSensor:

@@ -91,7 +91,7 @@ def run_benchmark(
         queries=len(split.queries),
         located=len(results),
         decode_ms=round(float(np.median(decodes)), 2) if decodes else float("nan"),
-        stages_ms=median_stages(results),
+        stages_ms=median_stages([found.timings_ms for found in results]),
         total_ms=total,
         kernels_ms=medians,
         kernels_sum_ms=round(sum(medians.values()), 2),

@@ -7,62 +7,76 @@ import json
 import time
 import uuid
 import zipfile
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import httpx
 import numpy as np
+from PIL import Image
 
 from app.errors import RoomfixError
 from app.evaluation.dataset import Split
+from app.evaluation.outcome import centre_of
 from app.evaluation.pose_errors import QueryOutcome, pose_error, summarize
+from app.evaluation.run import Evaluation, MapFigures, median_stages
+from app.evaluation.variations import PLAIN, Variation
+from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.frames import Frame
+from app.vision.images import Rgb, decode_image
 
 POLL_S = 0.3
 
 
 def evaluate_over_http(
-    server: str, split: Split, dataset: Path, options: dict[str, Any], key: str | None = None
-) -> dict[str, Any]:
-    """Build the split's database on a server, in a venue of its own that is deleted again, and locate its queries.
+    client: httpx.Client,
+    split: Split,
+    name: str,
+    options: dict[str, Any],
+    variations: Sequence[Variation] = (PLAIN,),
+) -> list[Evaluation]:
+    """Build the split's database on a client's server, in a venue of its own that is deleted again, and locate
+    its queries.
 
     The scan goes there in TUM form with its poses as they were read. Raises `RoomfixError` when the build fails.
     """
     venue = f"evaluation-{uuid.uuid4().hex[:8]}"
-    headers = {"Authorization": f"Bearer {key}"} if key else {}
-    with httpx.Client(base_url=server, headers=headers, timeout=300) as client:
-        client.post("/venues", json={"id": venue, "name": f"Evaluation of {dataset.name}"}).raise_for_status()
-        try:
-            build = _build(client, venue, split, options)
-            world_from_scan = Pose.from_matrix(np.array(build["report"]["world_from_scan"]))
-            outcomes = [_locate(client, venue, split, frame, world_from_scan) for frame in split.queries]
-        finally:
-            client.delete(f"/venues/{venue}")
-    report = build["report"]
-    return {
-        "name": f"{dataset.name} over HTTP",
-        "features": report["feature_method"],
-        "keyframes": report["keyframes"],
-        "features_per_keyframe": round(report["features"] / report["keyframes"], 1),
-        "megabytes": round(sum(report["bytes"].values()) / 1e6, 2),
-        "build_s": round(sum(report["seconds"].values()), 2),
-        "discarded": report["discarded"],
-        "summary": summarize(outcomes).as_dict(),
-    }
+    client.post("/venues", json={"id": venue, "name": f"Evaluation of {name}"}).raise_for_status()
+    try:
+        report = _build(client, venue, split, options)["report"]
+        world_from_scan = Pose.from_matrix(np.array(report["world_from_scan"]))
+        figures = _map_figures(f"{name} over HTTP", report, len(split.database.frames))
+        results = []
+        for variation in variations:
+            answers = [
+                _locate(client, venue, split, number, world_from_scan, variation)
+                for number in range(len(split.queries))
+            ]
+            outcomes = tuple(outcome for outcome, _ in answers)
+            stages = median_stages([times for outcome, times in answers if outcome.located])
+            results.append(Evaluation(figures, variation.name, summarize(outcomes), stages, outcomes))
+    finally:
+        client.delete(f"/venues/{venue}")
+    return results
+
+
+def _map_figures(configuration: str, report: Mapping[str, Any], frames: int) -> MapFigures:
+    return MapFigures(
+        configuration=configuration,
+        features=report["feature_method"],
+        keyframes=report["keyframes"],
+        features_per_keyframe=round(report["features"] / report["keyframes"], 1),
+        megabytes=round(sum(report["bytes"].values()) / 1e6, 2),
+        frames=frames,
+        build_s=round(sum(report["seconds"].values()), 2),
+        discarded=report["discarded"],
+    )
 
 
 def _build(client: httpx.Client, venue: str, split: Split, options: dict[str, Any]) -> dict[str, Any]:
-    camera = split.database.camera
     body = {
         **options,
         "format": "tum",
-        "camera": {
-            "model": camera.model,
-            "width": camera.width,
-            "height": camera.height,
-            "params": list(camera.params),
-        },
+        "camera": _camera_fields(split.database.camera),
         "depth_scale": split.database.depth.scale,
     }
     files = {"archive": ("scan.zip", _archive(split), "application/zip")}
@@ -98,36 +112,64 @@ def _archive(split: Split) -> bytes:
 
 
 def _locate(
-    client: httpx.Client, venue: str, split: Split, frame: Frame, world_from_scan: Pose
-) -> QueryOutcome:
-    camera = split.database.camera
-    body = {
+    client: httpx.Client, venue: str, split: Split, number: int, world_from_scan: Pose, variation: Variation
+) -> tuple[QueryOutcome, dict[str, float]]:
+    frame, camera = split.queries[number], split.database.camera
+    data, truth = split.database.color_bytes(frame), world_from_scan @ frame.scan_from_camera
+    if variation.degradation != PLAIN.degradation:
+        asked = variation.apply(number, frame.name, decode_image(data), camera)
+        camera, truth = asked.camera, truth @ asked.original_from_degraded
+        data = _png(asked.rgb)
+    fields = {"venue": venue}
+    if variation.camera_given:
+        fields["camera"] = _json(_camera_fields(camera))
+    started = time.perf_counter()
+    answer = client.post("/locate", data=fields, files={"image": (frame.color.name, data)})
+    milliseconds = 1e3 * (time.perf_counter() - started)
+    answer.raise_for_status()
+    found = answer.json()
+    stages = {stage: value for stage, value in found["timings_ms"].items() if stage != "total"}
+    return _outcome(frame.name, found, truth, milliseconds), stages
+
+
+def _outcome(name: str, found: Mapping[str, Any], truth: Pose, milliseconds: float) -> QueryOutcome:
+    position_m, orientation_deg, pose = float("inf"), 180.0, None
+    if found["located"]:
+        p, q = found["pose"]["position"], found["pose"]["quaternion"]
+        pose = Pose.from_quaternion([p["x"], p["y"], p["z"]], [q["x"], q["y"], q["z"], q["w"]])
+        position_m, orientation_deg = pose_error(pose, truth)
+    accuracy = found["accuracy"] or {}
+    return QueryOutcome(
+        name=name,
+        located=found["located"],
+        position_m=position_m,
+        orientation_deg=orientation_deg,
+        reason=found["reason"],
+        inliers=found["inliers"],
+        confidence=found["confidence"],
+        milliseconds=milliseconds,
+        matches=found["matches"],
+        inlier_ratio=found["inliers"] / found["matches"] if found["matches"] else 0.0,
+        sigma_m=accuracy.get("position_m"),
+        sigma_deg=accuracy.get("orientation_deg"),
+        truth_m=centre_of(truth),
+        estimate_m=None if pose is None else centre_of(pose),
+    )
+
+
+def _camera_fields(camera: Camera) -> dict[str, Any]:
+    return {
         "model": camera.model,
         "width": camera.width,
         "height": camera.height,
         "params": list(camera.params),
     }
-    files = {"image": (frame.color.name, split.database.color_bytes(frame))}
-    started = time.perf_counter()
-    answer = client.post("/locate", data={"venue": venue, "camera": _json(body)}, files=files)
-    milliseconds = 1e3 * (time.perf_counter() - started)
-    answer.raise_for_status()
-    found = answer.json()
-    position_m, orientation_deg = float("inf"), 180.0
-    if found["located"]:
-        p, q = found["pose"]["position"], found["pose"]["quaternion"]
-        pose = Pose.from_quaternion([p["x"], p["y"], p["z"]], [q["x"], q["y"], q["z"], q["w"]])
-        position_m, orientation_deg = pose_error(pose, world_from_scan @ frame.scan_from_camera)
-    return QueryOutcome(
-        frame.name,
-        found["located"],
-        position_m,
-        orientation_deg,
-        found["reason"],
-        found["inliers"],
-        found["confidence"],
-        milliseconds,
-    )
+
+
+def _png(rgb: Rgb) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(rgb).save(buffer, "PNG")
+    return buffer.getvalue()
 
 
 def _json(value: object) -> str:

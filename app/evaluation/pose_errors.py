@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 
 GROSS_M = 0.5
+RIGHT_M, RIGHT_DEG = 0.5, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class QueryOutcome:
-    """One query: its errors when it was located, the reason when it was not, and what it took."""
+    """One query: its errors when it was located, the reason when it was not, and what it took.
+
+    `truth_m` and `estimate_m` are camera centres in the world. What speaks for the pose, up to `sigma_deg`, is as in
+    `services.verification.Evidence` and `Localization` (None where it isn't known): the features of a model of
+    confidence.
+    """
 
     name: str
     located: bool
@@ -26,6 +33,41 @@ class QueryOutcome:
     inliers: int
     confidence: float
     milliseconds: float
+    matches: int = 0
+    inlier_ratio: float | None = None
+    coverage: float | None = None
+    rival_share: float | None = None
+    keyframe_distance_m: float | None = None
+    sigma_m: float | None = None
+    sigma_deg: float | None = None
+    truth_m: tuple[float, float, float] | None = None
+    estimate_m: tuple[float, float, float] | None = None
+
+    @property
+    def right(self) -> bool:
+        """Whether it was located within 0.5 m and 5 degrees: what `confidence` is the probability of."""
+        return self.located and self.position_m < RIGHT_M and self.orientation_deg < RIGHT_DEG
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the outcome for JSON, which knows no infinity: errors without a pose are null."""
+        out = asdict(self)
+        if not self.located:
+            out["position_m"] = out["orientation_deg"] = None
+        return {
+            name: None if isinstance(value, float) and not np.isfinite(value) else value
+            for name, value in out.items()
+        }
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> QueryOutcome:
+        """Return the outcome of `as_dict`; raises `InvalidInputError` for anything else."""
+        known = {name: value for name, value in values.items() if name in QueryOutcome.__slots__}
+        missing = [name for name in QueryOutcome.__slots__[:8] if name not in known]
+        if missing:
+            raise InvalidInputError(f"The outcome of a query has no {missing[0]!r}.")
+        for name in ("position_m", "orientation_deg"):
+            known[name] = float("inf") if known[name] is None else float(known[name])
+        return QueryOutcome(**known)
 
 
 def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
@@ -36,7 +78,8 @@ def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
 @dataclass(frozen=True, slots=True)
 class ErrorSummary:
     """Shares are of all queries, located or not; means are of the located ones; medians and the 90 % figures
-    count a query that was not located as infinitely far off (null when that makes them infinite)."""
+    count a query that was not located as infinitely far off (null when that makes them infinite). `gross_percent`
+    is off by over 0.5 m, `over_1m_percent` by over 1 m; `within_25cm_percent` asks nothing of the attitude."""
 
     queries: int
     located_percent: float
@@ -49,7 +92,9 @@ class ErrorSummary:
     within_5cm_5deg_percent: float
     within_10cm_5deg_percent: float
     within_50cm_5deg_percent: float
+    within_25cm_percent: float
     gross_percent: float
+    over_1m_percent: float
     max_cm: float | None
     reasons: dict[str, int]
     median_ms: float
@@ -82,7 +127,9 @@ def summarize(outcomes: Sequence[QueryOutcome]) -> ErrorSummary:
         within_5cm_5deg_percent=within(0.05),
         within_10cm_5deg_percent=within(0.10),
         within_50cm_5deg_percent=within(0.50),
+        within_25cm_percent=_percent(metres < 0.25),
         gross_percent=_percent(located & (metres > GROSS_M)),
+        over_1m_percent=_percent(located & (metres > 1.0)),
         max_cm=_finite(100 * float(metres[located].max()), 2) if located.any() else None,
         reasons=dict(Counter(o.reason for o in outcomes if o.reason is not None)),
         median_ms=round(float(np.median(times)), 1),

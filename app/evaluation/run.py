@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
+from app.evaluation.absent import AbsentResult
 from app.evaluation.dataset import Split
-from app.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
-from app.geometry.camera import Camera
+from app.evaluation.outcome import outcome_of
+from app.evaluation.pose_errors import ErrorSummary, QueryOutcome, summarize
+from app.evaluation.variations import PLAIN, Variation
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame
 from app.services.build_map import BuiltMap, build_map
@@ -19,138 +20,174 @@ from app.services.build_options import BuildOptions
 from app.services.localizer import Localization, Localizer, LocalizerSettings
 from app.services.progress import Progress
 from app.services.vision_models import VisionModels
-from app.vision.images import Rgb, decode_image
-
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
+from app.storage.map_artifact import MapArtifact
+from app.vision.images import decode_image
+from app.vision.keyframes import PoseThresholds
 
 
 @dataclass(frozen=True, slots=True)
-class Evaluation:
-    """The figures of one configuration on one dataset."""
+class MapFigures:
+    """What is known of the map behind an evaluation; `configuration` tells maps of one report apart.
 
-    name: str
+    `frames` are those that the map was made of, `thresholds` those of the pose rule (None for another rule),
+    `keyframe_centres` (x, y, z) in the world. What a map of unknown origin can't tell is None.
+    """
+
+    configuration: str
     features: str
     keyframes: int
     features_per_keyframe: float
     megabytes: float
-    build_s: float
-    discarded: dict[str, int]
-    summary: ErrorSummary
-    stages_ms: dict[str, float]
-    outcomes: tuple[QueryOutcome, ...]
+    frames: int | None = None
+    build_s: float | None = None
+    discarded: Mapping[str, int] | None = None
+    thresholds: PoseThresholds | None = None
+    keyframe_centres: tuple[tuple[float, float, float], ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
+        thresholds = self.thresholds
         return {
-            "name": self.name,
+            "name": self.configuration,
             "features": self.features,
+            "frames": self.frames,
             "keyframes": self.keyframes,
             "features_per_keyframe": self.features_per_keyframe,
             "megabytes": self.megabytes,
             "build_s": self.build_s,
-            "discarded": self.discarded,
-            "summary": self.summary.as_dict(),
-            "stages_ms": self.stages_ms,
-            "outcomes": [
-                {name: getattr(outcome, name) for name in QueryOutcome.__slots__} for outcome in self.outcomes
-            ],
+            "discarded": None if self.discarded is None else dict(self.discarded),
+            "keyframe_thresholds": None
+            if thresholds is None
+            else {
+                "position_m": round(thresholds.position_m, 4),
+                "attitude_rad": round(thresholds.attitude_rad, 4),
+            },
+            "keyframe_centres": self.keyframe_centres,
         }
 
 
-def evaluate(
-    name: str,
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """The figures of one variation of the queries on one map."""
+
+    map: MapFigures
+    variation: str
+    summary: ErrorSummary
+    stages_ms: Mapping[str, float]
+    outcomes: tuple[QueryOutcome, ...]
+    absent: AbsentResult | None = None
+
+    @property
+    def label(self) -> str:
+        """The configuration, and the variation unless it is the plain one."""
+        plain = self.variation == PLAIN.name
+        return self.configuration if plain else f"{self.configuration}, {self.variation}"
+
+    @property
+    def configuration(self) -> str:
+        """The map's name and feature method."""
+        return f"{self.map.configuration}, {self.map.features}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        out = {
+            **self.map.as_dict(),
+            "variation": self.variation,
+            "summary": self.summary.as_dict(),
+            "stages_ms": dict(self.stages_ms),
+            "outcomes": [outcome.as_dict() for outcome in self.outcomes],
+        }
+        return out if self.absent is None else {**out, "absent": self.absent.as_dict()}
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluatedMap:
+    """A map that was built for evaluation, and what localizes in it."""
+
+    figures: MapFigures
+    localizer: Localizer
+    world_from_scan: Pose
+
+
+def build(
+    configuration: str,
     split: Split,
     options: BuildOptions,
     settings: LocalizerSettings,
     models: VisionModels,
     executor: Executor,
     progress: Progress,
-) -> tuple[Evaluation, Localizer]:
-    """Build, locate every query and compare; return the figures and the localizer."""
+) -> EvaluatedMap:
+    """Build the map of a split's database; it serves any number of variations."""
     started = time.perf_counter()
     built = build_map(split.database, options, models, executor, progress)
-    build_s = time.perf_counter() - started
-    localizer = Localizer(built.artifact, built.index, models, settings)
-    results = []
-    for done, frame in enumerate(split.queries):
-        progress.report("locate", done, len(split.queries))
-        results.append(_query(localizer, split, frame, built.world_from_scan))
-    progress.report("locate", len(split.queries), len(split.queries))
-    outcomes = tuple(outcome for outcome, _ in results)
-    stages = median_stages([found for _, found in results if found.world_from_camera is not None])
-    figures = Evaluation(
-        name=name,
-        features=options.features,
-        keyframes=built.artifact.keyframe_count,
-        features_per_keyframe=round(built.artifact.feature_count / built.artifact.keyframe_count, 1),
-        megabytes=round(_bytes(built) / 1e6, 2),
-        build_s=round(build_s, 2),
+    figures = replace(
+        map_figures(configuration, built.artifact, int(built.index.descriptors.nbytes)),
+        frames=len(split.database.frames),
+        build_s=round(time.perf_counter() - started, 2),
         discarded={reason: len(names) for reason, names in built.discarded.items()},
-        summary=summarize(outcomes),
-        stages_ms=stages,
-        outcomes=outcomes,
+        thresholds=_thresholds(built, options),
     )
-    return figures, localizer
+    localizer = Localizer(built.artifact, built.index, models, settings)
+    return EvaluatedMap(figures, localizer, built.world_from_scan)
+
+
+def evaluate(
+    built: EvaluatedMap, split: Split, progress: Progress, variation: Variation = PLAIN
+) -> Evaluation:
+    """Locate every query of a split, as the variation has it, and compare with the truth."""
+    stage = f"locate {variation.name}" if variation != PLAIN else "locate"
+    outcomes, timings = [], []
+    for done, frame in enumerate(split.queries):
+        progress.report(stage, done, len(split.queries))
+        outcome, found = _query(built, split, frame, done, variation)
+        outcomes.append(outcome)
+        if found.world_from_camera is not None:
+            timings.append(found.timings_ms)
+    progress.report(stage, len(split.queries), len(split.queries))
+    return Evaluation(
+        built.figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
+    )
+
+
+def map_figures(configuration: str, artifact: MapArtifact, index_bytes: int) -> MapFigures:
+    """Return what a map's artefact tells of it; `index_bytes` is the size of its global descriptors."""
+    arrays = artifact.arrays
+    packed = sum(int(getattr(arrays, name).nbytes) for name in type(arrays).__slots__)
+    return MapFigures(
+        configuration=configuration,
+        features=artifact.metadata.features,
+        keyframes=artifact.keyframe_count,
+        features_per_keyframe=round(artifact.feature_count / artifact.keyframe_count, 1),
+        megabytes=round((packed + index_bytes) / 1e6, 2),
+        keyframe_centres=tuple(
+            (round(x, 4), round(y, 4), round(z, 4)) for x, y, z in arrays.positions.tolist()
+        ),
+    )
 
 
 def _query(
-    localizer: Localizer, split: Split, frame: Frame, world_from_scan: Pose
+    built: EvaluatedMap, split: Split, frame: Frame, number: int, variation: Variation
 ) -> tuple[QueryOutcome, Localization]:
     rgb = decode_image(split.database.color_bytes(frame))
+    asked = variation.apply(number, frame.name, rgb, split.database.camera)
     started = time.perf_counter()
-    found = localizer.localize(rgb, split.database.camera)
+    found = built.localizer.localize(asked.rgb, asked.camera if variation.camera_given else None)
     milliseconds = 1e3 * (time.perf_counter() - started)
-    pose, position_m, orientation_deg = found.world_from_camera, float("inf"), 180.0
-    if pose is not None:
-        position_m, orientation_deg = pose_error(pose, world_from_scan @ frame.scan_from_camera)
-    outcome = QueryOutcome(
-        frame.name,
-        pose is not None,
-        position_m,
-        orientation_deg,
-        found.reason,
-        found.evidence.inliers,
-        found.confidence,
-        milliseconds,
-    )
-    return outcome, found
+    truth = built.world_from_scan @ frame.scan_from_camera @ asked.original_from_degraded
+    return outcome_of(frame.name, found, truth, milliseconds), found
 
 
-def count_false_fixes(localizer: Localizer, images: Sequence[Path], camera: Camera) -> tuple[list[Path], int]:
-    """Locate images of places that are not in the map; return those that were located all the same, and the
-    highest inlier count."""
-    false, highest = [], 0
-    for path in images:
-        rgb = decode_image(path.read_bytes())
-        found = localizer.localize(rgb, _fitted(camera, rgb))
-        highest = max(highest, found.evidence.inliers)
-        if found.world_from_camera is not None:
-            false.append(path)
-    return false, highest
+def median_stages(timings_ms: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Return the median milliseconds of each stage over several queries."""
+    names = list(dict.fromkeys(name for timings in timings_ms for name in timings))
+    return {name: round(_median([timings.get(name, 0.0) for timings in timings_ms]), 2) for name in names}
 
 
-def list_images(directory: Path) -> list[Path]:
-    """Return the image files of a folder, by name."""
-    return sorted(path for path in directory.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-
-
-def median_stages(results: Sequence[Localization]) -> dict[str, float]:
-    """Return the median milliseconds of each stage over several results."""
-    names = list(dict.fromkeys(name for found in results for name in found.timings_ms))
-    return {name: round(_median([found.timings_ms.get(name, 0.0) for found in results]), 2) for name in names}
-
-
-def _fitted(camera: Camera, rgb: Rgb) -> Camera:
-    """Return the same field of view for an image of another size."""
-    height, width = rgb.shape[:2]
-    focal_px = camera.focal_px * max(width, height) / max(camera.width, camera.height)
-    return Camera("PINHOLE", width, height, (focal_px, focal_px, (width - 1) / 2, (height - 1) / 2))
-
-
-def _bytes(built: BuiltMap) -> int:
-    arrays = built.artifact.arrays
-    packed = sum(int(getattr(arrays, name).nbytes) for name in type(arrays).__slots__)
-    return packed + int(built.index.descriptors.nbytes)
+def _thresholds(built: BuiltMap, options: BuildOptions) -> PoseThresholds | None:
+    if options.keyframes.rule != "pose":
+        return None
+    return options.keyframes.thresholds if built.calibration is None else built.calibration.thresholds
 
 
 def _median(values: Sequence[float]) -> float:
