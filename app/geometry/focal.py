@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
@@ -17,6 +19,84 @@ Array = NDArray[np.float64]
 MIN_FOCAL, MAX_FOCAL = 0.47, 2.0
 CANDIDATES = 9
 LOSS_SCALE_PX = 2.0
+# How far off the focal length of a photo's tags may be: a standard deviation, and the band that is searched.
+TAG_SIGMA = 0.05
+BAND_LOW, BAND_HIGH = 0.85, 1.18
+# The step, in the logarithm of the focal length, of the differences that its accuracy is taken from.
+ACCURACY_STEP = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class ApproximateCamera:
+    """A pinhole whose focal length is only nearly known."""
+
+    camera: Camera
+
+    def covers(self, camera: Camera) -> bool:
+        """Return whether a camera's focal length is within the band that this one stands for."""
+        return BAND_LOW <= camera.focal_px / self.camera.focal_px <= BAND_HIGH
+
+
+def find_camera(
+    points_px: Array,
+    points_in_world: Array,
+    width: int,
+    height: int,
+    max_error: float,
+    min_inliers: int,
+    near: ApproximateCamera | None = None,
+) -> Camera | None:
+    """Return the pinhole near an approximate one that explains most matches best, else the one of `search_camera`.
+
+    A focal length at the border of the band, or too few inliers in it, means that the approximation is wrong.
+    """
+    if near is not None:
+        found = _near_camera(points_px, points_in_world, near.camera, max_error, min_inliers)
+        if found is not None:
+            return found
+    return search_camera(points_px, points_in_world, width, height, max_error, min_inliers)
+
+
+def _near_camera(
+    points_px: Array, points_in_world: Array, near: Camera, max_error: float, min_inliers: int
+) -> Camera | None:
+    found = estimate_pose_lo_ransac(
+        points_px, points_in_world, near, max_error_px=2.5 * max_error * near.focal_px, max_iterations=1000
+    )
+    if found is None or found.inlier_mask.sum() < min_inliers:
+        return None
+    inliers = found.inlier_mask
+    low, high = np.log(near.focal_px * np.array([BAND_LOW, BAND_HIGH]))
+    return _refined(
+        points_px[inliers],
+        points_in_world[inliers],
+        near,
+        found.world_from_camera,
+        (float(low), float(high)),
+        TAG_SIGMA,
+    )
+
+
+def focal_position_error_m(
+    points_px: Array, points_in_world: Array, camera: Camera, world_from_camera: Pose, is_near_known: bool
+) -> float:
+    """Return how far, one sigma, the error of a searched focal length moves the position, in metres.
+
+    From the curvature of the robust cost over the focal length, and how the refined pose moves with it.
+    `is_near_known` says that the tags' knowledge of it counts too.
+    """
+    costs, positions = [], []
+    for offset in (-ACCURACY_STEP, 0.0, ACCURACY_STEP):
+        candidate = pinhole(camera.width, camera.height, camera.focal_px * float(np.exp(offset)))
+        pose = refine_pose(
+            points_px, points_in_world, candidate, world_from_camera, loss_scale_px=LOSS_SCALE_PX
+        )
+        costs.append(_cost(points_px, points_in_world, candidate, pose))
+        positions.append(pose.translation)
+    curvature = max(costs[0] + costs[2] - 2.0 * costs[1], 0.0) / ACCURACY_STEP**2
+    curvature += 1.0 / TAG_SIGMA**2 if is_near_known else 1.0
+    moved_m = float(np.linalg.norm(positions[2] - positions[0])) / (2.0 * ACCURACY_STEP)
+    return moved_m / float(np.sqrt(curvature))
 
 
 def pinhole(width: int, height: int, focal_px: float) -> Camera:
@@ -47,20 +127,37 @@ def search_camera(
     if best is None or best[0] < min_inliers:
         return None
     _, camera, pose, inliers = best
-    return _refined(points_px[inliers], points_in_world[inliers], camera, pose)
-
-
-def _refined(pixels: Array, points: Array, camera: Camera, pose: Pose) -> Camera | None:
     step = (MAX_FOCAL / MIN_FOCAL) ** (1.5 / (CANDIDATES - 1))
-    low, high = np.log(camera.focal_px / step), np.log(camera.focal_px * step)
+    bounds = float(np.log(camera.focal_px / step)), float(np.log(camera.focal_px * step))
+    return _refined(points_px[inliers], points_in_world[inliers], camera, pose, bounds)
+
+
+def _refined(
+    pixels: Array,
+    points: Array,
+    camera: Camera,
+    pose: Pose,
+    bounds: tuple[float, float],
+    sigma: float | None = None,
+) -> Camera | None:
+    """Return the camera of least cost with the logarithm of its focal length within bounds, None at their ends.
+
+    With `sigma` the given focal length has a say too, as a normal prior on the logarithm.
+    """
+    known = float(np.log(camera.focal_px))
 
     def cost(log_focal: float) -> float:
         candidate = pinhole(camera.width, camera.height, float(np.exp(log_focal)))
         refined = refine_pose(pixels, points, candidate, pose, loss_scale_px=LOSS_SCALE_PX)
-        errors = np.minimum(reprojection_errors_px(pixels, points, candidate, refined), 1e3)
-        return float(np.log1p((errors / LOSS_SCALE_PX) ** 2).sum())
+        prior = 0.0 if sigma is None else 0.5 * ((log_focal - known) / sigma) ** 2
+        return _cost(pixels, points, candidate, refined) + prior
 
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
-    if min(found.x - low, high - found.x) < 0.01:
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    if min(found.x - bounds[0], bounds[1] - found.x) < 0.01:
         return None
     return pinhole(camera.width, camera.height, float(np.exp(found.x)))
+
+
+def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose) -> float:
+    errors = np.minimum(reprojection_errors_px(pixels, points, camera, pose), 1e3)
+    return float(np.log1p((errors / LOSS_SCALE_PX) ** 2).sum())

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
-from app.geometry.focal import search_camera
+from app.geometry.focal import ApproximateCamera, find_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
+from app.services.focal_error import with_focal_error
 from app.services.matches import Matches, QueryMatcher
 from app.services.retrieval import Retrieval
 from app.services.verification import (
@@ -143,11 +144,16 @@ class Localizer:
         self._limits = self._settings.limits or Limits(min_inliers=self._extractor.min_inliers)
 
     def localize(
-        self, rgb: Rgb, camera: Camera | None, allowed: NDArray[np.int64] | None = None
+        self,
+        rgb: Rgb,
+        camera: Camera | ApproximateCamera | None,
+        allowed: NDArray[np.int64] | None = None,
+        upright: bool = False,
     ) -> Localization:
         """Localize an RGB image (height, width, 3) of a camera of that size; `allowed` restricts retrieval.
 
-        Without a camera the focal length of a centred pinhole is searched for.
+        Without a camera, or with an approximate one, the focal length of a centred pinhole is searched for.
+        `upright` says that the image needs no turn.
         """
         timer = StageTimer()
         gray = to_gray(rgb)
@@ -161,7 +167,7 @@ class Localizer:
         timer.lap("match")
         result = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
         if settings.second_look and result.reason in ("no_match", "too_few_inliers") and query.feature_count:
-            matches = query.match_all(self._wider(rgb, descriptor, allowed))
+            matches = query.match_all(self._wider(rgb, descriptor, allowed, upright))
             timer.lap("match")
             again = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
             result = again if again.world_from_camera is not None else result
@@ -170,12 +176,12 @@ class Localizer:
         return result
 
     def _wider(
-        self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None
+        self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None, upright: bool
     ) -> list[int]:
         """Return keyframes for a second look: further down the ranks, and for the image turned by 90, 180 and
         270 degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
         rows = self._retrieval.similar(descriptor, self._settings.second_look, 0, allowed)
-        for turns in (1, 2, 3):
+        for turns in () if upright else (1, 2, 3):
             turned = self._descriptor.describe(np.ascontiguousarray(np.rot90(rgb, turns)))
             rows += self._retrieval.similar(turned, self._settings.keyframes, 0, allowed)
         return rows
@@ -184,12 +190,12 @@ class Localizer:
         self,
         query: QueryMatcher,
         matches: Matches,
-        camera: Camera | None,
+        known: Camera | ApproximateCamera | None,
         size: tuple[int, ...],
         allowed: NDArray[np.int64] | None,
         timer: StageTimer,
     ) -> Localization:
-        camera = camera or self._search_camera(matches, size)
+        camera = known if isinstance(known, Camera) else self._find_camera(matches, size, known)
         if camera is None:
             timer.lap("pose")
             return _nothing("no_match", timer, matches.feature_count)
@@ -199,18 +205,16 @@ class Localizer:
         rival = self._rival(query, best, camera, allowed, timer)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
-        return self._conclude(best, rival, camera, timer)
+        result = self._conclude(best, rival, camera, timer)
+        if isinstance(known, Camera):
+            return result
+        return with_focal_error(result, best.inliers, known, self._limits.max_position_sigma_m)
 
-    def _search_camera(self, matches: Matches, size: tuple[int, ...]) -> Camera | None:
-        height, width = size
-        return search_camera(
-            matches.points_px,
-            matches.points_in_world,
-            width,
-            height,
-            self._settings.max_error,
-            max(self._limits.min_inliers, 8),
-        )
+    def _find_camera(
+        self, matches: Matches, size: tuple[int, ...], near: ApproximateCamera | None
+    ) -> Camera | None:
+        points, limit = (matches.points_px, matches.points_in_world), self._settings.max_error
+        return find_camera(*points, size[1], size[0], limit, max(self._limits.min_inliers, 8), near)
 
     def _hypothesis(
         self,

@@ -37,10 +37,12 @@ SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """`world_from_scan`, and where it comes from: `given`, `gravity`, `registered` or `scan_frame`."""
+    """`world_from_scan`, and where it comes from: `given`, `gravity`, `registered` or `scan_frame`; `z_up` says
+    whether the world's z axis is known to point up by it."""
 
     world_from_scan: Pose
     source: str
+    z_up: bool
     figures: dict[str, Any]
 
 
@@ -144,23 +146,24 @@ def _place(
 ) -> Placement:
     own = scan_placement(options, source)
     if options.world_from_scan is not None:
-        return Placement(own, "given", {})
+        return Placement(own, "given", True, {})
+    by_gravity = options.gravity is not None or source.gravity is not None
     if present is None:
-        by_gravity = options.gravity is not None or source.gravity is not None
-        return Placement(own, "gravity" if by_gravity else "scan_frame", {})
+        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     try:
         found = register_scan(source, present[0], resources.executor, progress)
     except InvalidScanError:
         if options.mode == "extend":
             raise
-        return Placement(own, "gravity" if options.gravity is not None else "scan_frame", {})
+        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
     same = (
         position_difference_m(found.world_from_scan, own) < SAME_FRAME_M
         and attitude_difference_rad(found.world_from_scan, own) < SAME_FRAME_RAD
     )
     # When the scan is in the present map's frame already, its own poses are better than any registration.
-    return Placement(own if same else found.world_from_scan, "registered", figures)
+    z_up = present[1].z_up or (same and by_gravity)
+    return Placement(own if same else found.world_from_scan, "registered", z_up, figures)
 
 
 def _publish(
@@ -206,7 +209,7 @@ def _publish(
         "bytes": {"features": artifact_path.stat().st_size, "index": index_path.stat().st_size},
         "seconds": seconds,
         "world_from_scan": placement.world_from_scan.matrix.tolist(),
-        "placement": {"source": placement.source, **placement.figures},
+        "placement": {"source": placement.source, "z_up": placement.z_up, **placement.figures},
         "self_check": check.as_dict(),
     }
     if built.calibration is not None:
