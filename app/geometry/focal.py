@@ -22,6 +22,7 @@ LOSS_SCALE_PX = 2.0
 # How far off the focal length of a photo's tags may be: a standard deviation, and the band that is searched.
 TAG_SIGMA = 0.05
 BAND_LOW, BAND_HIGH = 0.85, 1.18
+BAND_STEPS = np.array([1.0, 0.93, 1.07])  # the first of those that hold equally many inliers is taken
 # The step, in the logarithm of the focal length, of the differences that its accuracy is taken from.
 ACCURACY_STEP = 0.01
 
@@ -60,21 +61,31 @@ def find_camera(
 def _near_camera(
     points_px: Array, points_in_world: Array, near: Camera, max_error: float, min_inliers: int
 ) -> Camera | None:
-    found = estimate_pose_lo_ransac(
-        points_px, points_in_world, near, max_error_px=2.5 * max_error * near.focal_px, max_iterations=1000
+    best = _best_of(
+        near.focal_px * BAND_STEPS, points_px, points_in_world, (near.width, near.height), 1.5 * max_error
     )
-    if found is None or found.inlier_mask.sum() < min_inliers:
+    if best is None or best[0] < min_inliers:
         return None
-    inliers = found.inlier_mask
+    _, _, pose, inliers = best
     low, high = np.log(near.focal_px * np.array([BAND_LOW, BAND_HIGH]))
-    return _refined(
-        points_px[inliers],
-        points_in_world[inliers],
-        near,
-        found.world_from_camera,
-        (float(low), float(high)),
-        TAG_SIGMA,
-    )
+    bounds = float(low), float(high)
+    return _refined(points_px[inliers], points_in_world[inliers], near, pose, bounds, TAG_SIGMA)
+
+
+def _best_of(
+    focals_px: Array, points_px: Array, points_in_world: Array, size: tuple[int, int], max_error: float
+) -> tuple[int, Camera, Pose, NDArray[np.bool_]] | None:
+    """Return inlier count, camera, pose and inliers (n,) of the focal length with most inliers, in an image of
+    `size` (width, height)."""
+    best: tuple[int, Camera, Pose, NDArray[np.bool_]] | None = None
+    for focal_px in focals_px:
+        camera = pinhole(*size, float(focal_px))
+        found = estimate_pose_lo_ransac(
+            points_px, points_in_world, camera, max_error_px=max_error * focal_px, max_iterations=300
+        )
+        if found is not None and (best is None or found.inlier_mask.sum() > best[0]):
+            best = int(found.inlier_mask.sum()), camera, found.world_from_camera, found.inlier_mask
+    return best
 
 
 def focal_position_error_m(
@@ -115,15 +126,8 @@ def search_camera(
     `min_inliers`, or when the best focal length is at the end of the range, which is no minimum.
     """
     focals = np.geomspace(MIN_FOCAL, MAX_FOCAL, CANDIDATES) * max(width, height)
-    best: tuple[int, Camera, Pose, NDArray[np.bool_]] | None = None
-    for focal_px in focals:
-        camera = pinhole(width, height, float(focal_px))
-        # Off by half a step a focal length shifts points at the border by 9 % of their distance to the centre.
-        found = estimate_pose_lo_ransac(
-            points_px, points_in_world, camera, max_error_px=2.5 * max_error * focal_px, max_iterations=300
-        )
-        if found is not None and (best is None or found.inlier_mask.sum() > best[0]):
-            best = int(found.inlier_mask.sum()), camera, found.world_from_camera, found.inlier_mask
+    # Off by half a step a focal length shifts points at the border by 9 % of their distance to the centre.
+    best = _best_of(focals, points_px, points_in_world, (width, height), 2.5 * max_error)
     if best is None or best[0] < min_inliers:
         return None
     _, camera, pose, inliers = best

@@ -41,10 +41,12 @@ def register_scan(
     Raises `InvalidScanError` with the figures when too few are located or agree.
     """
     frames = spread(source.frames, SAMPLE)
+    # Placements are compared and averaged amid the frames: at an origin far from them a small turn is a long way.
+    scan_from_middle = _middle(source.frames)
 
     def place(frame: Frame) -> Pose | None:
         found = localizer.localize(frame_rgb(source, frame), source.camera).world_from_camera
-        return None if found is None else found @ frame.scan_from_camera.inverse()
+        return None if found is None else found @ frame.scan_from_camera.inverse() @ scan_from_middle
 
     results = list(map_in_order(executor, place, frames, "register", progress))
     placements = [pose for pose in results if pose is not None]
@@ -54,7 +56,13 @@ def register_scan(
             f"The scan can't be placed in the present map: of {len(frames)} frames {len(placements)} were located "
             f"and {len(agreeing)} agree; give world_from_scan, or scan more of what the map holds."
         )
-    return Registration(average_poses(agreeing), len(frames), len(placements), len(agreeing))
+    world_from_scan = average_poses(agreeing) @ scan_from_middle.inverse()
+    return Registration(world_from_scan, len(frames), len(placements), len(agreeing))
+
+
+def _middle(frames: Sequence[Frame]) -> Pose:
+    positions = np.stack([frame.scan_from_camera.translation for frame in frames])
+    return Pose(np.eye(3), np.median(positions, axis=0))
 
 
 def largest_agreement(placements: Sequence[Pose]) -> list[Pose]:
@@ -64,7 +72,6 @@ def largest_agreement(placements: Sequence[Pose]) -> list[Pose]:
 
 
 def _agree(a: Pose, b: Pose) -> bool:
-    # The scan's own origin may be far from its frames, where a small turn moves it far: the limits allow for that.
     return position_difference_m(a, b) < AGREE_M and attitude_difference_rad(a, b) < AGREE_RAD
 
 

@@ -202,6 +202,7 @@ def _publish(
         "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
         "discarded": {reason: len(names) for reason, names in built.discarded.items()},
         "discarded_frames": {reason: list(names[:100]) for reason, names in built.discarded.items()},
+        "replaced": built.replaced,
         "keyframes": built.artifact.keyframe_count,
         "features": built.artifact.feature_count,
         "feature_method": options.features,
