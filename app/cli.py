@@ -8,7 +8,16 @@ from typing import Any
 
 import typer
 
-from app.commands import build, calibrate, demo, evaluate, evaluate_demo, evaluate_extend, serve
+from app.commands import (
+    build,
+    calibrate,
+    demo,
+    evaluate,
+    evaluate_demo,
+    evaluate_extend,
+    evaluate_phones,
+    serve,
+)
 from app.commands.console import errors
 from app.errors import RoomfixError
 
@@ -18,7 +27,7 @@ app = typer.Typer(
 COMMANDS: tuple[Callable[..., Any], ...] = (
     serve.serve, serve.worker, build.build, build.locate, build.sweep,
     evaluate.evaluate, evaluate.benchmark, calibrate.calibrate, demo.demo, evaluate_demo.evaluate_demo,
-    evaluate_extend.evaluate_extend,
+    evaluate_extend.evaluate_extend, evaluate_phones.evaluate_phones,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

@@ -60,8 +60,8 @@ def split_for_extension(
     first: str,
     second: str,
     queries: str,
-    format: str,
-    options: ScanOptions,  # noqa: A002
+    format: str,  # noqa: A002
+    options: ScanOptions,
 ) -> ExtendSplit:
     """Open a scan and split its frames by their order; raises `InvalidInputError` for an empty or shared part."""
     scan = open_scan(directory, format, options)

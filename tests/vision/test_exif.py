@@ -62,7 +62,9 @@ def test_the_tags_of_a_phone(kind: str) -> None:
     assert tags.plane_px_per_mm == pytest.approx(720.0)
 
 
-@pytest.mark.parametrize(("unit", "factor"), [(2, 1 / 25.4), (3, 0.1), (4, 1.0), (5, 1000.0), (1, None), (9, None)])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [(2, 1 / 25.4), (3, 0.1), (4, 1.0), (5, 1000.0), (1, None), (9, None)]
+)
 def test_units_of_the_focal_plane(unit: int, factor: float | None) -> None:
     tags = read_photo_tags(photo(exif_of(own={PLANE_X_RESOLUTION: 500.0, PLANE_UNIT: unit})))
     assert tags.plane_px_per_mm == (None if factor is None else pytest.approx(500.0 * factor))
@@ -116,7 +118,12 @@ def test_phones_are_found_by_their_names() -> None:
     assert samsung is not None
     assert samsung.focal_35mm == 26
     assert find_phone("SAMSUNG", "sm-g991u1") == samsung
-    for make, model in (("Apple", "iPhone 1"), ("", ""), ("Google", "SM-G991B"), ("Apple", "iPhone 12 Ultra")):
+    for make, model in (
+        ("Apple", "iPhone 1"),
+        ("", ""),
+        ("Google", "SM-G991B"),
+        ("Apple", "iPhone 12 Ultra"),
+    ):
         assert find_phone(make, model) is None
 
 
