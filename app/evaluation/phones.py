@@ -125,7 +125,7 @@ def _figures(
                 found.evidence.inliers,
                 found.confidence,
                 milliseconds,
-            )  # fmt: skip
+            )
         )
     progress.report(case.name, len(split.queries), len(split.queries))
     return PhoneFigures(

@@ -22,7 +22,7 @@ from app.services.extend_map import join_maps
 from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
 from app.services.progress import Progress
-from app.services.register_scan import register_scan
+from app.services.register_scan import middle_of, register_scan
 from app.services.resources import Resources
 from app.services.self_check import SelfCheck, check_map
 from app.storage.builds import Build, finish_build, report_progress
@@ -157,9 +157,11 @@ def _place(
             raise
         return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
+    middle = middle_of(source.frames)
+    registered, as_given = found.world_from_scan @ middle, own @ middle
     same = (
-        position_difference_m(found.world_from_scan, own) < SAME_FRAME_M
-        and attitude_difference_rad(found.world_from_scan, own) < SAME_FRAME_RAD
+        position_difference_m(registered, as_given) < SAME_FRAME_M
+        and attitude_difference_rad(registered, as_given) < SAME_FRAME_RAD
     )
     # When the scan is in the present map's frame already, its own poses are better than any registration.
     z_up = present[1].z_up or (same and by_gravity)
