@@ -26,8 +26,6 @@ BAND_STEPS = np.array([1.0, 0.93, 1.07])  # the first of those that hold equally
 # Matches are not independent: a feature is matched in several keyframes, whose points share the map's errors.
 # Measured: with this say stated accuracies hold.
 MATCH_SAY = 0.2
-# A focal length outside the band that holds more inliers than this share of the band's best refutes the tags.
-MAX_FAR_SHARE = 1.15
 # The step, in the logarithm of the focal length, of the differences that its accuracy is taken from.
 ACCURACY_STEP = 0.01
 
@@ -74,7 +72,7 @@ def _near_camera(
     outside = focals[(focals < near.focal_px * BAND_LOW) | (focals > near.focal_px * BAND_HIGH)]
     far = _best_of(outside, points_px, points_in_world, size, 1.5 * max_error)
     # A wrong focal length still finds matches to fit; that another one fits more tells it.
-    if far is not None and far[0] > MAX_FAR_SHARE * best[0]:
+    if far is not None and far[0] > best[0]:
         return None
     _, _, pose, inliers = best
     low, high = np.log(near.focal_px * np.array([BAND_LOW, BAND_HIGH]))
