@@ -8,7 +8,17 @@ from typing import Any
 
 import typer
 
-from app.commands import build, calibrate, demo, evaluate, evaluate_demo, reliability, serve
+from app.commands import (
+    build,
+    calibrate,
+    demo,
+    evaluate,
+    evaluate_demo,
+    evaluate_extend,
+    evaluate_phones,
+    reliability,
+    serve,
+)
 from app.commands.console import errors
 from app.errors import RoomfixError
 
@@ -19,6 +29,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     serve.serve, serve.worker, build.build, build.locate, build.sweep,
     evaluate.evaluate, evaluate.benchmark, calibrate.calibrate, demo.demo, evaluate_demo.evaluate_demo,
     reliability.reliability,
+    evaluate_extend.evaluate_extend, evaluate_phones.evaluate_phones,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

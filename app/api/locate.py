@@ -66,6 +66,9 @@ class LocateBody(BaseModel):
     keyframes: list[KeyframeBody]
     camera: CameraBody | None
     narrowed: bool = Field(description="Whether floor or prior held; false also when the search was widened")
+    gravity_checked: bool | None = Field(
+        None, description="Whether the pose was compared with gravity; false where the map's down isn't known"
+    )
     timings_ms: dict[str, float]
 
 
@@ -133,6 +136,7 @@ def body_of(result: LocateResult) -> LocateBody:
         ],
         camera=None if result.camera is None else CameraBody.of(result.camera, result.camera_source),
         narrowed=result.narrowed,
+        gravity_checked=result.gravity_checked,
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
     )
 

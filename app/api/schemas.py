@@ -40,13 +40,13 @@ class PoseBody(BaseModel):
 
 
 class CameraBody(BaseModel):
-    """Intrinsics by COLMAP's names, and where they come from: the request, or the search during the query."""
+    """Intrinsics by COLMAP's names, and where they come from."""
 
     model: str
     width: int
     height: int
     params: list[float]
-    source: str | None = Field(None, description="request, search or unknown")
+    source: str | None = Field(None, description="request, exif, phone_database, search or unknown")
 
     @staticmethod
     def of(camera: Camera, source: str | None = None) -> CameraBody:

@@ -137,6 +137,7 @@ def _report_table(report: dict[str, Any]) -> Table:
     for name in (
         "frames",
         "discarded",
+        "replaced",
         "keyframes",
         "features",
         "bytes",

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 # OPENCV: k1 k2 p1 p2. FULL_OPENCV: k1 k2 p1 p2 k3 k4 k5 k6. OPENCV_FISHEYE: k1 k2 k3 k4 (equidistant).
 MODEL_PARAMETERS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
 
-# No lens that takes a photograph is outside: 160 degrees of view at one end, 3 degrees at the other.
-MIN_FOCAL_PER_WIDTH, MAX_FOCAL_PER_WIDTH = 0.15, 20.0
+# No lens that takes a photograph is outside: 150 degrees of view at one end, 5 degrees at the other.
+MIN_FOCAL_PER_WIDTH, MAX_FOCAL_PER_WIDTH = 0.134, 11.45
 # A sensor crop can move the principal point, but not out of the middle part of the picture.
 MAX_PRINCIPAL_POINT_OFFSET = 0.35
 # Nearer than this, in the unit of the points, is not in front of a camera.
@@ -60,7 +60,8 @@ class Camera:
         for name, focal in (("fx", fx), ("fy", fy)):
             if not MIN_FOCAL_PER_WIDTH * size <= focal <= MAX_FOCAL_PER_WIDTH * size:
                 raise InvalidCameraError(
-                    f"{name} = {focal:g} px can't belong to an image of {self.width} x {self.height} pixels."
+                    f"{name} = {focal:g} px can't belong to an image of {self.width} x {self.height} pixels: a lens "
+                    "sees between 5 and 150 degrees. Give focal lengths in pixels of this very image."
                 )
         if not 0.5 <= fx / fy <= 2.0:
             raise InvalidCameraError(f"fx = {fx:g} and fy = {fy:g} differ by more than a factor of two.")

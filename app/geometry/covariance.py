@@ -29,15 +29,16 @@ def pose_covariance(
     sigma_px: float | None = None,
     *,
     point_sigma_m: ArrayLike | None = None,
-    focal_unknown: bool = False,
+    focal_sigma: float = 0.0,
 ) -> Array:
     """Return the covariance (6, 6) of a pose that fits pixels (n, 2) to world points (n, 3) by least squares.
 
     Order: rotation vector in world axes (rad, applied on the left: R = exp(w) R_estimate), then the camera
     centre in world metres; see `app.geometry.reprojection.perturbed`. `sigma_px` is the noise of one pixel
     coordinate, by default estimated from the residuals; `point_sigma_m`, (n,) or one number, the noise of one
-    world coordinate, as from depth. With `focal_unknown` the focal length was fitted to the same points, which
-    leaves less of them to hold the pose. Give inliers only. An error all points share, such as the map's own, is
+    world coordinate, as from depth. `focal_sigma` is the relative error that the focal length
+    had before it was fitted to the same points, which leaves less of them to hold the pose; infinity: it was not
+    known at all. Give inliers only. An error all points share, such as the map's own, is
     not in it. Raises `DegenerateGeometryError` for points that leave the pose undetermined,
     `InvalidInputError` for a bad number. Source: first-order error propagation.
     """
@@ -53,10 +54,21 @@ def pose_covariance(
         residuals = project_from_world(points[seen], camera, world_from_camera) - pixels[seen]
         sigma_px = _sigma_of_pixels(residuals, noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
-    if focal_unknown:
+    noise = noise + pixel_variance * np.eye(2)
+    if focal_sigma > 0:
         by_log_focal = project_from_world(points[seen], camera, world_from_camera) - camera.principal_point_px
         jacobian = np.concatenate([jacobian, by_log_focal[:, :, None]], axis=2)
-    return _least_squares_covariance(jacobian, noise + pixel_variance * np.eye(2))[:6, :6]
+        if np.isfinite(focal_sigma):
+            jacobian, noise = _with_prior(jacobian, noise, focal_sigma)
+    return _least_squares_covariance(jacobian, noise)[:6, :6]
+
+
+def _with_prior(jacobian: Array, noise: Array, sigma: float) -> tuple[Array, Array]:
+    """Add an observation of the last parameter with that error, put in pixels to weigh as much as the others."""
+    typical = float(np.mean(np.diagonal(noise, axis1=1, axis2=2)))
+    row = np.zeros((1, 2, jacobian.shape[2]))
+    row[0, 0, -1] = np.sqrt(typical) / sigma
+    return np.concatenate([jacobian, row]), np.concatenate([noise, typical * np.eye(2)[None]])
 
 
 def pose_accuracy(covariance: ArrayLike) -> tuple[float, float]:

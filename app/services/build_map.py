@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
@@ -19,27 +19,27 @@ from app.services.build_options import BuildOptions, KeyframeRule
 from app.services.calibrate import calibrate
 from app.services.calibration_curves import Calibration
 from app.services.frame_images import frame_rgb
+from app.services.keyframe_quality import blur_limit, fault_of, find_replacements
 from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
 from app.services.progress import Progress, map_in_order
 from app.services.repetition import elsewhere
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
-from app.vision.images import measure_quality, to_gray
+from app.vision.images import ImageQuality, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.keyframes import PoseThresholds, select_by_pose
 from app.vision.local_features import LocalFeatureExtractor, LocalFeatures
 
 # Supporting frames, which only refine points, lie this much closer together than keyframes.
 SUPPORT_SPACING = 0.45
-# A frame is blurred when its sharpness is below this share of the scan's median.
-BLURRED_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class BuiltMap:
     """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i).
 
-    `calibration` is where its keyframe thresholds come from, if the options asked for one.
+    `replaced` maps keyframes that were left out to the frames that took their places; `calibration` is where the
+    keyframe thresholds come from, if the options asked for one.
     """
 
     artifact: MapArtifact
@@ -47,6 +47,7 @@ class BuiltMap:
     keyframes: tuple[Frame, ...]
     world_from_scan: Pose
     discarded: dict[str, tuple[str, ...]]
+    replaced: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     calibration: Calibration | None = None
 
@@ -56,8 +57,7 @@ class _Described:
     frame: Frame
     view: View
     descriptor: NDArray[np.float32] | None
-    sharpness: float
-    is_poor: bool
+    quality: ImageQuality
 
 
 def build_map(
@@ -90,16 +90,20 @@ def build_map(
     def describe(row: int) -> _Described:
         return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
 
+    def describe_keyframe(row: int) -> _Described:
+        return _describe(source, row, poses[row], True, models, extractor)
+
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    usable, left_out = _without_blurred(described, wanted)
+    usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
+    clock.lap("quality")
     points = _refine(described, usable, source, options, extractor, executor, progress)
     clock.lap("refine")
     artifact, index, kept = _pack(described, usable, points, source, options, models, progress)
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}
-    return BuiltMap(artifact, index, frames, placed, discarded, clock.seconds, calibration)
+    return BuiltMap(artifact, index, frames, placed, discarded, replaced, clock.seconds, calibration)
 
 
 def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
@@ -142,22 +146,39 @@ def _describe(
     depth_m = sample_depth(source.depth_m(frame), features.keypoints_px)
     descriptor = models.global_descriptor.describe(rgb) if is_keyframe else None
     view = View(world_from_camera, features, depth_m)
-    return _Described(frame, view, descriptor, quality.sharpness, quality.is_poor)
+    return _Described(frame, view, descriptor, quality)
 
 
-def _without_blurred(
-    described: dict[int, _Described], wanted: Sequence[int]
-) -> tuple[list[int], dict[str, tuple[str, ...]]]:
-    limit = BLURRED_SHARE * float(np.median([item.sharpness for item in described.values()]))
-    dark = [row for row in wanted if described[row].is_poor]
-    blurred = [row for row in wanted if row not in dark and described[row].sharpness < limit]
-    usable = [row for row in wanted if row not in dark and row not in blurred]
+def _usable(
+    described: dict[int, _Described],
+    wanted: Sequence[int],
+    poses: Sequence[Pose],
+    rule: KeyframeRule,
+    source: FrameSource,
+    describe_keyframe: Callable[[int], _Described],
+) -> tuple[list[int], dict[str, tuple[str, ...]], dict[str, str]]:
+    """Return the keyframes that can be used, the names of those left out by reason, and who took whose place; adds
+    what took a place to `described`."""
+    limit = blur_limit([item.quality for item in described.values()])
+    fault = {row: fault_of(described[row].quality, limit) for row in wanted}
+    usable = [row for row in wanted if fault[row] is None]
+
+    def is_good(row: int) -> bool:
+        known = described.get(row)
+        quality = known.quality if known else measure_quality(to_gray(frame_rgb(source, source.frames[row])))
+        return fault_of(quality, limit) is None
+
+    replaced = find_replacements(wanted, usable, poses, rule.thresholds, is_good)
+    described.update((row, describe_keyframe(row)) for row in replaced.values())
+    usable = sorted({*usable, *replaced.values()})
     if not usable:
         raise InvalidScanError("No frame of the scan is sharp and bright enough to become a keyframe.")
-    named = {"badly_exposed": dark, "blurred": blurred}
-    return usable, {
-        reason: tuple(described[row].frame.name for row in rows) for reason, rows in named.items() if rows
+    names = [frame.name for frame in source.frames]
+    left_out = {
+        reason: tuple(names[row] for row in wanted if fault[row] == reason)
+        for reason in sorted({reason for reason in fault.values() if reason is not None})
     }
+    return usable, left_out, {names[old]: names[new] for old, new in replaced.items()}
 
 
 def _refine(

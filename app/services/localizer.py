@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
-from app.geometry.covariance import pose_accuracy, pose_covariance
-from app.geometry.focal import refine_camera, search_camera
+from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of, refine_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
+from app.services.map_accuracy import accuracy_in_map
 from app.services.matches import Matches, QueryMatcher
 from app.services.retrieval import Retrieval
 from app.services.verification import (
@@ -143,11 +142,16 @@ class Localizer:
         self._limits = self._settings.limits or Limits(min_inliers=self._extractor.min_inliers)
 
     def localize(
-        self, rgb: Rgb, camera: Camera | None, allowed: NDArray[np.int64] | None = None
+        self,
+        rgb: Rgb,
+        camera: Camera | ApproximateCamera | None,
+        allowed: NDArray[np.int64] | None = None,
+        upright: bool = False,
     ) -> Localization:
         """Localize an RGB image (height, width, 3) of a camera of that size; `allowed` restricts retrieval.
 
-        Without a camera the focal length of a centred pinhole is searched for.
+        Without a camera, or with an approximate one, the focal length of a centred pinhole is searched for.
+        `upright` says that the image needs no turn.
         """
         timer = StageTimer()
         gray = to_gray(rgb)
@@ -161,7 +165,7 @@ class Localizer:
         timer.lap("match")
         result = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
         if settings.second_look and result.reason in ("no_match", "too_few_inliers") and query.feature_count:
-            matches = query.match_all(self._wider(rgb, descriptor, allowed))
+            matches = query.match_all(self._wider(rgb, descriptor, allowed, upright))
             timer.lap("match")
             again = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
             result = again if again.world_from_camera is not None else result
@@ -170,12 +174,12 @@ class Localizer:
         return result
 
     def _wider(
-        self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None
+        self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None, upright: bool
     ) -> list[int]:
         """Return keyframes for a second look: further down the ranks, and for the image turned by 90, 180 and
         270 degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
         rows = self._retrieval.similar(descriptor, self._settings.second_look, 0, allowed)
-        for turns in (1, 2, 3):
+        for turns in () if upright else (1, 2, 3):
             turned = self._descriptor.describe(np.ascontiguousarray(np.rot90(rgb, turns)))
             rows += self._retrieval.similar(turned, self._settings.keyframes, 0, allowed)
         return rows
@@ -184,46 +188,42 @@ class Localizer:
         self,
         query: QueryMatcher,
         matches: Matches,
-        camera: Camera | None,
+        known: Camera | ApproximateCamera | None,
         size: tuple[int, ...],
         allowed: NDArray[np.int64] | None,
         timer: StageTimer,
     ) -> Localization:
-        focal_unknown = camera is None
-        camera = camera or self._search_camera(matches, size)
+        camera = known if isinstance(known, Camera) else self._find_camera(matches, size, known)
         if camera is None:
             timer.lap("pose")
             return _nothing("no_match", timer, matches.feature_count)
         best = self._hypothesis(query, matches, camera, allowed, timer)
-        if focal_unknown and best is not None:
-            camera, best = self._refine_camera(best, camera)
+        if not isinstance(known, Camera) and best is not None:
+            camera, best = self._refine_camera(best, camera, known)
             timer.lap("pose")
         if best is None:
             return _nothing("no_match", timer, matches.feature_count, camera)
         rival = self._rival(query, best, camera, allowed, timer)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
-        return self._conclude(best, rival, camera, focal_unknown, timer)
+        return self._conclude(best, rival, camera, focal_sigma_of(known, camera), timer)
 
-    def _refine_camera(self, best: Hypothesis, camera: Camera) -> tuple[Camera, Hypothesis | None]:
+    def _refine_camera(
+        self, best: Hypothesis, camera: Camera, near: ApproximateCamera | None
+    ) -> tuple[Camera, Hypothesis | None]:
         """Fit the focal length to all inliers, more than it was searched with, and the pose again."""
         inliers, pose = best.inliers, best.estimate.world_from_camera
-        refined = refine_camera(inliers.points_px, inliers.points_in_world, camera, pose)
+        refined = refine_camera(inliers.points_px, inliers.points_in_world, camera, pose, near)
         if refined is None:
             return camera, None
         estimate = self._estimate(best.matches, refined, pose)
         return refined, None if estimate is None else Hypothesis(estimate, best.matches)
 
-    def _search_camera(self, matches: Matches, size: tuple[int, ...]) -> Camera | None:
-        height, width = size
-        return search_camera(
-            matches.points_px,
-            matches.points_in_world,
-            width,
-            height,
-            self._settings.max_error,
-            max(self._limits.min_inliers, 8),
-        )
+    def _find_camera(
+        self, matches: Matches, size: tuple[int, ...], near: ApproximateCamera | None
+    ) -> Camera | None:
+        points, limit = (matches.points_px, matches.points_in_world), self._settings.max_error
+        return find_camera(*points, size[1], size[0], limit, max(self._limits.min_inliers, 8), near)
 
     def _hypothesis(
         self,
@@ -318,7 +318,7 @@ class Localizer:
         best: Hypothesis,
         rival: Hypothesis | None,
         camera: Camera,
-        focal_unknown: bool,
+        focal_sigma: float,
         timer: StageTimer,
     ) -> Localization:
         pose, inliers = best.estimate.world_from_camera, best.inliers
@@ -332,7 +332,7 @@ class Localizer:
             self._retrieval.distance_m(pose),
         )
         centres = self.artifact.arrays.positions[inliers.keyframes]
-        position_m, orientation_deg = _accuracy(inliers, centres, camera, pose, focal_unknown)
+        position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, focal_sigma)
         # What all points share, the map's own error, is not in the covariance.
         position_m = float(np.hypot(position_m, self.artifact.metadata.position_sigma_m))
         orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
@@ -365,41 +365,6 @@ def _same_place(a: PnpEstimate, b: PnpEstimate) -> bool:
     one, other = a.world_from_camera, b.world_from_camera
     apart_m = float(np.linalg.norm(one.translation - other.translation))
     return apart_m < SAME_PLACE_M and float(one.rotation[:, 2] @ other.rotation[:, 2]) > SAME_PLACE_COSINE
-
-
-def _accuracy(
-    inliers: Matches,
-    keyframe_centres: NDArray[np.float64],
-    camera: Camera,
-    pose: Pose,
-    focal_unknown: bool,
-) -> tuple[float, float]:
-    """Return one sigma of position in metres and orientation in degrees.
-
-    A point is uncertain along its keyframe's ray, which a camera beside the keyframe hardly sees: what counts is
-    the part of it across the camera's own ray.
-    """
-    across = inliers.sigma_m * _sines(
-        inliers.points_in_world - keyframe_centres, inliers.points_in_world - pose.translation
-    )
-    try:
-        covariance = pose_covariance(
-            inliers.points_px,
-            inliers.points_in_world,
-            camera,
-            pose,
-            point_sigma_m=across,
-            focal_unknown=focal_unknown,
-        )
-    except DegenerateGeometryError:
-        return float("inf"), 180.0
-    return pose_accuracy(covariance)
-
-
-def _sines(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sine of the angle between each pair of vectors (n, 3), (n, 3)."""
-    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1) / np.maximum(lengths, 1e-12))
 
 
 def _votes(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:

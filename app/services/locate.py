@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidCameraError, InvalidInputError
+from app.errors import InvalidInputError
 from app.geometry.camera import Camera
+from app.geometry.focal import ApproximateCamera
 from app.geometry.se3 import Pose
+from app.geometry.turns import angle_to_down_deg, camera_from_turned, turned_camera, upright_turns
+from app.services.camera_sources import CameraSource, QueryCamera, query_camera
 from app.services.floor_plans import HEIGHT_SLACK_M, PlanPoint, floor_of, plan_point
 from app.services.localizer import KeyframeVote, Localization, Localizer
 from app.services.map_library import MapLibrary
@@ -23,7 +26,8 @@ from app.storage.venues import list_venues
 from app.vision.images import Rgb, decode_image
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
-CameraSource = Literal["request", "search", "unknown"]
+# A phone that is held still knows down to a degree or two; moving it can add ten.
+GRAVITY_LIMIT_DEG = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +41,8 @@ class Prior:
 @dataclass(frozen=True, slots=True)
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
-    image as it is; without it the focal length is searched for."""
+    image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
+    of down in camera axes."""
 
     image: bytes
     venue: str | None = None
@@ -50,7 +55,11 @@ class LocateRequest:
 
 @dataclass(frozen=True, slots=True)
 class LocateResult:
-    """The answer: a pose, or a reason why there is none. `narrowed` says whether floor or prior held the search."""
+    """The answer: a pose, or a reason why there is none.
+
+    `narrowed` says whether floor or prior held the search; `gravity_checked` whether the pose that was found was
+    compared with the request's gravity, None when there was none.
+    """
 
     venue: str
     method: str
@@ -68,6 +77,7 @@ class LocateResult:
     camera: Camera | None = None
     camera_source: CameraSource = "unknown"
     narrowed: bool = False
+    gravity_checked: bool | None = None
     timings_ms: dict[str, float] = field(default_factory=dict)
 
 
@@ -91,14 +101,14 @@ class LocateService:
         floors = self._floors(venue, request.floor)
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
         decoded_ms = 1e3 * (time.perf_counter() - started)
-        camera = query_camera(request.camera, rgb)
+        camera = query_camera(request.camera, rgb, request.image)
         serving = self._library.active(venue)
         if serving is None:
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
-            return LocateResult(venue, "rgbd", None, "no_map", camera=camera, timings_ms=timings)
+            return _no_map(venue, camera, request, timings)
         localizer, version = serving
         found, narrowed = self._search(localizer, rgb, camera, request, floors)
-        result = _result(venue, version, found, floors, request, narrowed)
+        result = _result(venue, version, found, floors, request, camera, narrowed)
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
         return result
 
@@ -123,32 +133,63 @@ class LocateService:
         self,
         localizer: Localizer,
         rgb: Rgb,
-        camera: Camera | None,
+        camera: QueryCamera,
         request: LocateRequest,
         floors: list[Floor],
     ) -> tuple[Localization, bool]:
         """Search where floor and prior say; where that finds nothing, everywhere."""
         allowed = allowed_keyframes(localizer, request, floors)
         if allowed is not None and len(allowed):
-            found = localizer.localize(rgb, camera, allowed)
+            found = localize_upright(localizer, rgb, camera.camera, request.gravity, allowed)
             if found.world_from_camera is not None:
                 return found, True
-        return localizer.localize(rgb, camera), False
+        return localize_upright(localizer, rgb, camera.camera, request.gravity), False
 
 
-def query_camera(camera: Camera | tuple[float, ...] | None, rgb: Rgb) -> Camera | None:
-    """Return the camera of the image as it was decoded; raises `InvalidCameraError` when it can't be its own."""
-    height, width = rgb.shape[:2]
-    if isinstance(camera, Camera):
-        if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
-            raise InvalidCameraError(
-                f"The camera is for {camera.width} x {camera.height} pixels, the upright image has {width} x "
-                f"{height}: give the intrinsics of the image as its EXIF orientation turns it."
-            )
-        return camera.scaled_to(width, height)
-    if camera is not None:
-        return Camera.from_values(camera, width, height)
-    return None
+def localize_upright(
+    localizer: Localizer,
+    rgb: Rgb,
+    camera: Camera | ApproximateCamera | None,
+    gravity_in_camera: tuple[float, float, float] | None,
+    allowed: NDArray[np.int64] | None = None,
+) -> Localization:
+    """Localize an image turned upright by gravity; pose and camera of the answer are those of the image as given.
+
+    The global descriptor, and the local features of some methods, know a place only upright.
+    """
+    turns = None if gravity_in_camera is None else upright_turns(gravity_in_camera)
+    if turns is None:
+        return localizer.localize(rgb, camera, allowed)
+    upright = np.ascontiguousarray(np.rot90(rgb, turns))
+    found = localizer.localize(upright, _turned(camera, turns), allowed, upright=True)
+    pose = found.world_from_camera
+    return replace(
+        found,
+        world_from_camera=None if pose is None else pose @ camera_from_turned(turns).inverse(),
+        camera=None if found.camera is None else turned_camera(found.camera, -turns),
+    )
+
+
+def _turned(camera: Camera | ApproximateCamera | None, turns: int) -> Camera | ApproximateCamera | None:
+    if isinstance(camera, ApproximateCamera):
+        return ApproximateCamera(turned_camera(camera.camera, turns))
+    return None if camera is None else turned_camera(camera, turns)
+
+
+def _no_map(
+    venue: str, camera: QueryCamera, request: LocateRequest, timings_ms: dict[str, float]
+) -> LocateResult:
+    known = camera.camera.camera if isinstance(camera.camera, ApproximateCamera) else camera.camera
+    return LocateResult(
+        venue,
+        "rgbd",
+        None,
+        "no_map",
+        camera=known,
+        camera_source=camera.source_of(known),
+        gravity_checked=None if request.gravity is None else False,
+        timings_ms=timings_ms,
+    )
 
 
 def allowed_keyframes(
@@ -177,14 +218,17 @@ def _result(
     found: Localization,
     floors: list[Floor],
     request: LocateRequest,
+    camera: QueryCamera,
     narrowed: bool,
 ) -> LocateResult:
     reason, pose = found.reason, found.world_from_camera
+    gravity_checked = None if request.gravity is None else pose is not None and version.z_up
+    if gravity_checked and _contradicts(pose, request.gravity):
+        reason, pose = "ambiguous", None
     floor = floor_of(floors, pose) if pose is not None else None
     if pose is not None and floors and floor is None:
         reason, pose = "outside_venue", None
     located = pose is not None
-    source: CameraSource = "request" if request.camera is not None else "search"
     return LocateResult(
         venue=venue,
         method="rgbd",
@@ -200,7 +244,14 @@ def _result(
         matches=found.evidence.matches,
         keyframes=found.keyframes,
         camera=found.camera,
-        camera_source="unknown" if found.camera is None else source,
+        camera_source=camera.source_of(found.camera),
         narrowed=narrowed,
+        gravity_checked=gravity_checked,
         timings_ms=dict(found.timings_ms),
     )
+
+
+def _contradicts(pose: Pose | None, gravity_in_camera: tuple[float, float, float] | None) -> bool:
+    if pose is None or gravity_in_camera is None:
+        return False
+    return angle_to_down_deg(pose, gravity_in_camera) > GRAVITY_LIMIT_DEG

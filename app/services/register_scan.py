@@ -21,6 +21,8 @@ MIN_AGREEING = 5
 MIN_AGREEING_SHARE = 0.5
 AGREE_M = 0.15
 AGREE_RAD = float(np.radians(2.5))
+# Nearer than this to a keyframe a placement gets no better.
+NEAR_KEYFRAME_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,25 +38,50 @@ class Registration:
 def register_scan(
     source: FrameSource, localizer: Localizer, executor: Executor, progress: Progress
 ) -> Registration:
-    """Locate up to 40 frames of the scan and average the placements that agree.
+    """Locate up to 40 frames of the scan, and average the placements that agree, those near a keyframe most.
 
     Raises `InvalidScanError` with the figures when too few are located or agree.
     """
     frames = spread(source.frames, SAMPLE)
+    # Placements are compared and averaged amid the frames: at an origin far from them a small turn is a long way.
+    scan_from_middle = middle_of(source.frames)
 
-    def place(frame: Frame) -> Pose | None:
-        found = localizer.localize(frame_rgb(source, frame), source.camera).world_from_camera
-        return None if found is None else found @ frame.scan_from_camera.inverse()
+    def place(frame: Frame) -> _Placement | None:
+        found = localizer.localize(frame_rgb(source, frame), source.camera)
+        if found.world_from_camera is None:
+            return None
+        world_from_middle = found.world_from_camera @ frame.scan_from_camera.inverse() @ scan_from_middle
+        return _Placement(world_from_middle, found.evidence.keyframe_distance_m)
 
     results = list(map_in_order(executor, place, frames, "register", progress))
-    placements = [pose for pose in results if pose is not None]
-    agreeing = largest_agreement(placements)
+    placements = [placement for placement in results if placement is not None]
+    agreeing = largest_agreement([placement.world_from_middle for placement in placements])
     if len(agreeing) < max(MIN_AGREEING, MIN_AGREEING_SHARE * len(placements)):
         raise InvalidScanError(
             f"The scan can't be placed in the present map: of {len(frames)} frames {len(placements)} were located "
             f"and {len(agreeing)} agree; give world_from_scan, or scan more of what the map holds."
         )
-    return Registration(average_poses(agreeing), len(frames), len(placements), len(agreeing))
+    chosen = {id(pose) for pose in agreeing}
+    weights = [one.weight for one in placements if id(one.world_from_middle) in chosen]
+    world_from_scan = average_poses(agreeing, weights) @ scan_from_middle.inverse()
+    return Registration(world_from_scan, len(frames), len(placements), len(agreeing))
+
+
+@dataclass(frozen=True, slots=True)
+class _Placement:
+    world_from_middle: Pose
+    keyframe_distance_m: float
+
+    @property
+    def weight(self) -> float:
+        # Seen from beside a keyframe, what is wrong with its points' depth hardly moves the camera.
+        return 1.0 / (self.keyframe_distance_m + NEAR_KEYFRAME_M) ** 2
+
+
+def middle_of(frames: Sequence[Frame]) -> Pose:
+    """Return the `scan_from_middle` of a frame with the scan's axes whose origin is amid the cameras."""
+    positions = np.stack([frame.scan_from_camera.translation for frame in frames])
+    return Pose(np.eye(3), np.median(positions, axis=0))
 
 
 def largest_agreement(placements: Sequence[Pose]) -> list[Pose]:
@@ -64,7 +91,6 @@ def largest_agreement(placements: Sequence[Pose]) -> list[Pose]:
 
 
 def _agree(a: Pose, b: Pose) -> bool:
-    # The scan's own origin may be far from its frames, where a small turn moves it far: the limits allow for that.
     return position_difference_m(a, b) < AGREE_M and attitude_difference_rad(a, b) < AGREE_RAD
 
 

@@ -22,11 +22,11 @@ from app.services.extend_map import join_maps
 from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
 from app.services.progress import Progress
-from app.services.register_scan import register_scan
+from app.services.register_scan import middle_of, register_scan
 from app.services.resources import Resources
 from app.services.self_check import SelfCheck, check_map
 from app.storage.builds import Build, finish_build, report_progress
-from app.storage.map_artifact import MapArtifactError
+from app.storage.map_artifact import MapArtifact, MapArtifactError
 from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 
@@ -37,10 +37,12 @@ SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """`world_from_scan`, and where it comes from: `given`, `gravity`, `registered` or `scan_frame`."""
+    """`world_from_scan`, and where it comes from: `given`, `gravity`, `registered` or `scan_frame`; `z_up` says
+    whether the world's z axis is known to point up by it."""
 
     world_from_scan: Pose
     source: str
+    z_up: bool
     figures: dict[str, Any]
 
 
@@ -144,23 +146,26 @@ def _place(
 ) -> Placement:
     own = scan_placement(options, source)
     if options.world_from_scan is not None:
-        return Placement(own, "given", {})
+        return Placement(own, "given", True, {})
+    by_gravity = options.gravity is not None or source.gravity is not None
     if present is None:
-        by_gravity = options.gravity is not None or source.gravity is not None
-        return Placement(own, "gravity" if by_gravity else "scan_frame", {})
+        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     try:
         found = register_scan(source, present[0], resources.executor, progress)
     except InvalidScanError:
         if options.mode == "extend":
             raise
-        return Placement(own, "gravity" if options.gravity is not None else "scan_frame", {})
+        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
+    middle = middle_of(source.frames)
+    registered, as_given = found.world_from_scan @ middle, own @ middle
     same = (
-        position_difference_m(found.world_from_scan, own) < SAME_FRAME_M
-        and attitude_difference_rad(found.world_from_scan, own) < SAME_FRAME_RAD
+        position_difference_m(registered, as_given) < SAME_FRAME_M
+        and attitude_difference_rad(registered, as_given) < SAME_FRAME_RAD
     )
     # When the scan is in the present map's frame already, its own poses are better than any registration.
-    return Placement(own if same else found.world_from_scan, "registered", figures)
+    z_up = present[1].z_up or (same and by_gravity)
+    return Placement(own if same else found.world_from_scan, "registered", z_up, figures)
 
 
 def _publish(
@@ -201,22 +206,8 @@ def _publish(
     index_blob = resources.blobs.put_file(index_path)
     written.update((artifact_blob, index_blob))
     seconds["store"] = round(time.perf_counter() - began, 3)
-    report = {
-        "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
-        "discarded": {reason: len(names) for reason, names in built.discarded.items()},
-        "discarded_frames": {reason: list(names[:100]) for reason, names in built.discarded.items()},
-        "keyframes": built.artifact.keyframe_count,
-        "features": built.artifact.feature_count,
-        "feature_method": options.features,
-        "map_keyframes": artifact.keyframe_count,
-        "bytes": {"features": artifact_path.stat().st_size, "index": index_path.stat().st_size},
-        "seconds": seconds,
-        "world_from_scan": placement.world_from_scan.matrix.tolist(),
-        "placement": {"source": placement.source, **placement.figures},
-        "self_check": check.as_dict(),
-    }
-    if built.calibration is not None:
-        report["calibration"] = built.calibration.as_dict(points=False)
+    sizes = {"features": artifact_path.stat().st_size, "index": index_path.stat().st_size}
+    report = _report(source, options, built, placement, check, artifact, sizes, seconds)
     progress.report("publish", 0, 1)
     with resources.database.write() as connection:
         # Once more with the lock: a cancellation that was acknowledged counts, however late it came.
@@ -225,6 +216,37 @@ def _publish(
         version = publish_map(connection, build.venue_id, build.id, artifact_blob, index_blob, report, images)
         finish_build(connection, build.id, "succeeded", report=report, map_version=version)
     return version
+
+
+def _report(
+    source: FrameSource,
+    options: BuildOptions,
+    built: BuiltMap,
+    placement: Placement,
+    check: SelfCheck,
+    artifact: MapArtifact,
+    sizes: dict[str, int],
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """Return what the build tells its admin; `artifact` is the venue's whole map."""
+    report = {
+        "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
+        "discarded": {reason: len(names) for reason, names in built.discarded.items()},
+        "discarded_frames": {reason: list(names[:100]) for reason, names in built.discarded.items()},
+        "replaced": built.replaced,
+        "keyframes": built.artifact.keyframe_count,
+        "features": built.artifact.feature_count,
+        "feature_method": options.features,
+        "map_keyframes": artifact.keyframe_count,
+        "bytes": sizes,
+        "seconds": seconds,
+        "world_from_scan": placement.world_from_scan.matrix.tolist(),
+        "placement": {"source": placement.source, "z_up": placement.z_up, **placement.figures},
+        "self_check": check.as_dict(),
+    }
+    if built.calibration is not None:
+        report["calibration"] = built.calibration.as_dict(points=False)
+    return report
 
 
 def _store_images(

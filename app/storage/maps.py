@@ -27,6 +27,13 @@ class MapVersion:
     statistics: dict[str, Any]
     created_at: datetime
 
+    @property
+    def z_up(self) -> bool:
+        """Whether the z axis of the map's world is known to point up: gravity or `world_from_scan` said so, for
+        its own scan or for the one that it was registered to."""
+        placement = self.statistics.get("placement", {})
+        return bool(placement.get("z_up", placement.get("source") in ("given", "gravity")))
+
 
 @dataclass(frozen=True, slots=True)
 class KeyframeImages:

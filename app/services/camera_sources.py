@@ -1,0 +1,126 @@
+"""Where a query's camera comes from: the request, the photo's EXIF, a list of phones, or a search."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from app.errors import InvalidCameraError
+from app.geometry.camera import Camera
+from app.geometry.focal import ApproximateCamera, pinhole
+from app.vision.exif import PhotoTags, read_photo_tags
+from app.vision.images import Rgb
+from app.vision.phone_cameras import PhoneCamera, find_phone
+
+CameraSource = Literal["request", "exif", "phone_database", "search", "unknown"]
+
+FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+# Phones' sensors are 4:3, cameras' 3:2; a picture of another shape was cut from one of these.
+PHONE_ASPECT, FILM_ASPECT = 4 / 3, 3 / 2
+ASPECT_SLACK = 0.02
+# A lens within this of the main camera's focal length is the main camera.
+SAME_LENS = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class QueryCamera:
+    """What is known of a query's camera: exact, approximate or nothing, and who says so."""
+
+    camera: Camera | ApproximateCamera | None
+    source: CameraSource
+
+    def source_of(self, used: Camera | None) -> CameraSource:
+        """Return where the camera that was used in the end comes from: a search may have left what was known."""
+        if used is None:
+            return "unknown"
+        if isinstance(self.camera, ApproximateCamera) and not self.camera.covers(used):
+            return "search"
+        return self.source
+
+
+def query_camera(given: Camera | tuple[float, ...] | None, rgb: Rgb, image: bytes) -> QueryCamera:
+    """Return what is known of the camera of an image (h, w, 3) that was decoded from these bytes.
+
+    Raises `InvalidCameraError` when the camera that was given can't be the image's own.
+    """
+    height, width = rgb.shape[:2]
+    if given is not None:
+        return QueryCamera(_given_camera(given, width, height), "request")
+    return camera_from_tags(read_photo_tags(image), width, height)
+
+
+def _given_camera(camera: Camera | tuple[float, ...], width: int, height: int) -> Camera:
+    if not isinstance(camera, Camera):
+        return Camera.from_values(camera, width, height)
+    if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
+        raise InvalidCameraError(
+            f"The camera is for {camera.width} x {camera.height} pixels, the upright image has {width} x "
+            f"{height}: give the intrinsics of the image as its EXIF orientation turns it."
+        )
+    return camera.scaled_to(width, height)
+
+
+def camera_from_tags(tags: PhotoTags, width: int, height: int) -> QueryCamera:
+    """Return the approximate camera of a photo by its EXIF, for the photo's size now.
+
+    A photo that was cut after it was taken has tags that don't hold any more; it is searched for.
+    """
+    if _was_cut(tags, width, height):
+        return QueryCamera(None, "search")
+    phone = find_phone(tags.make, tags.model)
+    focal_35mm = _focal_35mm(tags, phone)
+    if focal_35mm is not None:
+        return _query_camera(focal_from_35mm(focal_35mm, width, height), width, height, "exif")
+    if tags.focal_mm is not None and tags.plane_px_per_mm is not None and tags.recorded_size is not None:
+        scale = max(width, height) / max(tags.recorded_size)
+        focal_px = tags.focal_mm * tags.plane_px_per_mm * tags.digital_zoom * scale
+        return _query_camera(focal_px, width, height, "exif")
+    if tags.focal_mm is None and phone is not None:
+        focal_px = focal_from_35mm(phone.focal_35mm * tags.digital_zoom, width, height)
+        return _query_camera(focal_px, width, height, "phone_database")
+    return QueryCamera(None, "search")
+
+
+def _focal_35mm(tags: PhotoTags, phone: PhoneCamera | None) -> float | None:
+    """Return the equivalent focal length of the photo with its digital zoom, None where tags don't tell."""
+    if tags.focal_35mm is not None:
+        # Most makers put the zoom into the equivalent; it is not in when the equivalent is the lens's own.
+        bare = phone is not None and abs(tags.focal_35mm / phone.focal_35mm - 1) < SAME_LENS
+        return tags.focal_35mm * (tags.digital_zoom if bare else 1.0)
+    if tags.focal_mm is None or tags.plane_px_per_mm is not None or phone is None or phone.focal_mm is None:
+        return None
+    # Of the phone's other lenses neither sensor nor equivalent is known.
+    if abs(tags.focal_mm / phone.focal_mm - 1) > SAME_LENS:
+        return None
+    return tags.focal_mm * phone.focal_35mm / phone.focal_mm * tags.digital_zoom
+
+
+def focal_from_35mm(focal_35mm: float, width: int, height: int) -> float:
+    """Return the focal length in pixels of a 35 mm equivalent, which compares diagonals (CIPA DC-008).
+
+    The diagonal is the whole sensor's: a picture that is wider than its sensor lost rows, a squarer one columns.
+    """
+    longer, shorter = max(width, height), min(width, height)
+    aspect = longer / shorter
+    if abs(aspect / FILM_ASPECT - 1) < ASPECT_SLACK:
+        diagonal_px = math.hypot(longer, shorter)
+    else:
+        diagonal_px = 1.25 * max(longer, shorter * PHONE_ASPECT)
+    return focal_35mm / FILM_DIAGONAL_MM * diagonal_px
+
+
+def _was_cut(tags: PhotoTags, width: int, height: int) -> bool:
+    if tags.recorded_size is None:
+        return False
+    then = max(tags.recorded_size) / min(tags.recorded_size)
+    now = max(width, height) / min(width, height)
+    return abs(then / now - 1) > ASPECT_SLACK
+
+
+def _query_camera(focal_px: float, width: int, height: int, source: CameraSource) -> QueryCamera:
+    try:
+        return QueryCamera(ApproximateCamera(pinhole(width, height, focal_px)), source)
+    except InvalidCameraError:
+        # Tags that no lens has are as good as none.
+        return QueryCamera(None, "search")

@@ -1,0 +1,48 @@
+"""How accurate a pose in a map is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.camera import Camera
+from app.geometry.covariance import pose_accuracy, pose_covariance
+from app.geometry.se3 import Pose
+from app.services.matches import Matches
+
+
+def accuracy_in_map(
+    inliers: Matches,
+    keyframe_centres: NDArray[np.float64],
+    camera: Camera,
+    pose: Pose,
+    focal_sigma: float,
+) -> tuple[float, float]:
+    """Return one sigma of position in metres and orientation in degrees of a pose, by what its inliers and the
+    centres (n, 3) of their keyframes tell; infinity for what they leave open.
+
+    A point is uncertain along its keyframe's ray, which a camera beside the keyframe hardly sees: what counts is
+    the part of it across the camera's own ray.
+    """
+    across = inliers.sigma_m * _sines(
+        inliers.points_in_world - keyframe_centres, inliers.points_in_world - pose.translation
+    )
+    try:
+        covariance = pose_covariance(
+            inliers.points_px,
+            inliers.points_in_world,
+            camera,
+            pose,
+            point_sigma_m=across,
+            focal_sigma=focal_sigma,
+        )
+    except DegenerateGeometryError:
+        return float("inf"), 180.0
+    return pose_accuracy(covariance)
+
+
+def _sines(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sine of the angle between each pair of vectors (n, 3), (n, 3)."""
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1) / np.maximum(lengths, 1e-12))
