@@ -16,6 +16,7 @@ from app.commands import (
     evaluate_demo,
     evaluate_extend,
     evaluate_phones,
+    fit_confidence,
     reliability,
     serve,
 )
@@ -33,6 +34,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)
+app.command("fit-confidence")(fit_confidence.fit_confidence_command)
 
 
 def main() -> None:

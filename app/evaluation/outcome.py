@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.evaluation.pose_errors import QueryOutcome, pose_error
 from app.geometry.se3 import Pose
-from app.services.localizer import Localization
+from app.services.localization import Localization
 
 
 def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds: float) -> QueryOutcome:
@@ -14,6 +14,11 @@ def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds:
     position_m, orientation_deg = float("inf"), 180.0
     if estimate is not None and truth is not None:
         position_m, orientation_deg = pose_error(estimate, truth)
+    candidate_m = candidate_deg = None
+    if found.candidate is not None:
+        candidate_m, candidate_deg = (
+            (float("inf"), 180.0) if truth is None else pose_error(found.candidate, truth)
+        )
     return QueryOutcome(
         name=name,
         located=estimate is not None,
@@ -31,6 +36,10 @@ def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds:
         sigma_m=found.position_m,
         sigma_deg=found.orientation_deg,
         truth_m=None if truth is None else centre_of(truth),
+        distinct_share=evidence.distinct_share,
+        candidate_m=candidate_m,
+        candidate_deg=candidate_deg,
+        position_sigma_m=evidence.position_sigma_m,
         estimate_m=None if estimate is None else centre_of(estimate),
     )
 

@@ -22,7 +22,7 @@ class QueryOutcome:
 
     `truth_m` and `estimate_m` are camera centres in the world. What speaks for the pose, up to `sigma_deg`, is as in
     `services.verification.Evidence` and `Localization` (None where it isn't known): the features of a model of
-    confidence.
+    confidence. `candidate_m` and `candidate_deg` are the errors of the pose that was judged, trusted or not.
     """
 
     name: str
@@ -42,6 +42,10 @@ class QueryOutcome:
     sigma_deg: float | None = None
     truth_m: tuple[float, float, float] | None = None
     estimate_m: tuple[float, float, float] | None = None
+    distinct_share: float | None = None
+    candidate_m: float | None = None
+    candidate_deg: float | None = None
+    position_sigma_m: float | None = None
 
     @property
     def right(self) -> bool:

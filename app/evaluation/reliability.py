@@ -114,10 +114,11 @@ def with_pool(groups: Mapping[str, Sequence[QueryOutcome]]) -> dict[str, Sequenc
     return {**groups, POOLED: [outcome for group in groups.values() for outcome in group]}
 
 
-def read_outcomes(path: Path) -> dict[str, list[QueryOutcome]]:
+def read_outcomes(path: Path, with_absent: bool = False) -> dict[str, list[QueryOutcome]]:
     """Return the outcomes in a JSON file of an evaluation by configuration, located absent places among them.
 
-    A picture of a place that no map holds is a query as well, and right when it isn't located. Raises
+    A picture of a place that no map holds is a query as well, and right when it isn't located: those that are not
+    are left out unless asked for by `with_absent`. Raises
     `InvalidInputError` for a file that is no evaluation.
     """
     try:
@@ -128,7 +129,7 @@ def read_outcomes(path: Path) -> dict[str, list[QueryOutcome]]:
     for item in parsed if isinstance(parsed, list) else []:
         if isinstance(item, Mapping) and isinstance(item.get("outcomes"), list):
             name = f"{item.get('name')}, {item.get('features')}"
-            found.setdefault(name, []).extend(_outcomes(item))
+            found.setdefault(name, []).extend(_outcomes(item, with_absent))
     if not any(found.values()):
         raise InvalidInputError(
             f"{path} holds no outcomes of queries; write it with roomfix evaluate --report or --json."
@@ -136,6 +137,7 @@ def read_outcomes(path: Path) -> dict[str, list[QueryOutcome]]:
     return found
 
 
-def _outcomes(item: Mapping[str, Any]) -> list[QueryOutcome]:
-    false_fixes = [each for each in item.get("absent", {}).get("outcomes", []) if each.get("located")]
-    return [QueryOutcome.from_dict(each) for each in [*item["outcomes"], *false_fixes]]
+def _outcomes(item: Mapping[str, Any], with_absent: bool) -> list[QueryOutcome]:
+    absent = item.get("absent", {}).get("outcomes", [])
+    counted = [each for each in absent if with_absent or each.get("located")]
+    return [QueryOutcome.from_dict(each) for each in [*item["outcomes"], *counted]]

@@ -17,7 +17,8 @@ from app.geometry.se3 import Pose
 from app.importers.frames import Frame
 from app.services.build_map import BuiltMap, build_map
 from app.services.build_options import BuildOptions
-from app.services.localizer import Localization, Localizer, LocalizerSettings
+from app.services.localization import Localization
+from app.services.localizer import Localizer, LocalizerSettings
 from app.services.progress import Progress
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArtifact

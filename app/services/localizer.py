@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,13 +12,12 @@ from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of, refine_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.map_accuracy import accuracy_in_map
+from app.services.localization import Localization, StageTimer, nothing_found, votes_of
+from app.services.map_accuracy import accuracy_in_map, seen_from_one_side
 from app.services.matches import Matches, QueryMatcher
 from app.services.retrieval import Retrieval
 from app.services.verification import (
-    Evidence,
     Limits,
-    Reason,
     confidence_of,
     coverage,
     gather_evidence,
@@ -34,10 +32,16 @@ from app.vision.index import GlobalIndex
 SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
 # A rival below this share of the best pose's features is not worth a closer look.
 RIVAL_SHARE = 0.1
+# A pose with fewer inliers is none: three points fit any.
+MIN_INLIERS = 4
 MIN_RIVAL_INLIERS = 8
 # A first pose with this many times the inliers that are asked for, spread over this share of the image, gets no
 # better by more keyframes (measured: docs/features.md).
 CONVINCING_INLIERS, CONVINCING_COVERAGE = 5, 0.4
+
+
+# A frame that failed for these reasons is looked at again.
+UNSURE = ("no_match", "too_few_inliers")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +51,8 @@ class LocalizerSettings:
     `keyframes` are matched for their looks, then up to `other_places` more that look alike but show other
     places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
     may prove that the place is not unique. A frame that is not located gets a second look at `second_look`
-    keyframes, turned ones too. `max_error` is the inlier limit as an angle (tangent):
-    pixels over focal length. Without `limits` those of the map's features hold.
+    keyframes, turned ones too, and a third with the features of a faint image. `max_error` is the inlier limit as
+    an angle (tangent): pixels over focal length. Without `limits` those of the map's features hold.
     """
 
     keyframes: int = 10
@@ -74,34 +78,6 @@ PAPER = LocalizerSettings(
     fundamental_filter=True,
     limits=Limits.none(),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class KeyframeVote:
-    """A keyframe that was matched, and how many of its matches agree with the pose."""
-
-    keyframe: int
-    matches: int
-    inliers: int
-
-
-@dataclass(frozen=True, slots=True)
-class Localization:
-    """The outcome for one frame. `world_from_camera` is None exactly when `reason` says why.
-
-    `position_m`, `orientation_deg`: one sigma; `confidence`: probability that the error is below 0.5 m and 5
-    degrees; `timings_ms` by stage.
-    """
-
-    world_from_camera: Pose | None
-    reason: Reason | None
-    evidence: Evidence
-    position_m: float | None
-    orientation_deg: float | None
-    confidence: float
-    keyframes: tuple[KeyframeVote, ...]
-    camera: Camera | None
-    timings_ms: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +115,7 @@ class Localizer:
         self._descriptor = models.global_descriptor
         self._extractor = models.extractor(artifact.metadata.features)
         self._settings = settings or LocalizerSettings()
+        self._faint = self._extractor.for_faint_images()
         self._limits = self._settings.limits or Limits(min_inliers=self._extractor.min_inliers)
 
     def localize(
@@ -163,15 +140,26 @@ class Localizer:
         timer.lap("retrieve")
         matches = query.match(similar)
         timer.lap("match")
-        result = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
-        if settings.second_look and result.reason in ("no_match", "too_few_inliers") and query.feature_count:
+        size = rgb.shape[:2]
+        result = self._locate(query, matches, camera, size, allowed, timer)
+        if settings.second_look and result.reason in UNSURE and query.feature_count:
             matches = query.match_all(self._wider(rgb, descriptor, allowed, upright))
             timer.lap("match")
-            again = self._locate(query, matches, camera, rgb.shape[:2], allowed, timer)
-            result = again if again.world_from_camera is not None else result
+            result = self._better(result, self._locate(query, matches, camera, size, allowed, timer))
+        if settings.second_look and result.reason in UNSURE and self._faint is not None:
+            faint = QueryMatcher(gray, self.artifact, self._faint, settings.fundamental_filter, allowed)
+            timer.lap("describe")
+            matches = faint.match([*similar, *query.matched])
+            timer.lap("match")
+            result = self._better(result, self._locate(faint, matches, camera, size, allowed, timer))
         if result.reason == "no_match" and measure_quality(gray).is_poor:
             return replace(result, reason="poor_image")
         return result
+
+    @staticmethod
+    def _better(first: Localization, second: Localization) -> Localization:
+        """Return the later look's result if it found the place, else the first look's with its reason."""
+        return second if second.world_from_camera is not None else first
 
     def _wider(
         self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None, upright: bool
@@ -196,13 +184,13 @@ class Localizer:
         camera = known if isinstance(known, Camera) else self._find_camera(matches, size, known)
         if camera is None:
             timer.lap("pose")
-            return _nothing("no_match", timer, matches.feature_count)
+            return nothing_found("no_match", timer, matches.feature_count)
         best = self._hypothesis(query, matches, camera, allowed, timer)
         if not isinstance(known, Camera) and best is not None:
             camera, best = self._refine_camera(best, camera, known)
             timer.lap("pose")
         if best is None:
-            return _nothing("no_match", timer, matches.feature_count, camera)
+            return nothing_found("no_match", timer, matches.feature_count, camera)
         rival = self._rival(query, best, camera, allowed, timer)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
@@ -275,7 +263,7 @@ class Localizer:
         if self._settings.look_alikes:
             twins = [
                 twin
-                for vote in _votes(best.matches, best.inliers)[:2]
+                for vote in votes_of(best.matches, best.inliers)[:2]
                 for twin in self._retrieval.look_alikes(vote.keyframe, self._settings.look_alikes)
             ]
             if allowed is not None:
@@ -300,18 +288,19 @@ class Localizer:
         self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int = 5000
     ) -> PnpEstimate | None:
         limit_px = self._settings.max_error * camera.focal_px
+        points = matches.points_px, matches.points_in_world
         if self._settings.estimator == "epnp_lm":
-            return estimate_pose_epnp_lm(
-                matches.points_px, matches.points_in_world, camera, max_error_px=limit_px
-            )
-        return estimate_pose_lo_ransac(
-            matches.points_px,
-            matches.points_in_world,
-            camera,
-            max_error_px=limit_px,
-            max_iterations=max_iterations,
-            prior=prior,
+            return estimate_pose_epnp_lm(*points, camera, max_error_px=limit_px)
+        found = estimate_pose_lo_ransac(
+            *points, camera, max_error_px=limit_px, max_iterations=max_iterations, prior=prior
         )
+        if found is None:
+            return None
+        # A wall in a mirror is the wall seen from behind.
+        centres = self.artifact.arrays.positions[matches.keyframes]
+        front = seen_from_one_side(matches.points_in_world, centres, found.world_from_camera.translation)
+        inliers = found.inlier_mask & front
+        return replace(found, inlier_mask=inliers) if np.count_nonzero(inliers) >= MIN_INLIERS else None
 
     def _conclude(
         self,
@@ -333,48 +322,38 @@ class Localizer:
         )
         centres = self.artifact.arrays.positions[inliers.keyframes]
         position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, focal_sigma)
+        evidence = replace(evidence, position_sigma_m=position_m)
         # What all points share, the map's own error, is not in the covariance.
         position_m = float(np.hypot(position_m, self.artifact.metadata.position_sigma_m))
         orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
         reason = judge(evidence, position_m, self._limits)
-        votes = _votes(best.matches, inliers)
+        votes = votes_of(best.matches, inliers)
         timer.lap("pose")
-        if reason is not None:
-            return Localization(None, reason, evidence, None, None, 0.0, votes, camera, timer.milliseconds)
-        confidence = confidence_of(evidence)
-        return Localization(
-            pose, None, evidence, position_m, orientation_deg, confidence, votes, camera, timer.milliseconds
+        found = Localization(
+            pose,
+            None,
+            evidence,
+            position_m,
+            orientation_deg,
+            confidence_of(evidence),
+            votes,
+            camera,
+            timer.milliseconds,
+            pose,
         )
-
-
-class StageTimer:
-    """Milliseconds by stage; laps of one stage add up."""
-
-    def __init__(self) -> None:
-        self.milliseconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        """Add the time since the last lap to a stage."""
-        now = time.perf_counter()
-        self.milliseconds[stage] = self.milliseconds.get(stage, 0.0) + 1e3 * (now - self._last)
-        self._last = now
+        if reason is None:
+            return found
+        return replace(
+            found,
+            world_from_camera=None,
+            reason=reason,
+            position_m=None,
+            orientation_deg=None,
+            confidence=0.0,
+        )
 
 
 def _same_place(a: PnpEstimate, b: PnpEstimate) -> bool:
     one, other = a.world_from_camera, b.world_from_camera
     apart_m = float(np.linalg.norm(one.translation - other.translation))
     return apart_m < SAME_PLACE_M and float(one.rotation[:, 2] @ other.rotation[:, 2]) > SAME_PLACE_COSINE
-
-
-def _votes(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:
-    ids, counts = np.unique(matches.keyframes, return_counts=True)
-    agreed = {int(i): int(n) for i, n in zip(*np.unique(inliers.keyframes, return_counts=True), strict=True)}
-    votes = [KeyframeVote(int(i), int(n), agreed.get(int(i), 0)) for i, n in zip(ids, counts, strict=True)]
-    return tuple(sorted(votes, key=lambda vote: -vote.inliers))
-
-
-def _nothing(
-    reason: Reason, timer: StageTimer, matches: int = 0, camera: Camera | None = None
-) -> Localization:
-    return Localization(None, reason, Evidence.none(matches), None, None, 0.0, (), camera, timer.milliseconds)

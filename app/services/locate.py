@@ -16,7 +16,8 @@ from app.geometry.se3 import Pose
 from app.geometry.turns import angle_to_down_deg, camera_from_turned, turned_camera, upright_turns
 from app.services.camera_sources import CameraSource, QueryCamera, query_camera
 from app.services.floor_plans import HEIGHT_SLACK_M, PlanPoint, floor_of, plan_point
-from app.services.localizer import KeyframeVote, Localization, Localizer
+from app.services.localization import KeyframeVote, Localization
+from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.verification import Reason

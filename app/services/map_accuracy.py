@@ -11,6 +11,9 @@ from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.se3 import Pose
 from app.services.matches import Matches
 
+# Eighty degrees.
+MAX_TURN_COSINE = 0.17
+
 
 def accuracy_in_map(
     inliers: Matches,
@@ -40,6 +43,16 @@ def accuracy_in_map(
     except DegenerateGeometryError:
         return float("inf"), 180.0
     return pose_accuracy(covariance)
+
+
+def seen_from_one_side(
+    points: NDArray[np.float64], keyframe_centres: NDArray[np.float64], centre: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return which points (n, 3) a camera at `centre` (3,) sees from the side that their keyframes, at (n, 3), saw
+    them from: within `MAX_TURN_COSINE`, beyond which no feature is matched."""
+    a, b = points - keyframe_centres, points - centre
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    return np.asarray(np.einsum("ij,ij->i", a, b) > MAX_TURN_COSINE * lengths)
 
 
 def _sines(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,9 +19,9 @@ class Evidence:
 
     `inliers` and `matches` count features of the query, each once however many keyframes it was matched in.
     `coverage` is the share of an 8 x 6 grid over the image that holds inliers; `distinct` the inliers that
-    resemble nothing elsewhere in the map; `rival` the inliers of the best
-    other pose, `rival_only` those that the pose doesn't explain, `pose_only` the inliers that the rival doesn't;
-    `keyframe_distance_m` how far the nearest keyframe is.
+    resemble nothing elsewhere in the map; `rival` the inliers of the best other pose, `rival_only` those that the
+    pose doesn't explain, `pose_only` the inliers that the rival doesn't; `keyframe_distance_m` how far the nearest
+    keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers.
     """
 
     matches: int
@@ -32,6 +32,7 @@ class Evidence:
     rival_only: int
     pose_only: int
     keyframe_distance_m: float
+    position_sigma_m: float = float("inf")
 
     @property
     def inlier_ratio(self) -> float:
@@ -54,18 +55,19 @@ class Limits:
     """What a pose must pass; measured on places that are in the map and on places that are not
     (docs/features.md)."""
 
-    min_inliers: int = 16
-    min_inlier_ratio: float = 0.10
+    min_inliers: int = 14
+    min_inlier_ratio: float = 0.06
     min_coverage: float = 0.15
-    min_distinct_share: float = 0.2
+    min_distinct_share: float = 0.35
     max_rival_share: float = 0.45
-    max_position_sigma_m: float = 0.25
+    max_position_sigma_m: float = 0.15
     max_keyframe_distance_m: float = 12.0
+    min_confidence: float = 0.8
 
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
-        return Limits(0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"))
+        return Limits(0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"), 0.0)
 
 
 def gather_evidence(
@@ -101,21 +103,55 @@ def coverage(points_px: NDArray[np.float64], size_px: tuple[int, int]) -> float:
 
 def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason | None:
     """Return why a pose can't be trusted, or None if it can."""
-    if evidence.matches < limits.min_inliers:
-        return "no_match"
-    if evidence.inliers < limits.min_inliers or evidence.inlier_ratio < limits.min_inlier_ratio:
-        return "too_few_inliers"
-    if evidence.coverage < limits.min_coverage or position_sigma_m > limits.max_position_sigma_m:
-        return "too_few_inliers"
-    not_distinct = evidence.distinct_share < limits.min_distinct_share
-    if not_distinct or evidence.rival > limits.max_rival_share * evidence.inliers:
-        return "ambiguous"
-    if evidence.keyframe_distance_m > limits.max_keyframe_distance_m:
-        return "outside_venue"
-    return None
+    inliers = evidence.inliers
+    failed: tuple[tuple[bool, Reason], ...] = (
+        (evidence.matches < limits.min_inliers, "no_match"),
+        (inliers < limits.min_inliers, "too_few_inliers"),
+        (evidence.inlier_ratio < limits.min_inlier_ratio, "too_few_inliers"),
+        (evidence.coverage < limits.min_coverage, "too_few_inliers"),
+        (position_sigma_m > limits.max_position_sigma_m, "too_few_inliers"),
+        (evidence.distinct_share < limits.min_distinct_share, "ambiguous"),
+        (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
+        (confidence_of(evidence) < limits.min_confidence, "too_few_inliers"),
+        (evidence.keyframe_distance_m > limits.max_keyframe_distance_m, "outside_venue"),
+    )
+    return next((reason for fails, reason in failed if fails), None)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfidenceModel:
+    """A logistic model of the probability that a pose is off by less than 0.5 m and 5 degrees.
+
+    Weights of the inlier ratio, the coverage, minus the decimal logarithm of the position sigma in metres, the
+    distinct share and the rival share (`features_of`). Fitted by `roomfix fit-confidence`.
+    """
+
+    intercept: float
+    weights: tuple[float, float, float, float, float]
+
+    def __call__(self, evidence: Evidence) -> float:
+        score = self.intercept + float(np.dot(self.weights, features_of(evidence)))
+        return float(1.0 / (1.0 + np.exp(-score)))
+
+
+def features_of(evidence: Evidence) -> NDArray[np.float64]:
+    """Return what the confidence of a pose is judged by, (5,)."""
+    sigma_m = float(np.clip(evidence.position_sigma_m, 0.003, 1.0))
+    rival_share = evidence.rival / evidence.inliers if evidence.inliers else 0.0
+    return np.array(
+        [
+            evidence.inlier_ratio,
+            evidence.coverage,
+            -np.log10(sigma_m),
+            evidence.distinct_share,
+            rival_share,
+        ]
+    )
+
+
+CONFIDENCE = ConfidenceModel(-4.91, (0.59, 1.65, 1.75, 6.12, -2.11))
 
 
 def confidence_of(evidence: Evidence) -> float:
     """Return the probability that a pose with this evidence is off by less than 0.5 m and 5 degrees."""
-    score = 1.8 * np.log(max(evidence.inliers, 1)) + 2.0 * evidence.inlier_ratio - 3.5
-    return float(1.0 / (1.0 + np.exp(-score)))
+    return CONFIDENCE(evidence) if evidence.inliers else 0.0

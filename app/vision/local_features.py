@@ -21,7 +21,8 @@ MODELS_DIR = Path(__file__).parent.parent / "models"
 
 # RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
 ROOT_SIFT_SCALE = 512.0
-SIFT_FEATURES, SIFT_SIDE_PX = 2000, 400
+SIFT_FEATURES, SIFT_SIDE_PX, SIFT_CONTRAST = 2000, 400, 0.04
+FAINT_SIDE_PX = 300
 # Binary features work on images of at most this size.
 MAX_SIDE_PX = 960
 
@@ -59,6 +60,10 @@ class LocalFeatureExtractor(Protocol):
         """Return the features of a grey image (height, width), best first where the method ranks them."""
         ...
 
+    def for_faint_images(self) -> LocalFeatureExtractor | None:
+        """Return an extractor for images in which this one finds too little, or None if there is none."""
+        ...
+
 
 class RootSift:
     """SIFT with Hellinger-normalised descriptors, quantised to bytes.
@@ -70,14 +75,19 @@ class RootSift:
 
     binary = False
     ratio = 0.85
-    min_inliers = 16
+    min_inliers = 14
     descriptor_size = 128
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
     def __init__(
-        self, max_features: int = SIFT_FEATURES, max_side_px: int = SIFT_SIDE_PX, name: str = "sift"
+        self,
+        max_features: int = SIFT_FEATURES,
+        max_side_px: int = SIFT_SIDE_PX,
+        name: str = "sift",
+        contrast: float = SIFT_CONTRAST,
     ) -> None:
         self.name = name
+        self._contrast = contrast
         self._max_side_px = max_side_px
         self._max_features = max_features
 
@@ -85,7 +95,7 @@ class RootSift:
         """Return the features of a grey image (height, width)."""
         small, scale = shrink(gray, self._max_side_px)
         # A detector object is not safe to share between threads, and costs nothing to make.
-        sift = cv2.SIFT.create(self._max_features)
+        sift = cv2.SIFT.create(self._max_features, contrastThreshold=self._contrast)
         keypoints, descriptors = sift.detectAndCompute(small, None)
         if not len(keypoints):
             return _none(self)
@@ -93,6 +103,12 @@ class RootSift:
         rooted = np.sqrt(descriptors / sums) * ROOT_SIFT_SCALE
         quantised = np.minimum(np.rint(rooted), 255).astype(np.uint8)
         return LocalFeatures(_points(keypoints, scale), quantised)
+
+    def for_faint_images(self) -> LocalFeatureExtractor | None:
+        """Return the same at a coarser scale, down to half the contrast."""
+        if self._contrast < SIFT_CONTRAST:
+            return None
+        return RootSift(self._max_features, FAINT_SIDE_PX, self.name, 0.5 * SIFT_CONTRAST)
 
 
 class Orb:
@@ -112,6 +128,10 @@ class Orb:
         """Return the features of a grey image (height, width)."""
         return _binary_features(cv2.ORB.create(self._max_features), gray, self)
 
+    def for_faint_images(self) -> LocalFeatureExtractor | None:
+        """Return None."""
+        return None
+
 
 class Akaze:
     """A-KAZE with its 486-bit M-LDB descriptors (the monitoring-camera thesis's features)."""
@@ -126,6 +146,10 @@ class Akaze:
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
         return _binary_features(cv2.AKAZE.create(), gray, self)
+
+    def for_faint_images(self) -> LocalFeatureExtractor | None:
+        """Return None."""
+        return None
 
 
 class XFeat:
@@ -152,6 +176,10 @@ class XFeat:
         outputs = self._session.run(["features", "keypoints", "reliability"], {"image": image})
         keypoints_px, _, descriptors = decode(outputs[0], outputs[1], outputs[2], self._max_features)
         return LocalFeatures(((keypoints_px + 0.5) / scale - 0.5).astype(np.float32), descriptors)
+
+    def for_faint_images(self) -> LocalFeatureExtractor | None:
+        """Return None."""
+        return None
 
 
 def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:

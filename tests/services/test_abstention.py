@@ -12,7 +12,14 @@ from tests.scenes import View
 from tests.server import Server
 
 GOOD = replace(
-    Evidence.none(), matches=200, inliers=150, coverage=0.5, distinct=120, rival=0, keyframe_distance_m=0.5
+    Evidence.none(),
+    matches=200,
+    inliers=150,
+    coverage=0.5,
+    distinct=120,
+    rival=0,
+    keyframe_distance_m=0.5,
+    position_sigma_m=0.01,
 )
 SIGMA_M = 0.02
 
@@ -32,6 +39,7 @@ def test_good_evidence_is_trusted() -> None:
         ({}, float("inf"), "too_few_inliers"),
         ({"rival": 140}, SIGMA_M, "ambiguous"),
         ({"distinct": 10}, SIGMA_M, "ambiguous"),
+        ({"distinct": 60, "coverage": 0.16, "position_sigma_m": 0.2}, SIGMA_M, "too_few_inliers"),
         ({"keyframe_distance_m": 100.0}, SIGMA_M, "outside_venue"),
     ],
     ids=str,
@@ -43,7 +51,11 @@ def test_thin_evidence_is_not(changes: dict[str, float], sigma_m: float, reason:
 
 
 def test_confidence_grows_with_the_evidence() -> None:
-    values = [confidence_of(replace(GOOD, inliers=n, matches=2 * n)) for n in (0, 5, 20, 80, 320)]
+    shares = (0.0, 0.1, 0.3, 0.7, 1.0)
+    values = [
+        confidence_of(replace(GOOD, distinct=round(150 * s), coverage=s, position_sigma_m=0.3 - 0.29 * s))
+        for s in shares
+    ]
     assert values == sorted(values)
     assert 0 <= values[0] < 0.5 < values[-1] <= 1
 
