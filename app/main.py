@@ -11,7 +11,7 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import calibrate, database, floors, health, locate, maps, venues
+from app.api import calibrate, database, features, floors, health, locate, maps, venues
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -68,7 +68,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         redoc_url=None,
     )
     for router in (
-        locate.router, venues.router, floors.router, maps.router, database.router, calibrate.router, health.router,
+        locate.router, venues.router, floors.router, features.router, maps.router, database.router,
+        calibrate.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidCameraError, InvalidInputError
 from app.geometry.camera import Camera
+from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
+from app.services.floor_features.library import FeatureLibrary
+from app.services.floor_features.model import Area
+from app.services.floor_features.places import within_areas
 from app.services.floor_plans import HEIGHT_SLACK_M, PlanPoint, floor_of, plan_point
 from app.services.localizer import KeyframeVote, Localization, Localizer
 from app.services.map_library import MapLibrary
@@ -24,6 +28,9 @@ from app.vision.images import Rgb, decode_image
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
 CameraSource = Literal["request", "search", "unknown"]
+AreaOnFloor = tuple[Floor, Area]
+# A keyframe a few metres outside may still see what a camera inside sees.
+MARGIN_M = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +44,7 @@ class Prior:
 @dataclass(frozen=True, slots=True)
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
-    image as it is; without it the focal length is searched for."""
+    image as it is; without it the focal length is searched for. `area` is an area's id or name."""
 
     image: bytes
     venue: str | None = None
@@ -46,11 +53,12 @@ class LocateRequest:
     gravity: tuple[float, float, float] | None = None
     prior: Prior | None = None
     method: Method = "auto"
+    area: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class LocateResult:
-    """The answer: a pose, or a reason why there is none. `narrowed` says whether floor or prior held the search."""
+    """The answer: a pose, or a reason why there is none. `narrowed` says whether floor, area or prior held."""
 
     venue: str
     method: str
@@ -74,14 +82,17 @@ class LocateResult:
 class LocateService:
     """Answers queries. Safe to share between threads."""
 
-    def __init__(self, resources: Resources, library: MapLibrary) -> None:
+    def __init__(
+        self, resources: Resources, library: MapLibrary, features: FeatureLibrary | None = None
+    ) -> None:
         self._resources = resources
         self._library = library
+        self._features = features or FeatureLibrary(resources.database)
 
     def locate(self, request: LocateRequest) -> LocateResult:
         """Answer a query.
 
-        Raises `NotFoundError` for an unknown venue or floor, `InvalidImageError`, `InvalidCameraError` and
+        Raises `NotFoundError` for an unknown venue, floor or area, `InvalidImageError`, `InvalidCameraError` and
         `InvalidInputError` for a request that can't be answered.
         """
         started = time.perf_counter()
@@ -89,6 +100,7 @@ class LocateService:
             raise InvalidInputError(f"method {request.method!r} is not available; use auto or rgbd.")
         venue = self._venue(request.venue)
         floors = self._floors(venue, request.floor)
+        areas = self._areas(floors, request)
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
         decoded_ms = 1e3 * (time.perf_counter() - started)
         camera = query_camera(request.camera, rgb)
@@ -97,8 +109,8 @@ class LocateService:
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
             return LocateResult(venue, "rgbd", None, "no_map", camera=camera, timings_ms=timings)
         localizer, version = serving
-        found, narrowed = self._search(localizer, rgb, camera, request, floors)
-        result = _result(venue, version, found, floors, request, narrowed)
+        found, narrowed = self._search(localizer, rgb, camera, request, floors, areas)
+        result = self._described(_result(venue, version, found, floors, request, narrowed))
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
         return result
 
@@ -119,6 +131,19 @@ class LocateService:
                 get_floor(connection, venue, floor)
             return list_floors(connection, venue)
 
+    def _areas(self, floors: list[Floor], request: LocateRequest) -> list[AreaOnFloor] | None:
+        """Return the areas that the request names, on its floor if it names one."""
+        if request.area is None:
+            return None
+        own = [floor for floor in floors if request.floor in (None, floor.id)]
+        return self._features.areas(own, request.area)
+
+    def _described(self, result: LocateResult) -> LocateResult:
+        """Return a result whose plan point says its area and nearest landmark."""
+        if result.plan is None or result.floor is None:
+            return result
+        return replace(result, plan=self._features.described(result.plan, result.floor))
+
     def _search(
         self,
         localizer: Localizer,
@@ -126,9 +151,10 @@ class LocateService:
         camera: Camera | None,
         request: LocateRequest,
         floors: list[Floor],
+        areas: list[AreaOnFloor] | None,
     ) -> tuple[Localization, bool]:
-        """Search where floor and prior say; where that finds nothing, everywhere."""
-        allowed = allowed_keyframes(localizer, request, floors)
+        """Search where floor, area and prior say; where that finds nothing, everywhere."""
+        allowed = allowed_keyframes(localizer, request, floors, areas)
         if allowed is not None and len(allowed):
             found = localizer.localize(rgb, camera, allowed)
             if found.world_from_camera is not None:
@@ -152,23 +178,44 @@ def query_camera(camera: Camera | tuple[float, ...] | None, rgb: Rgb) -> Camera 
 
 
 def allowed_keyframes(
-    localizer: Localizer, request: LocateRequest, floors: list[Floor]
+    localizer: Localizer,
+    request: LocateRequest,
+    floors: list[Floor],
+    areas: list[AreaOnFloor] | None = None,
 ) -> NDArray[np.int64] | None:
-    """Return the keyframes that floor and prior leave, or None when neither is given."""
-    if request.floor is None and request.prior is None:
+    """Return the keyframes that floor, areas and prior leave, or None when none of them is given."""
+    if request.floor is None and request.prior is None and areas is None:
         return None
     positions = localizer.artifact.arrays.positions
     keep = np.ones(len(positions), dtype=bool)
     if request.floor is not None:
         floor = next(f for f in floors if f.id == request.floor)
-        keep &= (positions[:, 2] >= floor.z_min_m - HEIGHT_SLACK_M) & (
-            positions[:, 2] <= floor.z_max_m + HEIGHT_SLACK_M
-        )
+        keep &= _on_floor(positions, floor)
+    if areas is not None:
+        keep &= _in_areas(positions, areas)
     if request.prior is not None:
-        # A keyframe a few metres outside may still see what a camera inside sees.
         distances = np.linalg.norm(positions - np.array(request.prior.position), axis=1)
-        keep &= distances <= request.prior.radius_m + 3.0
+        keep &= distances <= request.prior.radius_m + MARGIN_M
     return np.flatnonzero(keep).astype(np.int64)
+
+
+def _on_floor(positions: NDArray[np.float64], floor: Floor) -> NDArray[np.bool_]:
+    """Return which world positions (n, 3) are at a floor's heights."""
+    heights = positions[:, 2]
+    return np.asarray(
+        (heights >= floor.z_min_m - HEIGHT_SLACK_M) & (heights <= floor.z_max_m + HEIGHT_SLACK_M)
+    )
+
+
+def _in_areas(positions: NDArray[np.float64], areas: list[AreaOnFloor]) -> NDArray[np.bool_]:
+    """Return which world positions (n, 3) are in or near one of the areas; nowhere on a floor without a plan
+    in the world."""
+    keep = np.zeros(len(positions), dtype=bool)
+    for floor, area in areas:
+        if floor.plan_from_world is not None:
+            on_plan = PlanTransform(floor.plan_from_world).apply(positions)[:, :2]
+            keep |= _on_floor(positions, floor) & within_areas(on_plan, [area], MARGIN_M)
+    return keep
 
 
 def _result(
