@@ -15,6 +15,7 @@ from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
 from app.services.locate import LocateService
+from app.services.navigation.service import RouteService
 from app.services.resources import Resources
 
 Scope = Literal["locate", "anchor", "admin"]
@@ -33,6 +34,7 @@ class AppState:
     executor: BoundedExecutor
     runner: BuildRunner
     metrics: Metrics
+    routes: RouteService
 
 
 def get_state(request: Request) -> AppState:

@@ -31,6 +31,14 @@ class PlanImage:
 
 
 @dataclass(frozen=True, slots=True)
+class Features:
+    """A GeoJSON FeatureCollection in plan metres, and its digest, None when nothing was stored."""
+
+    collection: dict[str, Any]
+    sha256: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class Floor:
     """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world.
 
@@ -102,13 +110,13 @@ def set_features(connection: Connection, venue_id: str, floor_id: str, features:
     return get_floor(connection, venue_id, floor_id)
 
 
-def get_features(connection: Connection, venue_id: str, floor_id: str) -> dict[str, Any] | None:
-    """Return a floor's GeoJSON features, None when it has none; raises `NotFoundError`."""
+def get_features(connection: Connection, venue_id: str, floor_id: str) -> Features:
+    """Return a floor's features, an empty collection when it has none; raises `NotFoundError`."""
     here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
-    row = connection.execute(select(floors.c.features).where(here)).first()
+    row = connection.execute(select(floors.c.features, floors.c.features_sha256).where(here)).first()
     if row is None:
         raise _unknown(venue_id, floor_id)
-    return None if row.features is None else dict(row.features)
+    return Features(row.features or {"type": "FeatureCollection", "features": []}, row.features_sha256)
 
 
 def get_floor(connection: Connection, venue_id: str, floor_id: str) -> Floor:

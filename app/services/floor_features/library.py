@@ -38,10 +38,11 @@ class FeatureLibrary:
                 self._kept.move_to_end(key)
                 return self._kept[key]
         with self._database.read() as connection:
-            collection = get_features(connection, floor.venue_id, floor.id)
-        index = PlaceIndex(read_collection(collection, floor.id)[1] if collection else FloorFeatures())
+            stored = get_features(connection, floor.venue_id, floor.id)
+        index = PlaceIndex(read_collection(stored.collection, floor.id)[1])
         with self._lock:
-            self._kept[key] = index
+            # By the digest of what was read: it may have changed since the floor was.
+            self._kept[floor.venue_id, floor.id, stored.sha256 or ""] = index
             while len(self._kept) > MAX_FLOORS:
                 self._kept.popitem(last=False)
         return index
