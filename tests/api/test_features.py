@@ -192,8 +192,10 @@ def test_features_that_can_not_be(site: Server, case: str) -> None:
 def test_there_is_a_limit_for_features_and_positions(site: Server) -> None:
     many = collection(*[landmark("a", 0, 0)] * (MAX_FEATURES + 1))
     line = link(*[(float(k), 0.0) for k in range(5001)])
+    lines = [link(*[(float(k), 0.0) for k in range(4500)]) for _ in range(50)]
     with site.unchanged():
         assert "20,000 at most" in assert_problem(put_features(site, "ground", many), 422)
+        assert "200,000 positions" in assert_problem(put_features(site, "ground", collection(*lines)), 422)
         assert "5,000 positions" in assert_problem(put_features(site, "ground", collection(line)), 422)
 
 

@@ -18,11 +18,13 @@ from app.services.floor_features.reading import (
     as_geojson,
     given_id,
     kind_of,
+    position_count,
     read_link,
     read_named,
 )
 
 MAX_FEATURES = 20_000
+MAX_POSITIONS = 200_000
 MAX_DEPTH = 12
 POINTS: tuple[Kind, ...] = ("landmark", "poi")
 TOO_DEEP = f"The JSON is nested more than {MAX_DEPTH} deep."
@@ -96,6 +98,7 @@ class _Reader:
         self._floor_id = floor_id
         self._origin = origin
         self._values: dict[Kind, dict[str, Value]] = {kind: {} for kind in KINDS}
+        self._positions = 0
         self._repeats: Counter[tuple[str, str]] = Counter()
 
     def read(self, index: int, entry: object) -> GeoJson:
@@ -123,6 +126,9 @@ class _Reader:
         if self._is_taken(value.id, kind):
             also = "landmark or poi" if kind in POINTS else kind
             raise InvalidInputError(f"there is another {also} with the id {short(value.id)} on this floor.")
+        self._positions += position_count(value)
+        if self._positions > MAX_POSITIONS:
+            raise InvalidInputError(f"the features up to here have more than {MAX_POSITIONS:,} positions.")
         self._values[kind][value.id] = value
         return as_geojson(kind, value, properties)
 

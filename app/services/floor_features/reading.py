@@ -161,6 +161,13 @@ def _text(value: object, name: str) -> str:
     return text
 
 
+def position_count(value: Value) -> int:
+    """Return how many positions a feature has."""
+    if isinstance(value, Landmark):
+        return 1
+    return int(shapely.get_num_coordinates(value.polygon)) if isinstance(value, Area) else len(value.points)
+
+
 def as_geojson(kind: Kind, value: Value, given: Mapping[str, Any]) -> GeoJson:
     """Return a feature as it is stored: what it is, in plan metres, and whatever else was given."""
     properties: GeoJson = {**given, "kind": kind, "id": value.id, "name": value.name}

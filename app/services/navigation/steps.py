@@ -19,13 +19,13 @@ from app.services.navigation.search import Way
 Array = NDArray[np.float64]
 
 # Bends smaller than this on the plan are how a line was drawn, not something to say.
-SMOOTH_M = 0.4
+SMOOTH_M = 0.5
 # Turns closer together than this are one: round a table, through a door at an angle.
-ONE_TURN_M = 1.5
+ONE_TURN_M = 2.0
 # Next to the way means: near enough to point at.
 BESIDE_M = 1.0
 AT_M = 2.0
-SLIGHT_DEG, TURN_DEG, SHARP_DEG, U_TURN_DEG = 25.0, 60.0, 120.0, 160.0
+SLIGHT_DEG, TURN_DEG, SHARP_DEG, U_TURN_DEG = 30.0, 60.0, 120.0, 160.0
 
 
 def turn_of(angle_deg: float) -> Turn:
@@ -109,11 +109,12 @@ def _walk_steps(points: Sequence[RoutePoint], heading_deg: float | None, enters_
     if len(corners) < 2:
         return []
     directions = _directions_deg(places[corners])
+    first, *groups = _turn_groups(along[corners])
     begin: Turn = "straight" if enters_floor else "depart"
     if heading_deg is not None:
-        begin = turn_of(angle_between_deg(heading_deg, directions[0]))
+        begin = turn_of(angle_between_deg(heading_deg, directions[first[-1]]))
     steps = [replace(_step(begin, points[0]), enters_floor=enters_floor)]
-    for group in _turn_groups(along[corners]):
+    for group in groups:
         angle_deg = angle_between_deg(directions[group[0] - 1], directions[group[-1]])
         turn = turn_of(angle_deg)
         if turn != "straight":
@@ -140,12 +141,15 @@ def _directions_deg(corners: Array) -> Array:
 
 
 def _turn_groups(along_m: Array) -> list[list[int]]:
-    """Return inner corners, those that are one turn together."""
-    groups: list[list[int]] = []
+    """Return all corners but the last, those that are one turn together: first the start with what belongs to it.
+
+    A turn just before the end is left out: the goal is in sight.
+    """
+    groups = [[0]]
     for corner in range(1, len(along_m) - 1):
-        if groups and along_m[corner] - along_m[groups[-1][-1]] < ONE_TURN_M:
+        if along_m[corner] - along_m[groups[-1][-1]] < ONE_TURN_M:
             groups[-1].append(corner)
-        else:
+        elif along_m[-1] - along_m[corner] >= ONE_TURN_M / 2:
             groups.append([corner])
     return groups
 
