@@ -28,6 +28,7 @@ AREA_WORDS = {
     "stairs": "Stairs", "elevator": "Lift", "escalator": "Escalator", "no_geometry": "",
 }  # fmt: skip
 WAY_MODES = {"stairs": "stairs", "elevator": "lift", "escalator": "escalator"}
+MODE_WORDS = {"stairs": "Stairs", "lift": "Lift", "escalator": "Escalator"}
 FLOOR_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 # Ends of paths closer than this are one point: the format asks for equal ones, drawing tools round.
 SAME_POINT_M = 0.5
@@ -69,7 +70,7 @@ def read_indoor_map(folder: Path) -> IndoorMap:
         own = _read(folder, str(level.get("filename")))
         areas = list(_areas(_objects(own, "features", str(level["filename"]))))
         links = [*paths[order], *ways[order]]
-        marks = list(_landmarks(paths[order], _ways_at(ways, order), areas, (longitude, latitude)))
+        marks = list(_landmarks(paths[order], ways[order], areas, (longitude, latitude)))
         collection = {"type": "FeatureCollection", "origin": origin, "features": [*areas, *marks, *links]}
         name = level.get("readable_name") or level.get("name") or floor_ids[order]
         found.append(IndoorLevel(floor_ids[order], str(name), order, collection))
@@ -195,13 +196,8 @@ def _ways(feature: Mapping[str, Any], floor_ids: dict[int, str]) -> Iterator[tup
             yield a, _feature("link", line, id=known, name=name, mode=mode, to_floor=floor_ids[b])
 
 
-def _ways_at(ways: Links, order: int) -> list[list[float]]:
-    """Return the positions where ways between levels begin on a level."""
-    return [way["geometry"]["coordinates"][0] for way in ways[order]]
-
-
 def _landmarks(
-    paths: list[GeoJson], starts: list[list[float]], areas: list[GeoJson], origin: tuple[float, float]
+    paths: list[GeoJson], ways: list[GeoJson], areas: list[GeoJson], origin: tuple[float, float]
 ) -> Iterator[GeoJson]:
     """Yield a landmark for each end of a path that no other path touches, and where ways to other levels begin."""
     try:
@@ -213,19 +209,28 @@ def _landmarks(
     except (KeyError, TypeError, ValueError, IndexError):
         raise InvalidInputError("A room or path of the indoor map has no valid GeoJSON geometry.") from None
     tree = shapely.STRtree(lines)
+    loose: list[tuple[list[float], str]] = []
+    for own, path in enumerate(paths):
+        for position in (path["geometry"]["coordinates"][0], path["geometry"]["coordinates"][-1]):
+            near = tree.query(_point(position, origin), predicate="dwithin", distance=SAME_POINT_M)
+            if set(near.tolist()) <= {own}:
+                loose.append((position, path["properties"]["name"] or "Path"))
+    for way in ways:
+        loose.append((way["geometry"]["coordinates"][0], MODE_WORDS[way["properties"]["mode"]]))
     taken: set[str] = set()
-    ends = [(index, end) for index, path in enumerate(paths) for end in (0, -1)]
-    points = [(paths[index]["geometry"]["coordinates"][end], index) for index, end in ends]
-    for position, own in [*points, *((start, -1) for start in starts)]:
-        here = shapely.Point(_metres([position, position], origin).coords[0])
-        near = set(tree.query(here, predicate="dwithin", distance=SAME_POINT_M).tolist()) - {own}
-        if own >= 0 and near:
+    placed: list[shapely.Point] = []
+    for position, fallback in loose:
+        here = _point(position, origin)
+        if any(here.distance(other) <= SAME_POINT_M for other in placed):
             continue
-        inside = [(polygon.area, name) for polygon, name in rooms if polygon.intersects(here)]
-        fallback = paths[own]["properties"]["name"] if own >= 0 else "Stairs"
-        name = min(inside)[1] if inside else fallback or "Path"
+        placed.append(here)
+        name = min(((p.area, name) for p, name in rooms if p.intersects(here)), default=(0, fallback))[1]
         landmark_id = _free(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "place", taken)
         yield _feature("landmark", {"type": "Point", "coordinates": position}, id=landmark_id, name=name)
+
+
+def _point(position: Any, origin: tuple[float, float]) -> shapely.Point:
+    return shapely.Point(_metres([position, position], origin).coords[0])
 
 
 def _metres(positions: Any, origin: tuple[float, float]) -> shapely.LineString:
