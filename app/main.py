@@ -11,7 +11,7 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import calibrate, database, features, floors, health, locate, maps, routes, venues
+from app.api import calibrate, database, features, floors, health, locate, maps, plan_drawing, routes, venues
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -55,6 +55,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
             executor,
             builds,
             metrics,
+            features,
             RouteService(resources.database, features),
         )
         with resources.database.read() as connection:
@@ -79,7 +80,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     )
     for router in (
         locate.router, venues.router, floors.router, features.router, maps.router, database.router,
-        routes.router, calibrate.router, health.router,
+        routes.router, plan_drawing.router, calibrate.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)

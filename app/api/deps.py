@@ -14,6 +14,7 @@ from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
+from app.services.floor_features.library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.navigation.service import RouteService
 from app.services.resources import Resources
@@ -34,6 +35,7 @@ class AppState:
     executor: BoundedExecutor
     runner: BuildRunner
     metrics: Metrics
+    features: FeatureLibrary
     routes: RouteService
 
 
