@@ -42,6 +42,8 @@ def draw_plan(
         f"<title>{escape(floor.name)}</title><style>{STYLE}</style>",
         *_image(floor.plan, image),
         *_areas(features),
+        # A drawing brings its own names.
+        *([] if image is not None else _names(features)),
         *_links(features),
         *([] if route is None else _route(route, floor.id)),
         *_points(features),
@@ -91,7 +93,13 @@ def _areas(features: FloorFeatures) -> Iterator[str]:
     for area in features.areas:
         rings = [area.polygon.exterior, *area.polygon.interiors]
         path = " ".join(f"M{_coordinates(shapely.get_coordinates(ring))}Z" for ring in rings)
-        yield f'<path class="area" fill-rule="evenodd" id={quoteattr(f"area:{area.id}")} d="{path}"/>'
+        yield (
+            f'<path class="area" fill-rule="evenodd" id={quoteattr(f"area:{area.id}")} d="{path}">'
+            f"<title>{escape(area.name)}</title></path>"
+        )
+
+
+def _names(features: FloorFeatures) -> Iterator[str]:
     for area in features.areas:
         middle = area.polygon.representative_point()
         yield f'<text class="name" x="{middle.x:.2f}" y="{-middle.y:.2f}">{escape(area.name)}</text>'
