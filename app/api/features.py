@@ -7,11 +7,12 @@ from typing import Any
 from fastapi import APIRouter, Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.schemas import problems
 from app.services.floor_features.store import store_features, stored_features
+from app.services.navigation.network import unmet_links
 
 router = APIRouter(prefix="/venues/{venue}/floors/{floor}/features", tags=["floors"])
 MEDIA_TYPE = "application/geo+json"
@@ -38,11 +39,12 @@ BODY = {
 
 
 class FeaturesBody(BaseModel):
-    """What a floor's features are now: how many of each kind."""
+    """What a floor's features are now: how many of each kind, and what of the venue's links is not joined yet."""
 
     venue: str
     floor: str
     counts: dict[str, int]
+    warnings: list[str] = Field(description="Links between floors that meet nothing where they lead to")
 
 
 @router.put(
@@ -54,8 +56,13 @@ class FeaturesBody(BaseModel):
 async def put(state: State, venue: VenueId, floor: FloorId, request: Request) -> FeaturesBody:
     """Replace a floor's features by a GeoJSON FeatureCollection."""
     data = await request.body()
-    features = await run_in_threadpool(store_features, state.resources, venue, floor, data)
-    return FeaturesBody(venue=venue, floor=floor, counts={**features.counts})
+
+    def store() -> FeaturesBody:
+        features = store_features(state.resources, venue, floor, data)
+        warnings = unmet_links(state.routes.network(venue))
+        return FeaturesBody(venue=venue, floor=floor, counts={**features.counts}, warnings=warnings)
+
+    return await run_in_threadpool(store)
 
 
 @router.get(

@@ -47,11 +47,15 @@ def test_features_come_and_are_replaced(site: Server) -> None:
         "venue": "site",
         "floor": "ground",
         "counts": {"landmark": 5, "poi": 1, "area": 3, "link": 5},
+        "warnings": [
+            "Link 'stairs-up' of floor 'ground' meets nothing on floor 'upper' yet.",
+            "Link 'lift-up' of floor 'ground' meets nothing on floor 'upper' yet.",
+        ],
     }
     kinds = {item["id"]: item["properties"]["kind"] for item in stored(site)}
     assert (kinds["kitchen"], kinds["stove"], kinds["hall"]) == ("area", "poi", "link")
     # Links between floors may come before what they lead to.
-    assert put_features(site, "upper", UPPER).status_code == 200
+    assert put_features(site, "upper", UPPER).json()["warnings"] == []
     assert put_features(site, "ground", collection()).json()["counts"]["area"] == 0
     assert stored(site) == []
 

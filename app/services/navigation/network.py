@@ -12,6 +12,7 @@ import shapely  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from app.geometry.plan import PlanTransform
+from app.services.floor_features.geometry import short
 from app.services.floor_features.model import TOUCH_M, FloorFeatures, Landmark, Link, LinkMode
 from app.services.floor_features.places import PlaceIndex
 from app.services.navigation.noding import FloorGraph, Junction, node_floor
@@ -23,6 +24,7 @@ Node = tuple[str, int]
 
 # Where a way arrives on another floor is known from its drawing there, through two plans and a world.
 ARRIVAL_M = 2.0
+MAX_UNMET = 50
 # What a floor costs where the link says no length: a flight of stairs, an escalator, a wait and a ride.
 STAIRS_M_PER_LEVEL, ESCALATOR_M_PER_LEVEL, LIFT_M, LIFT_M_PER_LEVEL = 10.0, 10.0, 12.0, 3.0
 
@@ -160,6 +162,14 @@ def way_length_m(link: Link, levels: int) -> float:
         return LIFT_M + LIFT_M_PER_LEVEL * levels
     per_level = STAIRS_M_PER_LEVEL if link.mode == "stairs" else ESCALATOR_M_PER_LEVEL
     return max(per_level * levels, drawn_m)
+
+
+def unmet_links(network: Network) -> list[str]:
+    """Return a sentence for each link between floors that meets nothing where it leads to, not more than a few."""
+    return [
+        f"Link {short(link.id)} of floor {short(floor_id)} meets nothing on floor {short(link.to_floor)} yet."
+        for floor_id, link in network.unmet[:MAX_UNMET]
+    ]
 
 
 def check_walkable(features: FloorFeatures) -> None:
