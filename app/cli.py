@@ -17,6 +17,7 @@ from app.commands import (
     evaluate_extend,
     evaluate_phones,
     fit_confidence,
+    import_plan,
     reliability,
     serve,
 )
@@ -31,6 +32,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     evaluate.evaluate, evaluate.benchmark, calibrate.calibrate, demo.demo, evaluate_demo.evaluate_demo,
     reliability.reliability,
     evaluate_extend.evaluate_extend, evaluate_phones.evaluate_phones,
+    import_plan.import_plan,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

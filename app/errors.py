@@ -55,6 +55,12 @@ class UploadTooLargeError(InvalidInputError):
     code = "upload_too_large"
 
 
+class OffNetworkError(InvalidInputError):
+    """A point too far from everything that can be walked."""
+
+    code = "off_network"
+
+
 class DegenerateGeometryError(RoomfixError):
     """A geometric problem with too few or badly placed points to have one answer."""
 
@@ -65,6 +71,12 @@ class NotFoundError(RoomfixError):
     """A venue, floor, map or build that does not exist."""
 
     code = "not_found"
+
+
+class NoRouteError(NotFoundError):
+    """Two places that no way joins, or none that the caller may take; the message says which parts are apart."""
+
+    code = "no_route"
 
 
 class ConflictError(RoomfixError):

@@ -14,7 +14,9 @@ from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
+from app.services.floor_features.library import FeatureLibrary
 from app.services.locate import LocateService
+from app.services.navigation.service import RouteService
 from app.services.resources import Resources
 
 Scope = Literal["locate", "anchor", "admin"]
@@ -33,6 +35,8 @@ class AppState:
     executor: BoundedExecutor
     runner: BuildRunner
     metrics: Metrics
+    features: FeatureLibrary
+    routes: RouteService
 
 
 def get_state(request: Request) -> AppState:

@@ -14,7 +14,8 @@ from app.api.schemas import CameraBody, PoseBody, problems
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.build_options import parse_camera
-from app.services.locate import LocateRequest, LocateResult, Method, Prior
+from app.services.locate import LocateRequest, LocateResult, Method
+from app.services.narrowing import Prior
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
 
@@ -27,8 +28,11 @@ class PlanBody(BaseModel):
     heading_deg: float
     u_px: float | None
     v_px: float | None
-    area: str | None = None
-    nearest_landmark: str | None = None
+    area: str | None = Field(None, description="Id of the area that the point is in")
+    area_name: str | None = None
+    nearest_landmark: str | None = Field(None, description="Id; in the same area if that has landmarks")
+    nearest_landmark_name: str | None = None
+    nearest_landmark_m: float | None = None
 
 
 class AccuracyBody(BaseModel):
@@ -65,7 +69,9 @@ class LocateBody(BaseModel):
     matches: int
     keyframes: list[KeyframeBody]
     camera: CameraBody | None
-    narrowed: bool = Field(description="Whether floor or prior held; false also when the search was widened")
+    narrowed: bool = Field(
+        description="Whether floor, area or prior held; false also when the search was widened"
+    )
     gravity_checked: bool | None = Field(
         None, description="Whether the pose was compared with gravity; false where the map's down isn't known"
     )
@@ -78,6 +84,7 @@ async def locate(
     image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
     venue: Annotated[str | None, Form(description="May be left out when there is one venue")] = None,
     floor: Annotated[str | None, Form(description="Search this floor first")] = None,
+    area: Annotated[str | None, Form(description="Search this area first: its id or name")] = None,
     camera: Annotated[
         str | None,
         Form(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or JSON {model, width, height, params}'),
@@ -95,6 +102,7 @@ async def locate(
         gravity=_gravity(gravity),
         prior=_prior(prior),
         method=method,
+        area=area or None,
     )
     result = await state.executor.run(lambda: state.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
@@ -120,6 +128,11 @@ def body_of(result: LocateResult) -> LocateBody:
             heading_deg=round(plan.heading_deg, 3),
             u_px=_rounded(plan.u_px, 2),
             v_px=_rounded(plan.v_px, 2),
+            area=plan.area,
+            area_name=plan.area_name,
+            nearest_landmark=plan.nearest_landmark,
+            nearest_landmark_name=plan.nearest_landmark_name,
+            nearest_landmark_m=_rounded(plan.nearest_landmark_m, 3),
         ),
         accuracy=None
         if result.position_m is None or result.orientation_deg is None

@@ -83,6 +83,7 @@ def locate(
     image: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="JPEG, PNG or WebP.")],
     venue: Annotated[str | None, typer.Option(help="May be left out when there is one venue.")] = None,
     floor: Annotated[str | None, typer.Option(help="Search this floor first.")] = None,
+    area: Annotated[str | None, typer.Option(help="Search this area first: its id or name.")] = None,
     camera: Annotated[
         str | None, typer.Option(help="fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], searched for if not given.")
     ] = None,
@@ -91,7 +92,9 @@ def locate(
     """Locate a photo; prints the answer of POST /locate."""
     resources = Resources.open(settings_from(data_dir=data_dir))
     try:
-        request = LocateRequest(image.read_bytes(), venue=venue, floor=floor, camera=parse_camera(camera))
+        request = LocateRequest(
+            image.read_bytes(), venue=venue, floor=floor, camera=parse_camera(camera), area=area
+        )
         result = LocateService(resources, MapLibrary(resources)).locate(request)
     finally:
         resources.close()

@@ -16,11 +16,12 @@ from app.commands.serve import run_server
 from app.errors import RoomfixError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
+from app.services.floor_features.store import store_features
 from app.services.floor_plans import store_plan_image
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
-from app.storage.floors import put_floor, set_features
+from app.storage.floors import put_floor
 
 if TYPE_CHECKING:
     from app.demonstration import DemoFloor, DemoQuery
@@ -84,6 +85,9 @@ def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]
             ensure_venue(resources, VENUE.id, VENUE.name)
             for floor in floor_plans():
                 _put_floor(resources, VENUE.id, floor)
+            for floor in floor_plans():
+                # After all floors are there: stairs lead from each to the other.
+                store_features(resources, VENUE.id, floor.id, floor.features)
             marker = data_dir / "mapped.json"
             wanted = {"region": region, "poses": len(scan.timestamps_s)}
             if (
@@ -125,7 +129,6 @@ def _put_floor(resources: Resources, venue: str, floor: DemoFloor) -> None:
             plan_from_world=floor.plan_from_world,
             plan_residual_m=None,
         )
-        set_features(connection, venue, floor.id, floor.features)
     u, v = floor.origin_px
     store_plan_image(resources, venue, floor.id, floor.plan_png, floor.meters_per_pixel, (u, v))
 

@@ -23,9 +23,9 @@ from app.services.build_options import BuildOptions
 from app.services.camera_sources import query_camera
 from app.services.frame_images import frame_rgb
 from app.services.localizer import Localizer
-from app.services.locate import localize_upright
 from app.services.progress import Progress
 from app.services.self_check import check_map
+from app.services.upright import localize_upright
 from app.services.vision_models import VisionModels
 from app.vision.exif import EXIF_IFD, FOCAL_LENGTH, PIXEL_X, PIXEL_Y, PLANE_UNIT, PLANE_X_RESOLUTION
 from app.vision.images import Rgb

@@ -26,13 +26,21 @@ PLAN_MEDIA_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
 @dataclass(frozen=True, slots=True)
 class PlanPoint:
-    """A point on a floor's plan: metres, degrees counter-clockwise from plan x, pixels of the plan image."""
+    """A point on a floor's plan: metres, degrees counter-clockwise from plan x, pixels of the plan image.
+
+    Area and nearest landmark are ids, their names beside them; `FeatureLibrary.described` fills them in.
+    """
 
     x: float
     y: float
     heading_deg: float
     u_px: float | None
     v_px: float | None
+    area: str | None = None
+    area_name: str | None = None
+    nearest_landmark: str | None = None
+    nearest_landmark_name: str | None = None
+    nearest_landmark_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

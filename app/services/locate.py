@@ -6,20 +6,20 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
 from app.geometry.se3 import Pose
-from app.geometry.turns import angle_to_down_deg, camera_from_turned, turned_camera, upright_turns
+from app.geometry.turns import angle_to_down_deg
 from app.services.camera_sources import CameraSource, QueryCamera, query_camera
-from app.services.floor_plans import HEIGHT_SLACK_M, PlanPoint, floor_of, plan_point
+from app.services.floor_features.library import FeatureLibrary
+from app.services.floor_plans import PlanPoint, floor_of, plan_point
 from app.services.localization import KeyframeVote, Localization
 from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
+from app.services.narrowing import AreaOnFloor, Prior, allowed_keyframes
 from app.services.resources import Resources
+from app.services.upright import localize_upright
 from app.services.verification import Reason
 from app.storage.floors import Floor, get_floor, list_floors
 from app.storage.maps import MapVersion
@@ -32,18 +32,10 @@ GRAVITY_LIMIT_DEG = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
-    """Where the camera may be: within `radius_m` of a world position (3,)."""
-
-    position: tuple[float, float, float]
-    radius_m: float
-
-
-@dataclass(frozen=True, slots=True)
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
     image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
-    of down in camera axes."""
+    of down in camera axes, `area` an area's id or name."""
 
     image: bytes
     venue: str | None = None
@@ -52,14 +44,15 @@ class LocateRequest:
     gravity: tuple[float, float, float] | None = None
     prior: Prior | None = None
     method: Method = "auto"
+    area: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class LocateResult:
     """The answer: a pose, or a reason why there is none.
 
-    `narrowed` says whether floor or prior held the search; `gravity_checked` whether the pose that was found was
-    compared with the request's gravity, None when there was none.
+    `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
+    was compared with the request's gravity, None when there was none.
     """
 
     venue: str
@@ -85,14 +78,17 @@ class LocateResult:
 class LocateService:
     """Answers queries. Safe to share between threads."""
 
-    def __init__(self, resources: Resources, library: MapLibrary) -> None:
+    def __init__(
+        self, resources: Resources, library: MapLibrary, features: FeatureLibrary | None = None
+    ) -> None:
         self._resources = resources
         self._library = library
+        self._features = features or FeatureLibrary(resources.database)
 
     def locate(self, request: LocateRequest) -> LocateResult:
         """Answer a query.
 
-        Raises `NotFoundError` for an unknown venue or floor, `InvalidImageError`, `InvalidCameraError` and
+        Raises `NotFoundError` for an unknown venue, floor or area, `InvalidImageError`, `InvalidCameraError` and
         `InvalidInputError` for a request that can't be answered.
         """
         started = time.perf_counter()
@@ -100,6 +96,7 @@ class LocateService:
             raise InvalidInputError(f"method {request.method!r} is not available; use auto or rgbd.")
         venue = self._venue(request.venue)
         floors = self._floors(venue, request.floor)
+        areas = self._areas(floors, request)
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
         decoded_ms = 1e3 * (time.perf_counter() - started)
         camera = query_camera(request.camera, rgb, request.image)
@@ -108,8 +105,8 @@ class LocateService:
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
             return _no_map(venue, camera, request, timings)
         localizer, version = serving
-        found, narrowed = self._search(localizer, rgb, camera, request, floors)
-        result = _result(venue, version, found, floors, request, camera, narrowed)
+        found, narrowed = self._search(localizer, rgb, camera, request, floors, areas)
+        result = self._described(_result(venue, version, found, floors, request, camera, narrowed))
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
         return result
 
@@ -130,6 +127,19 @@ class LocateService:
                 get_floor(connection, venue, floor)
             return list_floors(connection, venue)
 
+    def _areas(self, floors: list[Floor], request: LocateRequest) -> list[AreaOnFloor] | None:
+        """Return the areas that the request names, on its floor if it names one."""
+        if request.area is None:
+            return None
+        own = [floor for floor in floors if request.floor in (None, floor.id)]
+        return self._features.areas(own, request.area)
+
+    def _described(self, result: LocateResult) -> LocateResult:
+        """Return a result whose plan point says its area and nearest landmark."""
+        if result.plan is None or result.floor is None:
+            return result
+        return replace(result, plan=self._features.described(result.plan, result.floor))
+
     def _search(
         self,
         localizer: Localizer,
@@ -137,44 +147,17 @@ class LocateService:
         camera: QueryCamera,
         request: LocateRequest,
         floors: list[Floor],
+        areas: list[AreaOnFloor] | None,
     ) -> tuple[Localization, bool]:
-        """Search where floor and prior say; where that finds nothing, everywhere."""
-        allowed = allowed_keyframes(localizer, request, floors)
+        """Search where floor, area and prior say; where that finds nothing, everywhere."""
+        floor = next((floor for floor in floors if floor.id == request.floor), None)
+        positions = localizer.artifact.arrays.positions
+        allowed = allowed_keyframes(positions, floor, areas, request.prior)
         if allowed is not None and len(allowed):
             found = localize_upright(localizer, rgb, camera.camera, request.gravity, allowed)
             if found.world_from_camera is not None:
                 return found, True
         return localize_upright(localizer, rgb, camera.camera, request.gravity), False
-
-
-def localize_upright(
-    localizer: Localizer,
-    rgb: Rgb,
-    camera: Camera | ApproximateCamera | None,
-    gravity_in_camera: tuple[float, float, float] | None,
-    allowed: NDArray[np.int64] | None = None,
-) -> Localization:
-    """Localize an image turned upright by gravity; pose and camera of the answer are those of the image as given.
-
-    The global descriptor, and the local features of some methods, know a place only upright.
-    """
-    turns = None if gravity_in_camera is None else upright_turns(gravity_in_camera)
-    if turns is None:
-        return localizer.localize(rgb, camera, allowed)
-    upright = np.ascontiguousarray(np.rot90(rgb, turns))
-    found = localizer.localize(upright, _turned(camera, turns), allowed, upright=True)
-    pose = found.world_from_camera
-    return replace(
-        found,
-        world_from_camera=None if pose is None else pose @ camera_from_turned(turns).inverse(),
-        camera=None if found.camera is None else turned_camera(found.camera, -turns),
-    )
-
-
-def _turned(camera: Camera | ApproximateCamera | None, turns: int) -> Camera | ApproximateCamera | None:
-    if isinstance(camera, ApproximateCamera):
-        return ApproximateCamera(turned_camera(camera.camera, turns))
-    return None if camera is None else turned_camera(camera, turns)
 
 
 def _no_map(
@@ -191,26 +174,6 @@ def _no_map(
         gravity_checked=None if request.gravity is None else False,
         timings_ms=timings_ms,
     )
-
-
-def allowed_keyframes(
-    localizer: Localizer, request: LocateRequest, floors: list[Floor]
-) -> NDArray[np.int64] | None:
-    """Return the keyframes that floor and prior leave, or None when neither is given."""
-    if request.floor is None and request.prior is None:
-        return None
-    positions = localizer.artifact.arrays.positions
-    keep = np.ones(len(positions), dtype=bool)
-    if request.floor is not None:
-        floor = next(f for f in floors if f.id == request.floor)
-        keep &= (positions[:, 2] >= floor.z_min_m - HEIGHT_SLACK_M) & (
-            positions[:, 2] <= floor.z_max_m + HEIGHT_SLACK_M
-        )
-    if request.prior is not None:
-        # A keyframe a few metres outside may still see what a camera inside sees.
-        distances = np.linalg.norm(positions - np.array(request.prior.position), axis=1)
-        keep &= distances <= request.prior.radius_m + 3.0
-    return np.flatnonzero(keep).astype(np.int64)
 
 
 def _result(

@@ -1,7 +1,9 @@
-"""Floors: heights, the way from the world to the plan, and the plan image."""
+"""Floors: heights, the way from the world to the plan, the plan image, and what the plan means."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +13,9 @@ from sqlalchemy import Connection, Row, delete, insert, select, update
 
 from app.errors import NotFoundError
 from app.storage.tables import floors
+
+# Features can be megabytes, and every query lists the floors.
+ALL_BUT_FEATURES = [column for column in floors.c if column.name != "features"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +31,19 @@ class PlanImage:
 
 
 @dataclass(frozen=True, slots=True)
+class Features:
+    """A GeoJSON FeatureCollection in plan metres, and its digest, None when nothing was stored."""
+
+    collection: dict[str, Any]
+    sha256: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class Floor:
-    """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world."""
+    """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world.
+
+    `features_sha256` names the content that `get_features` returns; None when there is none.
+    """
 
     venue_id: str
     id: str
@@ -38,7 +54,7 @@ class Floor:
     plan_from_world: NDArray[np.float64] | None
     plan_residual_m: float | None
     plan: PlanImage | None
-    features: dict[str, Any] | None
+    features_sha256: str | None
 
 
 def put_floor(
@@ -89,22 +105,34 @@ def set_plan_image(connection: Connection, venue_id: str, floor_id: str, plan: P
 def set_features(connection: Connection, venue_id: str, floor_id: str, features: dict[str, Any]) -> Floor:
     """Give a floor its GeoJSON features; raises `NotFoundError`."""
     here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
-    connection.execute(update(floors).where(here).values(features=features))
+    digest = hashlib.sha256(json.dumps(features, sort_keys=True).encode()).hexdigest()
+    connection.execute(update(floors).where(here).values(features=features, features_sha256=digest))
     return get_floor(connection, venue_id, floor_id)
+
+
+def get_features(connection: Connection, venue_id: str, floor_id: str) -> Features:
+    """Return a floor's features, an empty collection when it has none; raises `NotFoundError`."""
+    here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
+    row = connection.execute(select(floors.c.features, floors.c.features_sha256).where(here)).first()
+    if row is None:
+        raise _unknown(venue_id, floor_id)
+    return Features(row.features or {"type": "FeatureCollection", "features": []}, row.features_sha256)
 
 
 def get_floor(connection: Connection, venue_id: str, floor_id: str) -> Floor:
     """Return a floor; raises `NotFoundError`."""
     here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
-    row = connection.execute(select(floors).where(here)).first()
+    row = connection.execute(select(*ALL_BUT_FEATURES).where(here)).first()
     if row is None:
-        raise NotFoundError(f"Venue {venue_id!r} has no floor {floor_id!r}.")
+        raise _unknown(venue_id, floor_id)
     return _floor(row)
 
 
 def list_floors(connection: Connection, venue_id: str) -> list[Floor]:
     """Return a venue's floors, lowest first."""
-    query = select(floors).where(floors.c.venue_id == venue_id).order_by(floors.c.level, floors.c.id)
+    query = (
+        select(*ALL_BUT_FEATURES).where(floors.c.venue_id == venue_id).order_by(floors.c.level, floors.c.id)
+    )
     return [_floor(row) for row in connection.execute(query)]
 
 
@@ -112,7 +140,11 @@ def delete_floor(connection: Connection, venue_id: str, floor_id: str) -> None:
     """Delete a floor; raises `NotFoundError`."""
     here = (floors.c.venue_id == venue_id) & (floors.c.id == floor_id)
     if connection.execute(delete(floors).where(here)).rowcount == 0:
-        raise NotFoundError(f"Venue {venue_id!r} has no floor {floor_id!r}.")
+        raise _unknown(venue_id, floor_id)
+
+
+def _unknown(venue_id: str, floor_id: str) -> NotFoundError:
+    return NotFoundError(f"Venue {venue_id!r} has no floor {floor_id!r}.")
 
 
 def _floor(row: Row[tuple[Any, ...]]) -> Floor:
@@ -137,5 +169,5 @@ def _floor(row: Row[tuple[Any, ...]]) -> Floor:
         matrix,
         row.plan_residual_m,
         plan,
-        row.features,
+        row.features_sha256,
     )

@@ -53,6 +53,7 @@ floors = Table(
     Column("plan_meters_per_pixel", Float),
     Column("plan_origin_px", JSON),
     Column("features", JSON),
+    Column("features_sha256", String(64)),
 )
 
 builds = Table(

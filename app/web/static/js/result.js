@@ -27,11 +27,11 @@ export function fieldOfView(camera) {
 
 function located(answer, floorName) {
   const { plan, pose, accuracy, confidence } = answer;
-  const where = [floorName ?? "In the map, on no floor", plan?.area].filter(Boolean).join(", ");
+  const where = [floorName ?? "In the map, on no floor", plan?.area_name ?? plan?.area].filter(Boolean).join(", ");
   const rows = [];
   if (plan) rows.push(["On the plan", `x ${plan.x.toFixed(2)} m, y ${plan.y.toFixed(2)} m`]);
   if (plan) rows.push(["Heading", `${degrees(plan.heading_deg)} from plan x, counter-clockwise`]);
-  if (plan?.nearest_landmark) rows.push(["Nearest landmark", String(plan.nearest_landmark)]);
+  if (plan?.nearest_landmark) rows.push(["Nearest landmark", String(plan.nearest_landmark_name ?? plan.nearest_landmark)]);
   if (pose) rows.push(["In the map", xyz(pose.position)], ["Quaternion", xyzw(pose.quaternion)]);
   rows.push(["Evidence", `${answer.inliers} of ${answer.matches} matches agree, ${answer.keyframes.length} keyframes`]);
   if (answer.camera) rows.push(["Camera", camera(answer.camera)]);

@@ -1,0 +1,41 @@
+"""A floor's plan with its features, and a route over it, as a picture."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Response
+
+from app.api.deps import FloorId, State, VenueId, require
+from app.api.schemas import problems
+from app.errors import InvalidInputError
+from app.services.plan_drawing import draw_plan
+from app.storage.floors import get_floor
+
+router = APIRouter(prefix="/venues/{venue}/floors/{floor}/plan.svg", tags=["floors"])
+# Names come from clients: whatever one of them holds, the picture runs no script and fetches nothing.
+HEADERS = {"Content-Security-Policy": "default-src 'none'; img-src data:; style-src 'unsafe-inline'"}
+
+
+@router.get(
+    "",
+    dependencies=[Depends(require("locate"))],
+    responses={200: {"content": {"image/svg+xml": {}}}, **problems(401, 404, 422)},
+    response_class=Response,
+)
+def get(
+    state: State,
+    venue: VenueId,
+    floor: FloorId,
+    start: Annotated[str | None, Query(alias="from", max_length=300)] = None,
+    end: Annotated[str | None, Query(alias="to", max_length=300)] = None,
+) -> Response:
+    """Return the plan image with areas, links and landmarks; with `from` and `to` the route between them too."""
+    if (start is None) != (end is None):
+        raise InvalidInputError("Give both from and to, or neither.")
+    with state.resources.database.read() as connection:
+        found = get_floor(connection, venue, floor)
+    route = None if start is None or end is None else state.routes.route(venue, start, end)
+    image = None if found.plan is None else state.resources.blobs.get(found.plan.blob)
+    drawing = draw_plan(found, state.features.features(found), image, route)
+    return Response(drawing, media_type="image/svg+xml", headers=HEADERS)

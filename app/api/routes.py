@@ -1,0 +1,123 @@
+"""Routes over a venue's floors, with what to say at each step."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, Query
+from pydantic import BaseModel, Field
+
+from app.api.deps import State, VenueId, require
+from app.api.schemas import problems
+from app.errors import InvalidInputError
+from app.services.floor_features.geometry import short
+from app.services.floor_features.model import LinkMode
+from app.services.navigation.language import Speaker, language_of
+from app.services.navigation.model import Route, Step, Turn
+from app.services.navigation.search import Limits
+
+router = APIRouter(prefix="/venues/{venue}/route", tags=["routes"], dependencies=[Depends(require("locate"))])
+AVOIDABLE: tuple[LinkMode, ...] = ("stairs", "lift", "escalator")
+
+
+class RoutePointBody(BaseModel):
+    """A point of the route's line: plan metres on a floor."""
+
+    floor: str
+    x: float
+    y: float
+
+
+class StepBody(BaseModel):
+    """What to do at a point; `distance_m` leads from there to the next step."""
+
+    instruction: str
+    turn: Turn
+    distance_m: float
+    landmark: str | None = Field(description="Id of the landmark where this is, else of the one it leads to")
+    landmark_name: str | None
+    passing: list[str] = Field(description="Ids of landmarks on the way to the next step")
+    mode: LinkMode
+    floor: str
+    to_floor: str | None
+    x: float
+    y: float
+
+
+class RouteBody(BaseModel):
+    """A route; its steps' distances add up to `distance_m`."""
+
+    venue: str
+    language: str
+    distance_m: float
+    landmarks: list[str] = Field(description="Ids of the landmarks on or beside the way, in its order")
+    path: list[RoutePointBody]
+    steps: list[StepBody]
+
+
+@router.get("", responses=problems(401, 404, 422))
+def get(
+    state: State,
+    venue: VenueId,
+    start: Annotated[str, Query(alias="from", max_length=300, description="A landmark's id, or floor:x,y")],
+    end: Annotated[str, Query(alias="to", max_length=300, description="A landmark's id, or floor:x,y")],
+    avoid: Annotated[
+        list[str] | None, Query(max_length=20, description="stairs, lift, escalator; repeated or with commas")
+    ] = None,
+    accessible: Annotated[bool, Query(description="Use accessible links only")] = False,
+    heading_deg: Annotated[
+        float | None,
+        Query(
+            allow_inf_nan=False,
+            ge=-720,
+            le=720,
+            description="Where the walker looks, from plan x to the left",
+        ),
+    ] = None,
+    language: Annotated[
+        str | None, Query(max_length=35, description="en or de; else by Accept-Language")
+    ] = None,
+    accept_language: Annotated[str | None, Header()] = None,
+) -> RouteBody:
+    """Return the shortest route from one place to another."""
+    spoken = language_of(language, accept_language)
+    limits = Limits(_modes(avoid or []), accessible)
+    return body_of(venue, state.routes.route(venue, start, end, limits, heading_deg), spoken)
+
+
+def body_of(venue: str, route: Route, language: str) -> RouteBody:
+    """Return the body of a route."""
+    speaker = Speaker(language, route.floor_names)
+    return RouteBody(
+        venue=venue,
+        language=language,
+        distance_m=round(route.distance_m, 2),
+        landmarks=[passage.landmark.id for passage in route.passages],
+        path=[RoutePointBody(floor=p.floor, x=round(p.x, 3), y=round(p.y, 3)) for p in route.points],
+        steps=[_step_body(step, speaker) for step in route.steps],
+    )
+
+
+def _step_body(step: Step, speaker: Speaker) -> StepBody:
+    landmark = step.at or step.towards
+    return StepBody(
+        instruction=speaker.step(step),
+        turn=step.turn,
+        distance_m=round(step.distance_m, 2),
+        landmark=landmark and landmark.id,
+        landmark_name=landmark and landmark.name,
+        passing=[mark.id for mark in step.passing],
+        mode=step.mode,
+        floor=step.floor,
+        to_floor=step.to_floor,
+        x=round(step.x, 3),
+        y=round(step.y, 3),
+    )
+
+
+def _modes(values: list[str]) -> frozenset[LinkMode]:
+    words = [word.strip().lower() for value in values for word in value.split(",") if word.strip()]
+    unknown = [word for word in words if word not in AVOIDABLE]
+    if unknown:
+        raise InvalidInputError(f"avoid must name {', '.join(AVOIDABLE)}, not {short(unknown[0])}.")
+    return frozenset(mode for mode in AVOIDABLE if mode in words)

@@ -1,0 +1,1 @@
+"""What a floor plan means: landmarks, points of interest, areas and walkable links, from GeoJSON."""
