@@ -6,7 +6,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -15,6 +15,7 @@ from app.commands.console import console, progress_bars
 from app.evaluation.benchmark import describe_machine, run_benchmark
 from app.evaluation.dataset import Split, split_scan
 from app.evaluation.over_http import evaluate_over_http
+from app.evaluation.pipelines import Pipeline, options_for
 from app.evaluation.run import Evaluation, count_false_fixes, list_images
 from app.evaluation.run import evaluate as run_evaluation
 from app.services.build_options import BuildOptions, parse_build_options
@@ -22,7 +23,6 @@ from app.services.localizer import PAPER, LocalizerSettings
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 
-Pipeline = Literal["default", "paper"]
 Dataset = Annotated[Path, typer.Argument(exists=True, file_okay=False, help="A scan in a known format.")]
 Database = Annotated[str, typer.Option(help="Frames of the map: start:stop:step, by order.")]
 Queries = Annotated[str, typer.Option(help="Frames to locate, those of the map left out.")]
@@ -36,7 +36,8 @@ def evaluate(
     queries: Queries = "1::2",
     features: Annotated[list[str] | None, typer.Option(help="Feature method; repeat it to compare.")] = None,
     pipeline: Annotated[
-        Pipeline, typer.Option(help="paper: ORB, F-RANSAC, EPnP + LM, one keyframe.")
+        Pipeline,
+        typer.Option(help="paper: ORB, F-RANSAC, EPnP + LM, one keyframe; vdm, epipolar: lines on the plan."),
     ] = "default",
     keyframes: Annotated[int | None, typer.Option(help="Keyframes that a query is matched with.")] = None,
     absent: Annotated[
@@ -78,16 +79,14 @@ def _evaluate_here(
     settings = PAPER if pipeline == "paper" else LocalizerSettings()
     if keyframes is not None:
         settings = replace(settings, keyframes=keyframes)
-    if pipeline == "paper":
-        # The paper takes each keyframe's depth as it is.
-        base = replace(base, refine_depth=False)
-    methods = features or (["orb"] if pipeline == "paper" else [base.features])
+    base = options_for(pipeline, base)
+    methods = features or [base.features]
     models, results = open_models(Settings()), []
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         for method in methods:
             options = replace(base, features=parse_build_options({"features": method}).features)
             figures, localizer = run_evaluation(
-                f"{name} {pipeline}", split, options, settings, models, executor, progress
+                f"{name} {pipeline}", split, options, settings, models, executor, progress, pipeline
             )
             result = _flat(figures)
             if absent is not None:

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from app.evaluation.dataset import Split
+from app.evaluation.pipelines import FrameLocalizer, Pipeline, open_pipeline
 from app.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame
 from app.services.build_map import BuiltMap, build_map
 from app.services.build_options import BuildOptions
-from app.services.localizer import Localization, Localizer, LocalizerSettings
+from app.services.localizer import Localization, LocalizerSettings
 from app.services.progress import Progress
 from app.services.vision_models import VisionModels
 from app.vision.images import Rgb, decode_image
@@ -65,12 +66,13 @@ def evaluate(
     models: VisionModels,
     executor: Executor,
     progress: Progress,
-) -> tuple[Evaluation, Localizer]:
+    pipeline: Pipeline = "default",
+) -> tuple[Evaluation, FrameLocalizer]:
     """Build, locate every query and compare; return the figures and the localizer."""
     started = time.perf_counter()
     built = build_map(split.database, options, models, executor, progress)
     build_s = time.perf_counter() - started
-    localizer = Localizer(built.artifact, built.index, models, settings)
+    localizer = open_pipeline(pipeline, built, models, settings)
     results = []
     for done, frame in enumerate(split.queries):
         progress.report("locate", done, len(split.queries))
@@ -94,7 +96,7 @@ def evaluate(
 
 
 def _query(
-    localizer: Localizer, split: Split, frame: Frame, world_from_scan: Pose
+    localizer: FrameLocalizer, split: Split, frame: Frame, world_from_scan: Pose
 ) -> tuple[QueryOutcome, Localization]:
     rgb = decode_image(split.database.color_bytes(frame))
     started = time.perf_counter()
@@ -116,7 +118,9 @@ def _query(
     return outcome, found
 
 
-def count_false_fixes(localizer: Localizer, images: Sequence[Path], camera: Camera) -> tuple[list[Path], int]:
+def count_false_fixes(
+    localizer: FrameLocalizer, images: Sequence[Path], camera: Camera
+) -> tuple[list[Path], int]:
     """Locate images of places that are not in the map; return those that were located all the same, and the
     highest inlier count."""
     false, highest = [], 0

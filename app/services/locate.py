@@ -16,6 +16,7 @@ from app.services.floor_plans import HEIGHT_SLACK_M, PlanPoint, floor_of, plan_p
 from app.services.localizer import KeyframeVote, Localization, Localizer
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
+from app.services.vdm_localizer import VdmLocalizer, VdmLocalizers
 from app.services.verification import Reason
 from app.storage.floors import Floor, get_floor, list_floors
 from app.storage.maps import MapVersion
@@ -77,6 +78,7 @@ class LocateService:
     def __init__(self, resources: Resources, library: MapLibrary) -> None:
         self._resources = resources
         self._library = library
+        self._vdm = VdmLocalizers(resources.models)
 
     def locate(self, request: LocateRequest) -> LocateResult:
         """Answer a query.
@@ -85,8 +87,9 @@ class LocateService:
         `InvalidInputError` for a request that can't be answered.
         """
         started = time.perf_counter()
-        if request.method in ("vdm", "anchor"):
-            raise InvalidInputError(f"method {request.method!r} is not available; use auto or rgbd.")
+        if request.method == "anchor":
+            raise InvalidInputError(f"method {request.method!r} is not available; use auto, rgbd or vdm.")
+        method = "vdm" if request.method == "vdm" else "rgbd"
         venue = self._venue(request.venue)
         floors = self._floors(venue, request.floor)
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
@@ -95,8 +98,9 @@ class LocateService:
         serving = self._library.active(venue)
         if serving is None:
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
-            return LocateResult(venue, "rgbd", None, "no_map", camera=camera, timings_ms=timings)
-        localizer, version = serving
+            return LocateResult(venue, method, None, "no_map", camera=camera, timings_ms=timings)
+        version = serving[1]
+        localizer = self._vdm.of(serving[0]) if request.method == "vdm" else serving[0]
         found, narrowed = self._search(localizer, rgb, camera, request, floors)
         result = _result(venue, version, found, floors, request, narrowed)
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
@@ -121,7 +125,7 @@ class LocateService:
 
     def _search(
         self,
-        localizer: Localizer,
+        localizer: Localizer | VdmLocalizer,
         rgb: Rgb,
         camera: Camera | None,
         request: LocateRequest,
@@ -152,7 +156,7 @@ def query_camera(camera: Camera | tuple[float, ...] | None, rgb: Rgb) -> Camera 
 
 
 def allowed_keyframes(
-    localizer: Localizer, request: LocateRequest, floors: list[Floor]
+    localizer: Localizer | VdmLocalizer, request: LocateRequest, floors: list[Floor]
 ) -> NDArray[np.int64] | None:
     """Return the keyframes that floor and prior leave, or None when neither is given."""
     if request.floor is None and request.prior is None:
@@ -187,7 +191,7 @@ def _result(
     source: CameraSource = "request" if request.camera is not None else "search"
     return LocateResult(
         venue=venue,
-        method="rgbd",
+        method="vdm" if request.method == "vdm" else "rgbd",
         map_version=version.version,
         reason=reason,
         world_from_camera=pose,
