@@ -16,8 +16,10 @@ from app.commands import (
     evaluate_demo,
     evaluate_extend,
     evaluate_phones,
+    evaluate_walk,
     fit_confidence,
     import_plan,
+    keyframes,
     reliability,
     serve,
 )
@@ -33,6 +35,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     reliability.reliability,
     evaluate_extend.evaluate_extend, evaluate_phones.evaluate_phones,
     import_plan.import_plan,
+    evaluate_walk.evaluate_walk, keyframes.keyframes,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

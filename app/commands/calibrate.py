@@ -14,9 +14,10 @@ from app.commands.console import console, progress_bars
 from app.errors import InvalidInputError
 from app.evaluation.calibration_plot import draw_calibration
 from app.importers.frames import open_scan
-from app.services.build_options import check_wanted_matches, parse_build_options
+from app.services.build_options import parse_build_options
 from app.services.calibrate import calibrate as run_calibration
 from app.services.calibration_curves import Calibration, FittedCurve
+from app.services.keyframe_rule import check_wanted_matches
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +21,7 @@ from app.evaluation.benchmark import describe_machine, run_benchmark
 from app.evaluation.dataset import Split, split_scan
 from app.evaluation.naming import name_by_difference
 from app.evaluation.over_http import evaluate_over_http
+from app.evaluation.pipelines import Pipeline, options_for
 from app.evaluation.report import Report
 from app.evaluation.run import Evaluation, build
 from app.evaluation.run import evaluate as run_evaluation
@@ -45,13 +45,6 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Write all figures
 ReportDir = Annotated[Path | None, typer.Option("--report", help="Write a page with plots into this folder.")]
 
 
-class Pipeline(StrEnum):
-    """How to localize."""
-
-    DEFAULT = "default"
-    PAPER = "paper"
-
-
 @dataclass(frozen=True, slots=True)
 class _Configuration:
     """One map to build and how to localize in it; `name` tells it apart from the others."""
@@ -59,6 +52,7 @@ class _Configuration:
     name: str
     split: Split
     options: BuildOptions
+    pipeline: Pipeline
     settings: LocalizerSettings
 
 
@@ -69,7 +63,10 @@ def evaluate(
     features: Annotated[list[str] | None, typer.Option(help="Feature method; repeat it to compare.")] = None,
     pipeline: Annotated[
         list[Pipeline] | None,
-        typer.Option(help="default, or paper: ORB, F-RANSAC, EPnP + LM, one keyframe; repeat it to compare."),
+        typer.Option(
+            help="default; paper: ORB, F-RANSAC, EPnP + LM, one keyframe; vdm, epipolar: lines on the plan; repeat it "
+            "to compare."
+        ),
     ] = None,
     keyframes: Annotated[int | None, typer.Option(help="Keyframes that a query is matched with.")] = None,
     degrade: Annotated[
@@ -112,7 +109,7 @@ def evaluate(
             )
         results = list(_evaluate_there(server, datasets, database, queries, parsed, variations))
     else:
-        settings = {name: _settings(name, keyframes) for name in pipeline or [Pipeline.DEFAULT]}
+        settings = {name: _settings(name, keyframes) for name in pipeline or ["default"]}
         configurations = list(_configurations(datasets, database, queries, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
     _print(results, variations)
@@ -120,7 +117,7 @@ def evaluate(
 
 
 def _settings(pipeline: Pipeline, keyframes: int | None) -> LocalizerSettings:
-    settings = PAPER if pipeline is Pipeline.PAPER else LocalizerSettings()
+    settings = PAPER if pipeline == "paper" else LocalizerSettings()
     return settings if keyframes is None else replace(settings, keyframes=keyframes)
 
 
@@ -138,13 +135,13 @@ def _configurations(
             base = parse_build_options(given)
             split = split_scan(dataset, database, queries, base.format, base.scan)
             for pipeline, localizer_settings in settings.items():
-                # The paper takes each keyframe's depth as it is.
-                chosen = replace(base, refine_depth=False) if pipeline is Pipeline.PAPER else base
-                methods = features or (["orb"] if pipeline is Pipeline.PAPER else [base.features])
+                chosen = options_for(pipeline, base)
+                methods = features or [chosen.features]
                 name = f"{dataset.resolve().name} {pipeline}" + (f", {difference}" if difference else "")
                 for method in methods:
                     checked = parse_build_options({"features": method}).features
-                    yield _Configuration(name, split, replace(chosen, features=checked), localizer_settings)
+                    own = replace(chosen, features=checked)
+                    yield _Configuration(name, split, own, pipeline, localizer_settings)
 
 
 def _evaluate_here(
@@ -169,7 +166,14 @@ def _evaluate_map(
     """Build once, and ask every variation; absent places once with a camera and once without, as variations are."""
     split = configuration.split
     built = build(
-        configuration.name, split, configuration.options, configuration.settings, models, executor, progress
+        configuration.name,
+        split,
+        configuration.options,
+        configuration.settings,
+        models,
+        executor,
+        progress,
+        configuration.pipeline,
     )
     asked: set[bool] = set()
     for variation in variations:

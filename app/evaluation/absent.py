@@ -13,9 +13,9 @@ import numpy as np
 
 from app.errors import InvalidInputError
 from app.evaluation.outcome import outcome_of
+from app.evaluation.pipelines import FrameLocalizer
 from app.evaluation.pose_errors import QueryOutcome
 from app.geometry.camera import Camera
-from app.services.localizer import Localizer
 from app.services.progress import Progress
 from app.vision.images import Rgb, decode_image
 
@@ -54,7 +54,7 @@ class AbsentResult:
 
 
 def locate_absent(
-    localizer: Localizer, places: Sequence[str], camera: Camera, camera_given: bool, progress: Progress
+    localizer: FrameLocalizer, places: Sequence[str], camera: Camera, camera_given: bool, progress: Progress
 ) -> AbsentResult:
     """Locate pictures of places that are not in the map: `synthetic` ones, or those of folders.
 

@@ -11,6 +11,7 @@ from typing import Any
 from app.evaluation.absent import AbsentResult
 from app.evaluation.dataset import Split
 from app.evaluation.outcome import outcome_of
+from app.evaluation.pipelines import FrameLocalizer, Pipeline, open_pipeline
 from app.evaluation.pose_errors import ErrorSummary, QueryOutcome, summarize
 from app.evaluation.variations import PLAIN, Variation
 from app.geometry.se3 import Pose
@@ -18,7 +19,7 @@ from app.importers.frames import Frame
 from app.services.build_map import BuiltMap, build_map
 from app.services.build_options import BuildOptions
 from app.services.localization import Localization
-from app.services.localizer import Localizer, LocalizerSettings
+from app.services.localizer import LocalizerSettings
 from app.services.progress import Progress
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArtifact
@@ -106,7 +107,7 @@ class EvaluatedMap:
     """A map that was built for evaluation, and what localizes in it."""
 
     figures: MapFigures
-    localizer: Localizer
+    localizer: FrameLocalizer
     world_from_scan: Pose
 
 
@@ -118,6 +119,7 @@ def build(
     models: VisionModels,
     executor: Executor,
     progress: Progress,
+    pipeline: Pipeline = "default",
 ) -> EvaluatedMap:
     """Build the map of a split's database; it serves any number of variations."""
     started = time.perf_counter()
@@ -129,7 +131,7 @@ def build(
         discarded={reason: len(names) for reason, names in built.discarded.items()},
         thresholds=_thresholds(built, options),
     )
-    localizer = Localizer(built.artifact, built.index, models, settings)
+    localizer = open_pipeline(pipeline, built, models, settings)
     return EvaluatedMap(figures, localizer, built.world_from_scan)
 
 

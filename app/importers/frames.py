@@ -16,6 +16,7 @@ from app.errors import InvalidInputError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.depth import register_depth
 from app.geometry.se3 import Pose
+from app.geometry.uniform_motion import UniformMotion
 
 RAW_DEPTH_SATURATED = 65535  # written by several recorders for "no measurement"; 0 is the other such value
 
@@ -55,8 +56,8 @@ class ScanOptions:
 
     `camera` and `depth_camera` are a `Camera` or 4, 8 or 9 numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]`, which
     then get the images' size. `depth_scale` is in units per metre. `color_from_depth` needs a `depth_camera`.
-    `max_time_difference_s` is how far apart the times of colour, depth and pose may be. Raises
-    `InvalidInputError` for values that can't be meant.
+    `max_time_difference_s` is how far apart the times of colour, depth and pose may be. `motion` stands in for
+    the poses of a scan that has none. Raises `InvalidInputError` for values that can't be meant.
     """
 
     camera: Camera | tuple[float, ...] | None = None
@@ -64,6 +65,7 @@ class ScanOptions:
     depth_camera: Camera | tuple[float, ...] | None = None
     color_from_depth: Pose | None = None
     max_time_difference_s: float = 0.02
+    motion: UniformMotion | None = None
 
     def __post_init__(self) -> None:
         if self.depth_scale is not None and not 0 < self.depth_scale < math.inf:
@@ -197,4 +199,8 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
             )
     if name not in formats:
         raise InvalidScanError(f"The scan format {format!r} is not known; use auto, {' or '.join(formats)}.")
+    if options is not None and options.motion is not None and name != "tum":
+        raise InvalidScanError(
+            f"A uniform motion gives poses to scans in TUM layout without groundtruth.txt; this one is {name}."
+        )
     return formats[name].open_scan(directory, options or ScanOptions())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.uniform_motion import UniformMotion
 from app.importers.assembly import (
     Discarded,
     Intrinsics,
@@ -33,6 +34,9 @@ from app.importers.scan_files import (
 
 DEFAULT_DEPTH_SCALE = 5000.0
 
+WITHOUT_POSES = (
+    "; add it or, for a walk straight on at an even speed, give start, speed_m_s, direction_deg and fps"
+)
 # What the TUM RGB-D benchmark publishes for the colour images of its three sensors (640 x 480).
 PUBLISHED_INTRINSICS = {
     "1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
@@ -60,28 +64,48 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     `association`), both within `max_time_difference_s`; without either it is discarded. The camera is that of
     the options, else of `camera.txt`, else the published one of the sensor that `groundtruth.txt` names in
     its `# file:` comment; the depth scale that of the options, else of `camera.txt`, else 5000 per metre.
+    Without `groundtruth.txt` the poses are those of the options' uniform motion, frame by frame of `rgb.txt`.
     Raises `InvalidScanError` for missing or malformed lists, unknown intrinsics, or no usable frame.
     """
     color, depth = _image_list(directory, "rgb.txt", "colour"), _image_list(directory, "depth.txt", "depth")
-    truth = _list_text(directory, "groundtruth.txt", "camera poses")
-    trajectory = _trajectory(truth)
+    truth, trajectory = _poses(directory, color.times_s, options.motion)
     camera_file = read_camera_file(directory)
     source = ScanSource(
         camera=options.camera or (camera_file.camera if camera_file else _published_camera(truth)),
         depth_scale=options.depth_scale
         or (camera_file.depth_scale if camera_file else None)
         or DEFAULT_DEPTH_SCALE,
-        gravity=read_gravity(directory),
+        # A stated walk stands upright in its own frame.
+        gravity=read_gravity(directory) if options.motion is None else (0.0, 0.0, -1.0),
     )
     discarded = Discarded()
     frames = _frames(directory, _existing(color, directory, discarded), depth, trajectory, discarded, options)
     return assemble_scan(frames, discarded, source, options)
 
 
-def _list_text(directory: Path, name: str, content: str) -> str:
+def _poses(
+    directory: Path, times_s: NDArray[np.float64], motion: UniformMotion | None
+) -> tuple[str, Trajectory]:
+    """Return the text of `groundtruth.txt`, if there is one, and the poses: its own, or the stated walk's."""
+    if motion is None:
+        text = _list_text(directory, "groundtruth.txt", "camera poses", WITHOUT_POSES)
+        return text, _trajectory(text)
+    if optional_file(directory, "groundtruth.txt") is not None:
+        raise InvalidScanError(
+            "The scan has camera poses of its own in groundtruth.txt: leave out start, speed_m_s, direction_deg and "
+            "fps, or take the file out of the scan."
+        )
+    poses = [motion.pose(n) for n in range(len(times_s))]
+    rows_ = [
+        [time_s, *p.translation, *p.quaternion] for time_s, p in zip(np.sort(times_s), poses, strict=True)
+    ]
+    return "", Trajectory.from_rows(np.array(rows_))
+
+
+def _list_text(directory: Path, name: str, content: str, instead: str = "") -> str:
     path = optional_file(directory, name)
     if path is None:
-        raise InvalidScanError(f"The scan has no {content}: {name} is missing.")
+        raise InvalidScanError(f"The scan has no {content}: {name} is missing{instead}.")
     return read_text(path)
 
 

@@ -15,14 +15,17 @@ from app.geometry.alignment import world_from_scan_by_gravity
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
-from app.services.build_options import BuildOptions, KeyframeRule
+from app.services.build_options import BuildOptions
 from app.services.calibrate import calibrate
 from app.services.calibration_curves import Calibration
 from app.services.frame_images import frame_rgb
 from app.services.keyframe_quality import blur_limit, fault_of, find_replacements
+from app.services.keyframe_rule import KeyframeRule
 from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
 from app.services.progress import Progress, map_in_order
 from app.services.repetition import elsewhere
+from app.services.select_keyframes import select_keyframes
+from app.services.sparse_map import feature_limit, thin_out
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
 from app.vision.images import ImageQuality, measure_quality, to_gray
@@ -81,7 +84,7 @@ def build_map(
         calibration = calibrate(source, options, models, executor, progress)
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
-    wanted = _select(poses, rule)
+    wanted = select_keyframes(source, poses, rule, extractor, executor, progress)
     support = _support(poses, rule, wanted) if options.refine_depth else []
     clock.lap("select")
     chosen = sorted({*wanted, *support})
@@ -97,7 +100,9 @@ def build_map(
     clock.lap("describe")
     usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
     clock.lap("quality")
-    points = _refine(described, usable, source, options, extractor, executor, progress)
+    refined = _refine(described, usable, source, options, extractor, executor, progress)
+    limit = feature_limit(options, extractor, models.global_descriptor.size)
+    points = [thin_out(own, source.camera, limit) for own in refined]
     clock.lap("refine")
     artifact, index, kept = _pack(described, usable, points, source, options, models, progress)
     clock.lap("pack")
@@ -115,12 +120,6 @@ def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
     if source.gravity is not None:
         return world_from_scan_by_gravity(source.gravity)
     return Pose.identity()
-
-
-def _select(poses: Sequence[Pose], rule: KeyframeRule) -> list[int]:
-    if rule.rule == "interval":
-        return list(range(0, len(poses), rule.every))
-    return select_by_pose(poses, rule.thresholds)
 
 
 def _support(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,36 +11,33 @@ import numpy as np
 from app.errors import InvalidInputError
 from app.geometry.camera import MODEL_PARAMETERS, Camera
 from app.geometry.se3 import Pose
+from app.geometry.uniform_motion import UniformMotion
 from app.importers.frames import ScanOptions
-from app.vision.keyframes import WANTED_MATCHES, PoseThresholds, thresholds_for_matches
-from app.vision.local_features import FEATURE_NAMES
+from app.services.keyframe_rule import KeyframeRule, parse_keyframe_rule
+from app.services.option_values import choice as _choice
+from app.services.option_values import count as _count
+from app.services.option_values import flag as _flag
+from app.services.option_values import number as _number
+from app.vision.local_features import FEATURE_NAMES, check_features
 
+# With fewer, hardly any pose passes its checks.
+MIN_FEATURES_PER_KEYFRAME = 50
 FORMATS = ("auto", "tum", "7scenes")
+MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "store_images",
+    "max_features_per_keyframe", *MOTION_KEYS,
 }  # fmt: skip
-KEYFRAME_KEYS = {"rule", "every", "position_m", "attitude_rad", "thresholds", "wanted_matches"}
-MIN_WANTED, MAX_WANTED = 4.0, 5000.0
-
-
-@dataclass(frozen=True, slots=True)
-class KeyframeRule:
-    """Which frames become keyframes: `pose` (A 2.1) with its thresholds, or `interval` (every n-th frame).
-
-    With `calibrated` the thresholds are those of the scan itself, at which `wanted_matches` are left.
-    """
-
-    rule: Literal["pose", "interval"] = "pose"
-    thresholds: PoseThresholds = thresholds_for_matches()
-    every: int = 1
-    calibrated: bool = False
-    wanted_matches: float = WANTED_MATCHES
 
 
 @dataclass(frozen=True, slots=True)
 class BuildOptions:
-    """A build's options. `world_from_scan` and `gravity` place the scan; without them its frame is the world."""
+    """A build's options. `world_from_scan` and `gravity` place the scan; without them its frame is the world.
+
+    Without `max_features_per_keyframe` a map with pictures keeps all features, one without as many as its size
+    allows (`app.services.sparse_map`).
+    """
 
     format: str = "auto"
     scan: ScanOptions = ScanOptions()
@@ -52,6 +48,7 @@ class BuildOptions:
     mode: Literal["replace", "extend"] = "replace"
     refine_depth: bool = True
     store_images: bool = True
+    max_features_per_keyframe: int | None = None
 
 
 def parse_build_options(values: object) -> BuildOptions:
@@ -66,13 +63,14 @@ def parse_build_options(values: object) -> BuildOptions:
     return BuildOptions(
         format=_choice(values, "format", FORMATS, "auto"),
         scan=_scan_options(values),
-        keyframes=_keyframe_rule(values.get("keyframes")),
-        features=_choice(values, "features", FEATURE_NAMES, "sift"),
+        keyframes=parse_keyframe_rule(values.get("keyframes")),
+        features=check_features(_choice(values, "features", FEATURE_NAMES, "sift")),
         gravity=_gravity(values.get("gravity")),
         world_from_scan=_matrix(values.get("world_from_scan"), "world_from_scan"),
         mode=_choice(values, "mode", ("replace", "extend"), "replace"),  # type: ignore[arg-type]
         refine_depth=_flag(values, "refine_depth", True),
         store_images=_flag(values, "store_images", True),
+        max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
     )
 
 
@@ -84,7 +82,45 @@ def _scan_options(values: Mapping[str, Any]) -> ScanOptions:
         depth_camera=parse_camera(values.get("depth_camera"), "depth_camera"),
         color_from_depth=_matrix(values.get("color_from_depth"), "color_from_depth"),
         max_time_difference_s=0.02 if difference is None else difference,
+        motion=_motion(values),
     )
+
+
+def _motion(values: Mapping[str, Any]) -> UniformMotion | None:
+    """Return the uniform motion that the options state, all four of them or none."""
+    given = [key for key in MOTION_KEYS if values.get(key) is not None]
+    if not given:
+        return None
+    missing = [key for key in MOTION_KEYS if key not in given]
+    if missing:
+        raise InvalidInputError(f"{given[0]} is part of a uniform motion, which needs {missing[0]} too.")
+    if values.get("gravity") is not None:
+        raise InvalidInputError("gravity must be left out with a uniform motion, whose frame stands upright.")
+    start = values["start"]
+    if not isinstance(start, list | tuple) or len(start) != 3:
+        raise InvalidInputError("start must be three numbers, x, y and the camera's height z in metres.")
+    x, y, z, speed, direction, fps = (
+        _required(value, name)
+        for value, name in zip(
+            [*start, *(values[key] for key in MOTION_KEYS[1:])],
+            ("start", "start", "start", *MOTION_KEYS[1:]),
+            strict=True,
+        )
+    )
+    return UniformMotion((x, y, z), speed, direction, fps)
+
+
+def _required(value: object, name: str) -> float:
+    given = _number(value, name)
+    if given is None:
+        raise InvalidInputError(f"{name} must hold numbers.")
+    return given
+
+
+def _max_features(value: object) -> int | None:
+    if value is None:
+        return None
+    return _count(value, "max_features_per_keyframe", MIN_FEATURES_PER_KEYFRAME, "features")
 
 
 def parse_camera(value: object, name: str = "camera") -> Camera | tuple[float, ...] | None:
@@ -122,59 +158,6 @@ def _camera_from_mapping(value: Mapping[str, Any], name: str) -> Camera:
     return Camera(model, width, height, params)
 
 
-def _keyframe_rule(value: object) -> KeyframeRule:
-    if value is None:
-        return KeyframeRule()
-    if not isinstance(value, Mapping):
-        raise InvalidInputError('keyframes must be an object such as {"rule": "pose"}.')
-    unknown = sorted(set(value) - KEYFRAME_KEYS)
-    if unknown:
-        raise InvalidInputError(
-            f"Option keyframes.{unknown[0]} is not known; there are {', '.join(sorted(KEYFRAME_KEYS))}."
-        )
-    rule = _choice(value, "rule", ("pose", "interval"), "pose")
-    if rule == "interval":
-        every = _number(value.get("every", 1), "keyframes.every")
-        if every is None or every < 1 or every != int(every):
-            raise InvalidInputError("keyframes.every must be a whole number of frames, 1 or more.")
-        return KeyframeRule("interval", every=int(every))
-    calibrated, wanted = _calibration(value)
-    default = thresholds_for_matches()
-    position = _number(value.get("position_m"), "keyframes.position_m")
-    attitude = _number(value.get("attitude_rad"), "keyframes.attitude_rad")
-    thresholds = PoseThresholds(
-        default.position_m if position is None else position,
-        default.attitude_rad if attitude is None else attitude,
-    )
-    if min(thresholds.position_m, thresholds.attitude_rad) <= 0:
-        raise InvalidInputError("keyframes.position_m and keyframes.attitude_rad must be above zero.")
-    return KeyframeRule("pose", thresholds, calibrated=calibrated, wanted_matches=wanted)
-
-
-def _calibration(value: Mapping[str, Any]) -> tuple[bool, float]:
-    """Return whether the thresholds are to be calibrated, and for how many matches."""
-    if value.get("thresholds", "calibrated") != "calibrated":
-        raise InvalidInputError(
-            'keyframes.thresholds takes "calibrated"; numbers go into keyframes.position_m and keyframes.attitude_rad.'
-        )
-    calibrated = "thresholds" in value
-    if calibrated and not {"position_m", "attitude_rad"}.isdisjoint(value):
-        raise InvalidInputError(
-            "keyframes.thresholds: calibrated thresholds leave no room for position_m or attitude_rad."
-        )
-    given = _number(value.get("wanted_matches"), "keyframes.wanted_matches")
-    return calibrated, check_wanted_matches(WANTED_MATCHES if given is None else given)
-
-
-def check_wanted_matches(wanted: float) -> float:
-    """Return a number of matches that can be asked for; raises `InvalidInputError`."""
-    if not MIN_WANTED <= wanted <= MAX_WANTED:
-        raise InvalidInputError(
-            f"keyframes.wanted_matches must be between {MIN_WANTED:g} and {MAX_WANTED:g}."
-        )
-    return wanted
-
-
 def _gravity(value: object) -> tuple[float, float, float] | None:
     if value is None:
         return None
@@ -198,26 +181,3 @@ def _matrix(value: object, name: str) -> Pose | None:
         return Pose.from_matrix(np.asarray(value, dtype=np.float64))
     except (TypeError, ValueError, OverflowError):
         raise InvalidInputError(f"{name} must be a 4x4 matrix: four rows of four numbers.") from None
-
-
-def _number(value: object, name: str) -> float | None:
-    if value is None:
-        return None
-    # Whole numbers in JSON have no largest one.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-        raise InvalidInputError(f"{name} must be a finite number.")
-    return float(value)
-
-
-def _flag(values: Mapping[str, Any], name: str, default: bool) -> bool:
-    value = values.get(name, default)
-    if not isinstance(value, bool):
-        raise InvalidInputError(f"{name} must be true or false.")
-    return value
-
-
-def _choice(values: Mapping[str, Any], name: str, choices: tuple[str, ...], default: str) -> str:
-    value = values.get(name, default)
-    if value not in choices:
-        raise InvalidInputError(f"{name} must be one of {', '.join(choices)}.")
-    return str(value)

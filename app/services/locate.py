@@ -20,6 +20,7 @@ from app.services.map_library import MapLibrary
 from app.services.narrowing import AreaOnFloor, Prior, allowed_keyframes
 from app.services.resources import Resources
 from app.services.upright import localize_upright
+from app.services.vdm_localizer import VdmLocalizer, VdmLocalizers
 from app.services.verification import Reason
 from app.storage.floors import Floor, get_floor, list_floors
 from app.storage.maps import MapVersion
@@ -84,6 +85,7 @@ class LocateService:
         self._resources = resources
         self._library = library
         self._features = features or FeatureLibrary(resources.database)
+        self._vdm = VdmLocalizers(resources.models)
 
     def locate(self, request: LocateRequest) -> LocateResult:
         """Answer a query.
@@ -92,8 +94,9 @@ class LocateService:
         `InvalidInputError` for a request that can't be answered.
         """
         started = time.perf_counter()
-        if request.method in ("vdm", "anchor"):
-            raise InvalidInputError(f"method {request.method!r} is not available; use auto or rgbd.")
+        if request.method == "anchor":
+            raise InvalidInputError(f"method {request.method!r} is not available; use auto, rgbd or vdm.")
+        method = "vdm" if request.method == "vdm" else "rgbd"
         venue = self._venue(request.venue)
         floors = self._floors(venue, request.floor)
         areas = self._areas(floors, request)
@@ -103,8 +106,9 @@ class LocateService:
         serving = self._library.active(venue)
         if serving is None:
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
-            return _no_map(venue, camera, request, timings)
-        localizer, version = serving
+            return _no_map(venue, method, camera, request, timings)
+        version = serving[1]
+        localizer = self._vdm.of(serving[0]) if request.method == "vdm" else serving[0]
         found, narrowed = self._search(localizer, rgb, camera, request, floors, areas)
         result = self._described(_result(venue, version, found, floors, request, camera, narrowed))
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
@@ -142,7 +146,7 @@ class LocateService:
 
     def _search(
         self,
-        localizer: Localizer,
+        localizer: Localizer | VdmLocalizer,
         rgb: Rgb,
         camera: QueryCamera,
         request: LocateRequest,
@@ -161,12 +165,12 @@ class LocateService:
 
 
 def _no_map(
-    venue: str, camera: QueryCamera, request: LocateRequest, timings_ms: dict[str, float]
+    venue: str, method: str, camera: QueryCamera, request: LocateRequest, timings_ms: dict[str, float]
 ) -> LocateResult:
     known = camera.camera.camera if isinstance(camera.camera, ApproximateCamera) else camera.camera
     return LocateResult(
         venue,
-        "rgbd",
+        method,
         None,
         "no_map",
         camera=known,
@@ -195,7 +199,7 @@ def _result(
     located = pose is not None
     return LocateResult(
         venue=venue,
-        method="rgbd",
+        method="vdm" if request.method == "vdm" else "rgbd",
         map_version=version.version,
         reason=reason,
         world_from_camera=pose,

@@ -35,11 +35,19 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class MapPoints:
-    """A keyframe's features that have a point: features, points (n, 3) in the world, sigma (n,) in metres."""
+    """A keyframe's features that have a point: features, points (n, 3) in the world, sigma (n,) in metres, and how
+    many other views (n,) of the scan saw each."""
 
     features: LocalFeatures
     points_in_world: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
+    views: NDArray[np.intp]
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> MapPoints:
+        """Return the features of the given rows."""
+        return MapPoints(
+            self.features.take(rows), self.points_in_world[rows], self.sigma_m[rows], self.views[rows]
+        )
 
 
 def nearby_views(keyframe: Pose, views: Sequence[Pose]) -> list[int]:
@@ -61,7 +69,8 @@ def points_from_depth(view: View, camera: Camera) -> MapPoints:
     valid = view.depth_m > 0
     features = view.features.take(valid)
     in_camera = camera.unproject(features.keypoints_px, view.depth_m[valid])
-    return MapPoints(features, view.world_from_camera.apply(in_camera), DEPTH_PRIOR_SIGMA * in_camera[:, 2])
+    points, sigma_m = view.world_from_camera.apply(in_camera), DEPTH_PRIOR_SIGMA * in_camera[:, 2]
+    return MapPoints(features, points, sigma_m, np.zeros(len(features), np.intp))
 
 
 def refined_points(
@@ -80,7 +89,7 @@ def refined_points(
     refined = refine_depth_along_rays(rays_in_world, view.world_from_camera.translation, depth_m, seen)
     points = view.world_from_camera.translation + refined.depth_m[:, None] * rays_in_world
     keep = ~((refined.views >= 3) & (refined.error_px > MAX_ERROR_PX))
-    return MapPoints(own.features.take(keep), points[keep], refined.sigma_m[keep])
+    return MapPoints(own.features, points, refined.sigma_m, refined.views).take(keep)
 
 
 def _observations(

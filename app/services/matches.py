@@ -93,7 +93,7 @@ class QueryMatcher:
         self._artifact = artifact
         self._extractor = extractor
         self._fundamental_filter = fundamental_filter
-        self._excluded = _excluded(artifact, allowed)
+        self._excluded = excluded_keyframes(artifact, allowed)
 
     @property
     def matched(self) -> Set[int]:
@@ -120,29 +120,42 @@ class QueryMatcher:
                 self._keypoints_px[a], arrays.keypoints_px[rows][b], estimator="ransac"
             )
             a, b = a[good], b[good]
-        similarity = np.einsum("ij,ij->i", self._unit[a], theirs[b])
-        distances = np.sqrt(np.maximum(2.0 - 2.0 * similarity, 0.0))
+        distances = unit_distances(self._unit[a], theirs[b])
         return Matches(
             self._keypoints_px[a].astype(np.float64),
             arrays.points_in_world[rows][b].astype(np.float64),
             arrays.point_sigma_m[rows][b].astype(np.float64),
             a,
             np.full(len(a), keyframe, dtype=np.intp),
-            self._is_distinct(rows, b, distances),
+            are_distinct(self._artifact, rows.start + b, distances, self._excluded),
         )
 
-    def _is_distinct(
-        self, rows: slice, matched: NDArray[np.intp], distances: NDArray[np.float32]
-    ) -> NDArray[np.bool_]:
-        arrays = self._artifact.arrays
-        distinct = distances < DISTINCT_RATIO * arrays.distance_elsewhere[rows][matched]
-        if self._excluded is not None:
-            # The last entry answers for -1.
-            distinct |= self._excluded[arrays.keyframe_elsewhere[rows][matched]]
-        return np.asarray(distinct)
+
+def are_distinct(
+    artifact: MapArtifact,
+    rows: NDArray[np.intp],
+    distances: NDArray[np.float32],
+    excluded: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """Return which matches (n,) of unit descriptors with features `rows` of a map nothing elsewhere in it rivals.
+
+    `excluded`, from `excluded_keyframes`, are keyframes whose features don't count.
+    """
+    arrays = artifact.arrays
+    distinct = distances < DISTINCT_RATIO * arrays.distance_elsewhere[rows]
+    if excluded is not None:
+        # The last entry answers for -1.
+        distinct |= excluded[arrays.keyframe_elsewhere[rows]]
+    return np.asarray(distinct)
 
 
-def _excluded(artifact: MapArtifact, allowed: NDArray[np.int64] | None) -> NDArray[np.bool_] | None:
+def unit_distances(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the distances (n,) of unit vectors (n, d) and (n, d)."""
+    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * np.einsum("ij,ij->i", a, b), 0.0)), dtype=np.float32)
+
+
+def excluded_keyframes(artifact: MapArtifact, allowed: NDArray[np.int64] | None) -> NDArray[np.bool_] | None:
+    """Return which keyframes are not allowed, and one entry more that is False; None when all are."""
     if allowed is None:
         return None
     excluded = np.ones(artifact.keyframe_count + 1, dtype=bool)

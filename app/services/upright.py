@@ -12,11 +12,12 @@ from app.geometry.focal import ApproximateCamera
 from app.geometry.turns import camera_from_turned, turned_camera, upright_turns
 from app.services.localization import Localization
 from app.services.localizer import Localizer
+from app.services.vdm_localizer import VdmLocalizer
 from app.vision.images import Rgb
 
 
 def localize_upright(
-    localizer: Localizer,
+    localizer: Localizer | VdmLocalizer,
     rgb: Rgb,
     camera: Camera | ApproximateCamera | None,
     gravity_in_camera: tuple[float, float, float] | None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +24,7 @@ MODELS_DIR = Path(__file__).parent.parent / "models"
 ROOT_SIFT_SCALE = 512.0
 SIFT_FEATURES, SIFT_SIDE_PX, SIFT_CONTRAST = 2000, 400, 0.04
 FAINT_SIDE_PX = 300
+ORB_FEATURES = {"orb": 1000, "orb-2000": 2000}
 # Binary features work on images of at most this size.
 MAX_SIDE_PX = 960
 
@@ -188,18 +190,30 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
         return RootSift()
     if name == "sift-full":
         return RootSift(max_side_px=960, name=name)
-    if name == "orb":
-        return Orb()
-    if name == "orb-2000":
-        return Orb(2000, name)
+    if name in ORB_FEATURES:
+        return Orb(ORB_FEATURES[name], name)
     if name == "akaze":
         return Akaze()
     if name == "xfeat":
         return XFeat(threads=threads)
+    if check_features(name) == "surf":
+        # It is an extra, and builds on the types above.
+        from app.vision.surf import Surf
+
+        return Surf()
     raise InvalidInputError(f"Features {name!r} are not known; use one of {', '.join(FEATURE_NAMES)}.")
 
 
-FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat")
+FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat", "surf")
+
+
+def check_features(name: str) -> str:
+    """Return the name of features that can be computed here; raises `InvalidInputError` when a library is missing."""
+    if name == "surf" and find_spec("mahotas") is None:
+        raise InvalidInputError(
+            "Features 'surf' need the library mahotas, which is not installed: install roomfix[surf], or use sift."
+        )
+    return name
 
 
 def _binary_features(detector: cv2.Feature2D, gray: Gray, extractor: LocalFeatureExtractor) -> LocalFeatures:

@@ -89,4 +89,4 @@ def test_an_enlarged_picture_has_its_features_at_the_enlarged_places(gray: Gray,
 
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="sift"):
-        create_extractor("surf")
+        create_extractor("brief")

@@ -1,0 +1,49 @@
+"""The ways of localization that can be compared, by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera
+from app.services.build_map import BuiltMap
+from app.services.build_options import BuildOptions
+from app.services.epipolar_localizer import EpipolarLocalizer
+from app.services.localization import Localization
+from app.services.localizer import PAPER, Localizer, LocalizerSettings
+from app.services.vdm_localizer import VdmLocalizer
+from app.services.vision_models import VisionModels
+from app.vision.images import Rgb
+
+Pipeline = Literal["default", "paper", "vdm", "epipolar"]
+PIPELINES: tuple[Pipeline, ...] = ("default", "paper", "vdm", "epipolar")
+
+
+class FrameLocalizer(Protocol):
+    """What locates a frame in a map."""
+
+    def localize(
+        self, rgb: Rgb, camera: Camera | None, allowed: NDArray[np.int64] | None = None
+    ) -> Localization:
+        """Locate an RGB image (height, width, 3)."""
+        ...
+
+
+def open_pipeline(
+    name: Pipeline, built: BuiltMap, models: VisionModels, settings: LocalizerSettings | None = None
+) -> FrameLocalizer:
+    """Return the localizer of that name on a map; `settings` are for `default` and `paper`."""
+    if name == "vdm":
+        return VdmLocalizer(built.artifact, built.index, models)
+    if name == "epipolar":
+        return EpipolarLocalizer(built.artifact, built.index, models)
+    own = settings or (PAPER if name == "paper" else LocalizerSettings())
+    return Localizer(built.artifact, built.index, models, own)
+
+
+def options_for(name: Pipeline, options: BuildOptions) -> BuildOptions:
+    """Return the options of the map that a pipeline needs: paper A has ORB and each keyframe's depth as it is."""
+    return replace(options, features="orb", refine_depth=False) if name == "paper" else options
