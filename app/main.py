@@ -11,7 +11,7 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import calibrate, database, floors, health, locate, maps, venues
+from app.api import anchors, calibrate, database, floors, health, locate, maps, venues
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -19,6 +19,8 @@ from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware, UploadLimitMiddleware
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
+from app.services.anchor_features import AnchorDescriber
+from app.services.anchor_locator import AnchorLocator
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -45,8 +47,16 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         library = MapLibrary(resources)
+        describer = AnchorDescriber()
         executor = BoundedExecutor(settings.workers, settings.queue_size)
-        app.state.roomfix = AppState(resources, LocateService(resources, library), executor, builds, metrics)
+        app.state.roomfix = AppState(
+            resources,
+            LocateService(resources, library, AnchorLocator(resources, describer)),
+            executor,
+            builds,
+            metrics,
+            describer,
+        )
         with resources.database.read() as connection:
             warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
         # Kept, since a task that nothing refers to may be collected before it has run.
@@ -68,7 +78,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         redoc_url=None,
     )
     for router in (
-        locate.router, venues.router, floors.router, maps.router, database.router, calibrate.router, health.router,
+        locate.router, venues.router, floors.router, maps.router, database.router, calibrate.router, anchors.router,
+        health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)

@@ -67,6 +67,10 @@ class LocateBody(BaseModel):
     camera: CameraBody | None
     narrowed: bool = Field(description="Whether floor or prior held; false also when the search was widened")
     timings_ms: dict[str, float]
+    anchors: list[str] = Field(description="The monitoring cameras that agree on the answer (method anchor)")
+    vertical: Literal["gravity", "pois", "upright"] | None = Field(
+        description="What an anchor's answer takes as vertical; upright is an assumption"
+    )
 
 
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
@@ -102,7 +106,7 @@ def body_of(result: LocateResult) -> LocateBody:
     """Return the body of a result."""
     pose, plan = result.world_from_camera, result.plan
     return LocateBody(
-        located=pose is not None,
+        located=result.reason is None,
         reason=result.reason,
         method=result.method,
         venue=result.venue,
@@ -134,6 +138,8 @@ def body_of(result: LocateResult) -> LocateBody:
         camera=None if result.camera is None else CameraBody.of(result.camera, result.camera_source),
         narrowed=result.narrowed,
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
+        anchors=list(result.anchors),
+        vertical=result.vertical,
     )
 
 

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidCameraError, InvalidInputError
+from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.services.anchor_locator import AnchorLocalization, AnchorLocator
+from app.services.anchor_result import place_on_floor
 from app.services.floor_plans import HEIGHT_SLACK_M, PlanPoint, floor_of, plan_point
 from app.services.localizer import KeyframeVote, Localization, Localizer
 from app.services.map_library import MapLibrary
@@ -69,14 +72,19 @@ class LocateResult:
     camera_source: CameraSource = "unknown"
     narrowed: bool = False
     timings_ms: dict[str, float] = field(default_factory=dict)
+    anchors: tuple[str, ...] = ()
+    vertical: Vertical | None = None
 
 
 class LocateService:
     """Answers queries. Safe to share between threads."""
 
-    def __init__(self, resources: Resources, library: MapLibrary) -> None:
+    def __init__(
+        self, resources: Resources, library: MapLibrary, anchors: AnchorLocator | None = None
+    ) -> None:
         self._resources = resources
         self._library = library
+        self._anchors = anchors
 
     def locate(self, request: LocateRequest) -> LocateResult:
         """Answer a query.
@@ -85,21 +93,47 @@ class LocateService:
         `InvalidInputError` for a request that can't be answered.
         """
         started = time.perf_counter()
-        if request.method in ("vdm", "anchor"):
-            raise InvalidInputError(f"method {request.method!r} is not available; use auto or rgbd.")
+        if request.method == "vdm":
+            raise InvalidInputError(f"method {request.method!r} is not available; use auto, rgbd or anchor.")
         venue = self._venue(request.venue)
         floors = self._floors(venue, request.floor)
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
         decoded_ms = 1e3 * (time.perf_counter() - started)
         camera = query_camera(request.camera, rgb)
+        if request.method == "anchor":
+            return self._by_anchor(venue, rgb, camera, request, floors, decoded_ms)
         serving = self._library.active(venue)
         if serving is None:
+            if request.method == "auto" and camera is not None:
+                return self._by_anchor(venue, rgb, camera, request, floors, decoded_ms)
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
             return LocateResult(venue, "rgbd", None, "no_map", camera=camera, timings_ms=timings)
         localizer, version = serving
         found, narrowed = self._search(localizer, rgb, camera, request, floors)
         result = _result(venue, version, found, floors, request, narrowed)
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
+        if result.reason is not None and request.method == "auto" and camera is not None:
+            other = self._by_anchor(venue, rgb, camera, request, floors, decoded_ms)
+            return other if other.reason is None else result
+        return result
+
+    def _by_anchor(
+        self,
+        venue: str,
+        rgb: Rgb,
+        camera: Camera | None,
+        request: LocateRequest,
+        floors: list[Floor],
+        decoded_ms: float,
+    ) -> LocateResult:
+        """Answer from what the venue's monitoring cameras see."""
+        if camera is None:
+            raise InvalidInputError("method anchor needs the phone's intrinsics: send the field camera.")
+        if self._anchors is None:
+            raise InvalidInputError("method anchor is not available here; use a server.")
+        found = self._anchors.locate(venue, request.floor, rgb, camera, request.gravity)
+        result = _anchor_result(venue, found, floors, camera)
+        result.timings_ms.update(decode=decoded_ms, total=decoded_ms + sum(found.timings_ms.values()))
         return result
 
     def _venue(self, venue: str | None) -> str:
@@ -203,4 +237,33 @@ def _result(
         camera_source="unknown" if found.camera is None else source,
         narrowed=narrowed,
         timings_ms=dict(found.timings_ms),
+    )
+
+
+def _anchor_result(
+    venue: str, found: AnchorLocalization, floors: list[Floor], camera: Camera
+) -> LocateResult:
+    """Return the result of an answer by anchors; outside the floor it is none."""
+    place = None
+    if found.plan_from_phone is not None and found.floor_id is not None:
+        place = place_on_floor(floors, found.floor_id, found.plan_from_phone)
+    located = place is not None
+    return LocateResult(
+        venue=venue,
+        method="anchor",
+        map_version=None,
+        reason=None if located else found.reason or "outside_venue",
+        world_from_camera=None if place is None else place.world_from_camera,
+        floor=None if place is None else place.floor,
+        plan=None if place is None else place.plan,
+        position_m=found.position_m if located else None,
+        orientation_deg=found.orientation_deg if located else None,
+        confidence=found.confidence if located else 0.0,
+        inliers=found.inliers,
+        matches=found.matches,
+        camera=camera,
+        camera_source="request",
+        timings_ms=dict(found.timings_ms),
+        anchors=found.anchors if located else (),
+        vertical=found.vertical if located else None,
     )

@@ -1,0 +1,123 @@
+"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features and the word vector."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.images import Gray, Rgb, to_gray
+from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
+from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
+from app.vision.vocabulary import Vocabulary
+
+# With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
+XFEAT_FEATURES = 2000
+
+
+@dataclass(frozen=True)
+class AnchorFeatures:
+    """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
+    `words` (w,) is the bag-of-words vector."""
+
+    akaze: LocalFeatures
+    xfeat: LocalFeatures
+    words: NDArray[np.float32]
+
+    @cached_property
+    def akaze_unit(self) -> Unit:
+        """The A-KAZE descriptors as unit vectors."""
+        return to_unit_vectors(self.akaze.descriptors, True)
+
+    @cached_property
+    def xfeat_unit(self) -> Unit:
+        """The XFeat descriptors as unit vectors."""
+        return to_unit_vectors(self.xfeat.descriptors, False)
+
+    def pack(self) -> bytes:
+        """Return the features as bytes, XFeat at half precision."""
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            akaze_px=self.akaze.keypoints_px,
+            akaze=self.akaze.descriptors,
+            xfeat_px=self.xfeat.keypoints_px,
+            xfeat=self.xfeat.descriptors.astype(np.float16),
+            words=self.words.astype(np.float16),
+        )
+        return buffer.getvalue()
+
+    @staticmethod
+    def unpack(data: bytes) -> AnchorFeatures:
+        """Return what `pack` has packed."""
+        with np.load(io.BytesIO(data)) as arrays:
+            return AnchorFeatures(
+                LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
+                LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
+                arrays["words"].astype(np.float32),
+            )
+
+
+class AnchorDescriber:
+    """Extracts the features of pictures. Safe to share between threads."""
+
+    def __init__(self, vocabulary: Vocabulary | None = None) -> None:
+        self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX)
+        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
+        self.vocabulary = vocabulary or Vocabulary.open()
+
+    def describe(self, rgb: Rgb) -> AnchorFeatures:
+        """Return all features of an RGB image (height, width, 3)."""
+        gray = to_gray(rgb)
+        akaze = self.akaze.extract(gray)
+        return AnchorFeatures(akaze, self.xfeat.extract(gray), self.word_vector(akaze))
+
+    def word_vector(self, akaze: LocalFeatures) -> NDArray[np.float32]:
+        """Return the bag-of-words vector (w,) of A-KAZE features."""
+        return self.vocabulary.vector(np.asarray(akaze.descriptors, dtype=np.uint8))
+
+    def upright_xfeat(self, gray: Gray, quarter_turns: int) -> LocalFeatures:
+        """Return XFeat's features of an image (height, width) looked at after that many counter-clockwise quarter
+        turns, which the network wants upright; the keypoints are in pixels of the image as it is."""
+        turns = quarter_turns % 4
+        if turns == 0:
+            return self.xfeat.extract(gray)
+        features = self.xfeat.extract(np.ascontiguousarray(np.rot90(gray, turns)))
+        u, v = features.keypoints_px.T
+        height, width = gray.shape
+        back = {1: (width - 1 - v, u), 2: (width - 1 - u, height - 1 - v), 3: (v, height - 1 - u)}[turns]
+        return LocalFeatures(np.stack(back, axis=1).astype(np.float32), features.descriptors)
+
+
+@dataclass(frozen=True, slots=True)
+class PixelMatches:
+    """Matches of a monitoring camera's picture (n, 2) with a phone's (n, 2), in pixels of each."""
+
+    monitor_px: NDArray[np.float64]
+    phone_px: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.monitor_px)
+
+    def with_more(self, other: PixelMatches) -> PixelMatches:
+        """Return these and others."""
+        return PixelMatches(
+            np.concatenate([self.monitor_px, other.monitor_px]),
+            np.concatenate([self.phone_px, other.phone_px]),
+        )
+
+
+def match_features(
+    monitor: LocalFeatures,
+    monitor_unit: Unit,
+    phone: LocalFeatures,
+    phone_unit: Unit,
+    ratio: float,
+    binary: bool,
+) -> PixelMatches:
+    """Return mutual nearest neighbours of two pictures' features that pass the ratio test."""
+    a, b, _ = match_unit_vectors(monitor_unit, phone_unit, ratio, binary)
+    return PixelMatches(monitor.keypoints_px[a].astype(np.float64), phone.keypoints_px[b].astype(np.float64))

@@ -1,0 +1,143 @@
+"""One anchor's answer for one phone picture: matches, relative pose, scale, place on the plan, and its accuracy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor
+from app.geometry.camera import Camera
+from app.geometry.epipolar import estimate_relative_pose
+from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
+from app.geometry.se3 import Pose, skew
+from app.services.anchor_features import PixelMatches
+from app.services.anchor_sights import lengths_along_rays, sight_of
+from app.services.verification import coverage
+from app.storage.anchors import AnchorSpec
+
+Array = NDArray[np.float64]
+
+# The inlier limit as an angle (tangent): two pixels of a 640-pixel picture at an ordinary focal length.
+MAX_ERROR = 2.0 / 525.0
+# No feature is found better than to this angle (tangent).
+MIN_SIGMA = 0.35 / 525.0
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorEvidence:
+    """What speaks for an anchor's answer.
+
+    `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
+    `region_matches`, inliers inside POI regions; `parallax_deg`, their median parallax; `poi_error_m`, how far the
+    worst POI comes out from its place on the plan; `scale_error`, the largest disagreement of the POIs' scales
+    (logarithm).
+    """
+
+    matches: int
+    inliers: int
+    coverage: float
+    region_matches: int
+    parallax_deg: float
+    poi_error_m: float
+    scale_error: float
+    log_scale_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorFix:
+    """A phone's place by one anchor: `position_sigma_m` and `orientation_sigma_deg` are one sigma."""
+
+    solution: AnchorSolution
+    evidence: AnchorEvidence
+    position_covariance: Array
+    orientation_sigma_deg: float
+
+    @property
+    def position_sigma_m(self) -> float:
+        """One sigma of the place on the plan, the root mean square of the error's length."""
+        return float(np.sqrt(np.trace(self.position_covariance[:2, :2])))
+
+
+def fix_by_anchor(
+    spec: AnchorSpec,
+    monitor_camera: Camera,
+    phone_camera: Camera,
+    matches: PixelMatches,
+    gravity_in_phone: Array | None,
+) -> AnchorFix | None:
+    """Return where the matches put the phone, or None when they hold no relative pose or no POI."""
+    max_error_px = MAX_ERROR * 0.5 * (monitor_camera.focal_px + phone_camera.focal_px)
+    relative = estimate_relative_pose(
+        matches.monitor_px, matches.phone_px, monitor_camera, phone_camera, max_error_px=max_error_px
+    )
+    if relative is None:
+        return None
+    inliers = relative.inlier_mask
+    monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
+    rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
+    sights = _sights(spec, monitor_camera, monitor_px, rays, relative.b_from_a)
+    if not sights:
+        return None
+    pois = [sight for sight, _ in sights]
+    center = np.array([spec.x, spec.y])
+    try:
+        solution = solve_anchor(center, spec.height_m, relative.b_from_a, pois, gravity_in_phone)
+        covariance = relative_pose_covariance(*rays, relative.b_from_a, MIN_SIGMA)
+    except (DegenerateGeometryError, np.linalg.LinAlgError):
+        return None
+    position_covariance = _position_covariance(solution, relative.b_from_a, covariance, rays)
+    orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
+    evidence = AnchorEvidence(
+        matches=len(matches),
+        inliers=int(inliers.sum()),
+        coverage=coverage(phone_px, (phone_camera.width, phone_camera.height)),
+        region_matches=sum(count for _, count in sights),
+        parallax_deg=relative.parallax_deg,
+        poi_error_m=float(solution.poi_errors_m.max()),
+        scale_error=float(np.abs(solution.scale_errors).max()),
+        log_scale_sigma=solution.log_scale_sigma,
+    )
+    return AnchorFix(solution, evidence, position_covariance, float(np.degrees(np.sqrt(orientation))))
+
+
+def _sights(
+    spec: AnchorSpec, camera: Camera, monitor_px: Array, rays: tuple[Array, Array], phone_from_monitor: Pose
+) -> list[tuple[PoiSight, int]]:
+    lengths = lengths_along_rays(*rays, phone_from_monitor)
+    found = (sight_of(poi, spec, camera, monitor_px, lengths) for poi in spec.pois)
+    return [sight for sight in found if sight is not None]
+
+
+def _position_covariance(
+    solution: AnchorSolution,
+    phone_from_monitor: Pose,
+    relative_covariance: Array,
+    rays: tuple[Array, Array],
+) -> Array:
+    """Return the covariance (3, 3) of the phone's position in plan axes, in square metres.
+
+    Three independent parts: the relative pose, which moves the scale too, for it moves what is triangulated; the
+    scale; and the anchor's rotation on the plan.
+    """
+    plan_from_monitor = solution.plan_from_monitor.rotation
+    before = np.median(lengths_along_rays(*rays, phone_from_monitor))
+
+    def position(change: Array) -> Array:
+        moved = perturbed_relative(phone_from_monitor, change)
+        # All lengths change alike to first order: the median's change stands for that of the POIs'.
+        stretch = before / np.median(lengths_along_rays(*rays, moved))
+        offset = -moved.rotation.T @ moved.translation
+        return np.asarray(plan_from_monitor @ (solution.metres_per_unit * stretch * offset))
+
+    here = position(np.zeros(5))
+    step = 1e-5
+    jacobian = np.stack([(position(step * axis) - here) / step for axis in np.eye(5)], axis=1)
+    by_turn = -skew(here)
+    return np.asarray(
+        jacobian @ relative_covariance @ jacobian.T
+        + solution.log_scale_sigma**2 * np.outer(here, here)
+        + by_turn @ solution.plan_from_monitor_covariance @ by_turn.T
+    )
