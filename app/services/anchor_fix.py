@@ -12,7 +12,7 @@ from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor
 from app.geometry.camera import Camera
 from app.geometry.epipolar import estimate_relative_pose
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
-from app.geometry.se3 import Pose, skew
+from app.geometry.se3 import Pose, rotation_angle_deg, skew
 from app.services.anchor_features import PixelMatches
 from app.services.anchor_sights import lengths_along_rays, sight_of
 from app.services.verification import coverage
@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 
 # The inlier limit as an angle (tangent): two pixels of a 640-pixel picture at an ordinary focal length.
 MAX_ERROR = 2.0 / 525.0
+# A POI may come out this far from its place: this much, and this share of its distance.
+MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
+# With so many inliers the two halves of the matches have never disagreed.
+SURE_INLIERS = 300
 # No feature is found better than to this angle (tangent).
 MIN_SIGMA = 0.35 / 525.0
 
@@ -31,9 +35,10 @@ class AnchorEvidence:
     """What speaks for an anchor's answer.
 
     `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
-    `region_matches`, inliers inside POI regions; `parallax_deg`, their median parallax; `poi_error_m`, how far the
-    worst POI comes out from its place on the plan; `scale_error`, the largest disagreement of the POIs' scales
-    (logarithm).
+    `region_matches`, inliers inside POI regions; `parallax_deg`, their median parallax; `poi_error_share`, how
+    far the worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, the largest disagreement of the POIs' scales
+    (logarithm), `log_scale_sigma` one sigma of their common one; `instability_deg`, how far the direction or the
+    attitude is off when either half of the matches alone decides.
     """
 
     matches: int
@@ -41,9 +46,15 @@ class AnchorEvidence:
     coverage: float
     region_matches: int
     parallax_deg: float
-    poi_error_m: float
+    poi_error_share: float
     scale_error: float
     log_scale_sigma: float
+    instability_deg: float
+
+    @property
+    def inlier_ratio(self) -> float:
+        """Inliers over matches."""
+        return self.inliers / max(self.matches, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +101,19 @@ def fix_by_anchor(
         return None
     position_covariance = _position_covariance(solution, relative.b_from_a, covariance, rays)
     orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
+    allowed_m = MAX_POI_ERROR_M + MAX_POI_ERROR_SHARE * np.array([poi.distance_m for poi in pois])
     evidence = AnchorEvidence(
         matches=len(matches),
         inliers=int(inliers.sum()),
         coverage=coverage(phone_px, (phone_camera.width, phone_camera.height)),
         region_matches=sum(count for _, count in sights),
         parallax_deg=relative.parallax_deg,
-        poi_error_m=float(solution.poi_errors_m.max()),
+        poi_error_share=float(np.max(solution.poi_errors_m / allowed_m)),
         scale_error=float(np.abs(solution.scale_errors).max()),
         log_scale_sigma=solution.log_scale_sigma,
+        instability_deg=_instability_deg(
+            matches, inliers, relative.b_from_a, (monitor_camera, phone_camera), max_error_px
+        ),
     )
     return AnchorFix(solution, evidence, position_covariance, float(np.degrees(np.sqrt(orientation))))
 
@@ -141,3 +156,35 @@ def _position_covariance(
         + solution.log_scale_sigma**2 * np.outer(here, here)
         + by_turn @ solution.plan_from_monitor_covariance @ by_turn.T
     )
+
+
+def _instability_deg(
+    matches: PixelMatches,
+    inliers: NDArray[np.bool_],
+    phone_from_monitor: Pose,
+    cameras: tuple[Camera, Camera],
+    max_error_px: float,
+) -> float:
+    """Return how far off, in degrees, the relative pose is by either half of the matches alone.
+
+    A wrong pose that chance or one plane made plausible doesn't come out twice.
+    """
+    if np.count_nonzero(inliers) >= SURE_INLIERS:
+        return 0.0
+    order = np.random.default_rng(0).permutation(len(matches))
+    worst = 0.0
+    for half in (order[::2], order[1::2]):
+        again = estimate_relative_pose(
+            matches.monitor_px[half],
+            matches.phone_px[half],
+            *cameras,
+            max_error_px=max_error_px,
+            max_iterations=2000,
+        )
+        if again is None:
+            return 180.0
+        turned = rotation_angle_deg(again.b_from_a.rotation.T @ phone_from_monitor.rotation)
+        cosine = float(again.b_from_a.translation @ phone_from_monitor.translation)
+        turned_t = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        worst = max(worst, turned, turned_t)
+    return worst

@@ -14,9 +14,12 @@ from app.storage.anchors import AnchorSpec, Poi
 Array = NDArray[np.float64]
 
 # A region needs this many triangulated matches; the scatter of fewer says nothing.
-MIN_REGION_MATCHES = 3
-# A length is no better than this, however well the matches agree.
-MIN_LOG_SIGMA = 0.02
+MIN_REGION_MATCHES = 4
+# A match this share of the region's size from its middle counts half as much as one in the middle, or less.
+NEAR_SHARE = 0.05
+# One sigma of a length's logarithm, measured: what it is at best, for each unit of scatter, for a single match,
+# and when the nearest match is as far from the middle as the region is wide.
+BASE_SIGMA, SIGMA_PER_SCATTER, SIGMA_OF_ONE, SIGMA_PER_WIDTH = 0.06, 1.0, 1.0, 0.3
 
 
 def region_in(poi: Poi, spec: AnchorSpec, camera: Camera) -> Array:
@@ -60,7 +63,8 @@ def sight_of(
 ) -> tuple[PoiSight, int] | None:
     """Return a POI as triangulated from matches at pixels (n, 2) and lengths (n,), and how many lie in its region.
 
-    The length is the median over the region, those near its centre counting more; None when too few do.
+    The length is the median over the region, where matches near the middle count most: what is measured is the
+    distance of the middle, and a region often holds more than one surface. None when it holds too few.
     """
     corners = region_in(poi, spec, camera)
     middle = centroid(corners)
@@ -69,14 +73,21 @@ def sight_of(
     if count < MIN_REGION_MATCHES:
         return None
     size = float(np.ptp(corners, axis=0).max())
-    weights = 1.0 / (0.1 * size + np.linalg.norm(monitor_px[chosen] - middle, axis=1))
+    distances = np.linalg.norm(monitor_px[chosen] - middle, axis=1)
+    weights = 1.0 / (NEAR_SHARE * size + distances) ** 2
     logs = np.log(lengths[chosen])
     order = np.argsort(logs)
     center = float(logs[order][np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())])
     scatter = float(weights @ np.abs(logs - center) / weights.sum())
     ray = homogeneous(camera.normalize(middle))[0]
     height_offset = None if poi.height_m is None else poi.height_m - spec.height_m
-    log_sigma = float(np.hypot(1.5 * scatter / np.sqrt(min(count, 6)), MIN_LOG_SIGMA))
+    parts = (
+        BASE_SIGMA,
+        SIGMA_PER_SCATTER * scatter,
+        SIGMA_OF_ONE / count,
+        SIGMA_PER_WIDTH * distances.min() / size,
+    )
+    log_sigma = float(np.linalg.norm(parts))
     sight = PoiSight(
         ray / np.linalg.norm(ray),
         np.array([poi.x, poi.y]),

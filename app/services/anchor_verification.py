@@ -1,4 +1,4 @@
-"""Whether an anchor's answer can be trusted, and how sure that makes us."""
+"""Whether an anchor's answer can be trusted, and how sure that makes us (measured: docs/anchors.md)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,25 @@ from app.services.anchor_fix import AnchorFix
 from app.services.verification import Reason
 
 MIN_INLIERS = 60
+MIN_INLIER_RATIO = 0.22
 MIN_COVERAGE = 0.15
-MAX_POSITION_SIGMA_M = 0.4
+MAX_INSTABILITY_DEG = 20.0
+MIN_PARALLAX_DEG = 1.0
+MAX_POSITION_SIGMA_M = 0.5
 MAX_LOG_SCALE_SIGMA = 0.25
-# A POI may come out this far from its place: this much, and this share of its distance.
-MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.25, 0.08
 
 
 def judge_fix(fix: AnchorFix) -> Reason | None:
     """Return why an answer can't be trusted, or None if it can."""
     evidence = fix.evidence
-    if evidence.inliers < MIN_INLIERS or evidence.coverage < MIN_COVERAGE:
+    if evidence.inliers < MIN_INLIERS or evidence.inlier_ratio < MIN_INLIER_RATIO:
         return "too_few_inliers"
-    if fix.position_sigma_m > MAX_POSITION_SIGMA_M or evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA:
+    if evidence.coverage < MIN_COVERAGE or evidence.parallax_deg < MIN_PARALLAX_DEG:
         return "too_few_inliers"
+    if evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA or fix.position_sigma_m > MAX_POSITION_SIGMA_M:
+        return "too_few_inliers"
+    if evidence.instability_deg > MAX_INSTABILITY_DEG or evidence.poi_error_share > 1.0:
+        return "ambiguous"
     return None
 
 
