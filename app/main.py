@@ -21,6 +21,7 @@ from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.services.anchor_features import AnchorDescriber
 from app.services.anchor_locator import AnchorLocator
+from app.services.anchors import AnchorService
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -55,7 +56,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
             executor,
             builds,
             metrics,
-            describer,
+            AnchorService(resources, library, describer),
         )
         with resources.database.read() as connection:
             warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))

@@ -12,12 +12,24 @@ from starlette.datastructures import UploadFile
 from app.api.deps import ID_PATTERN, State, require
 from app.api.schemas import problems
 from app.errors import InvalidInputError
-from app.services.anchors import anchor_as_dict, push_frame, store_anchor
+from app.services.anchors import anchor_as_dict
 from app.services.build_options import parse_camera
 from app.storage.anchors import AnchorSpec, Poi, delete_anchor, get_anchor, list_anchors, list_frames
 
 router = APIRouter(prefix="/anchors", tags=["anchors"])
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+IMAGE_BODY: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {"type": "object", "required": ["image"], "properties": {"image": BINARY["schema"]}}
+        },
+        "image/jpeg": BINARY,
+        "image/png": BINARY,
+        "image/webp": BINARY,
+    },
+}
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -100,7 +112,7 @@ def list_all(
 @router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
 def put(state: State, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
     """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
-    anchor = store_anchor(state.resources, camera, _spec(body))
+    anchor = state.anchors.put(camera, _spec(body))
     with state.resources.database.read() as connection:
         frame = list_frames(connection, [anchor.id]).get(anchor.id)
     return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
@@ -129,35 +141,35 @@ def remove(state: State, camera: AnchorId) -> Response:
     "/{camera}/frames",
     dependencies=[Depends(require("anchor"))],
     responses=problems(401, 404, 409, 413, 415, 422, 503),
-    openapi_extra={
-        "requestBody": {
-            "required": True,
-            "content": {
-                "multipart/form-data": {
-                    "schema": {
-                        "type": "object",
-                        "required": ["image"],
-                        "properties": {"image": {"type": "string", "format": "binary"}},
-                    }
-                },
-                "image/jpeg": {"schema": {"type": "string", "format": "binary"}},
-                "image/png": {"schema": {"type": "string", "format": "binary"}},
-                "image/webp": {"schema": {"type": "string", "format": "binary"}},
-            },
-        }
-    },
+    openapi_extra={"requestBody": IMAGE_BODY},
 )
 async def push(state: State, camera: AnchorId, request: Request) -> FrameBody:
     """Push a camera's newest frame, as a form field or as the body itself. Its features are kept, it is not,
     unless the anchor says so."""
     image = await image_of(request)
-    pushed = await state.executor.run(lambda: push_frame(state.resources, state.describer, camera, image))
+    pushed = await state.executor.run(lambda: state.anchors.push(camera, image))
     return FrameBody(
         frame=pushed.frame,
         features=pushed.features,
         pois_visible=list(pushed.pois_visible),
         received_at=pushed.received_at,
     )
+
+
+@router.post(
+    "/{camera}/calibrate",
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 409, 413, 415, 422, 503),
+    openapi_extra={"requestBody": {**IMAGE_BODY, "required": False}},
+)
+async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[str, Any]:
+    """Find the camera and its POIs in the venue's map, by the picture sent or else the newest stored one. From then on
+    the camera's frames get their distances from the map."""
+    image = await image_of(request)
+    anchor = await state.executor.run(lambda: state.anchors.calibrate(camera, image or None))
+    with state.resources.database.read() as connection:
+        frame = list_frames(connection, [camera]).get(camera)
+    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
 
 
 async def image_of(request: Request) -> bytes:

@@ -14,7 +14,7 @@ from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
-from app.services.anchor_features import AnchorDescriber
+from app.services.anchors import AnchorService
 from app.services.locate import LocateService
 from app.services.resources import Resources
 
@@ -34,7 +34,7 @@ class AppState:
     executor: BoundedExecutor
     runner: BuildRunner
     metrics: Metrics
-    describer: AnchorDescriber
+    anchors: AnchorService
 
 
 def get_state(request: Request) -> AppState:

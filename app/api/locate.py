@@ -68,7 +68,7 @@ class LocateBody(BaseModel):
     narrowed: bool = Field(description="Whether floor or prior held; false also when the search was widened")
     timings_ms: dict[str, float]
     anchors: list[str] = Field(description="The monitoring cameras that agree on the answer (method anchor)")
-    vertical: Literal["gravity", "pois", "upright"] | None = Field(
+    vertical: Literal["gravity", "pois", "upright", "map"] | None = Field(
         description="What an anchor's answer takes as vertical; upright is an assumption"
     )
 

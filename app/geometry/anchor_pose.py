@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
+from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.se3 import Pose, rotation_between, rotation_from_vector, skew
 
 Array = NDArray[np.float64]
-Vertical = Literal["gravity", "pois", "upright"]
+Vertical = Literal["gravity", "pois", "upright", "map"]
 
 # A tape measures a distance, and a finger a place on a plan, about that well.
 PLAN_SIGMA_M, PLAN_SIGMA_SHARE = 0.05, 0.015
@@ -23,6 +24,8 @@ ROLL_SIGMA_RAD, PITCH_SIGMA_RAD = float(np.radians(5.0)), float(np.radians(12.0)
 MOUNT_ROLL_SIGMA_RAD = float(np.radians(10.0))
 # POIs whose directions are this far apart hold the vertical between them.
 MIN_POI_ANGLE_RAD = float(np.radians(15.0))
+# A scale by a map is no better than this share.
+MIN_SCALE_SIGMA = 0.01
 STEPS = 25
 # Residuals beyond this many sigma count less and less.
 ROBUST_SIGMAS = 3.0
@@ -104,6 +107,41 @@ def solve_anchor(
         errors,
         scale_errors,
         vertical,
+    )
+
+
+def solve_calibrated(
+    plan_from_monitor: Pose,
+    orientation_sigma_rad: float,
+    phone_from_monitor: Pose,
+    known_lengths_m: Array,
+    lengths: Array,
+) -> AnchorSolution:
+    """Return the phone's place beside a monitoring camera whose pose on the plan is known.
+
+    `known_lengths_m` (n,) are distances along the camera's rays in metres, `lengths` (n,) the same ones by
+    triangulation in the unit of the relative pose: their ratios hold the scale, as the POI's do in C eq. 4.2.7.
+    Raises `DegenerateGeometryError` when none is known.
+    """
+    usable = np.isfinite(known_lengths_m) & np.isfinite(lengths) & (lengths > 0) & (known_lengths_m > 0)
+    if not usable.any():
+        raise DegenerateGeometryError("A scale needs a distance that is known.")
+    logs = np.log(known_lengths_m[usable] / lengths[usable])
+    center = float(np.median(logs))
+    scatter = SIGMA_PER_MAD * float(np.median(np.abs(logs - center)))
+    log_sigma = float(np.hypot(MIN_SCALE_SIGMA, max(scatter, PLAN_SIGMA_SHARE) / np.sqrt(len(logs))))
+    scale = float(np.exp(center))
+    monitor_from_phone = phone_from_monitor.inverse()
+    metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
+    return AnchorSolution(
+        plan_from_monitor @ metric,
+        plan_from_monitor,
+        scale,
+        log_sigma,
+        orientation_sigma_rad**2 / 3.0 * np.eye(3),
+        np.zeros(0),
+        np.zeros(0),
+        "map",
     )
 
 

@@ -16,16 +16,21 @@ from app.vision.vocabulary import Vocabulary
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
 XFEAT_FEATURES = 2000
+AKAZE_RATIO = 0.85
+NO_LENGTHS = np.zeros(0, np.float32)
 
 
 @dataclass(frozen=True)
 class AnchorFeatures:
     """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
-    `words` (w,) is the bag-of-words vector."""
+    `words` (w,) is the bag-of-words vector. Of a calibrated camera `*_length_m` says how far along its ray
+    each feature lies by the map, NaN where the map doesn't tell."""
 
     akaze: LocalFeatures
     xfeat: LocalFeatures
     words: NDArray[np.float32]
+    akaze_length_m: NDArray[np.float32] | None = None
+    xfeat_length_m: NDArray[np.float32] | None = None
 
     @cached_property
     def akaze_unit(self) -> Unit:
@@ -47,6 +52,8 @@ class AnchorFeatures:
             xfeat_px=self.xfeat.keypoints_px,
             xfeat=self.xfeat.descriptors.astype(np.float16),
             words=self.words.astype(np.float16),
+            akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
+            xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
         )
         return buffer.getvalue()
 
@@ -58,6 +65,8 @@ class AnchorFeatures:
                 LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
                 LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
                 arrays["words"].astype(np.float32),
+                arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
+                arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
             )
 
 
@@ -94,10 +103,12 @@ class AnchorDescriber:
 
 @dataclass(frozen=True, slots=True)
 class PixelMatches:
-    """Matches of a monitoring camera's picture (n, 2) with a phone's (n, 2), in pixels of each."""
+    """Matches of a monitoring camera's picture (n, 2) with a phone's (n, 2), in pixels of each, and how far along the
+    monitoring camera's ray each lies, (n,) in metres, NaN where that is not known."""
 
     monitor_px: NDArray[np.float64]
     phone_px: NDArray[np.float64]
+    length_m: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.monitor_px)
@@ -107,17 +118,31 @@ class PixelMatches:
         return PixelMatches(
             np.concatenate([self.monitor_px, other.monitor_px]),
             np.concatenate([self.phone_px, other.phone_px]),
+            np.concatenate([self.length_m, other.length_m]),
         )
 
 
-def match_features(
+def match_akaze(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
+    """Return the A-KAZE features of two pictures that are each other's nearest and pass the ratio test."""
+    a, b, _ = match_unit_vectors(monitor.akaze_unit, phone.akaze_unit, AKAZE_RATIO, True)
+    return _matches(monitor.akaze, phone.akaze, a, b, monitor.akaze_length_m)
+
+
+def match_xfeat(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
+    """Return the XFeat features of two pictures that are each other's nearest."""
+    a, b, _ = match_unit_vectors(monitor.xfeat_unit, phone.xfeat_unit, 1.0, False)
+    return _matches(monitor.xfeat, phone.xfeat, a, b, monitor.xfeat_length_m)
+
+
+def _matches(
     monitor: LocalFeatures,
-    monitor_unit: Unit,
     phone: LocalFeatures,
-    phone_unit: Unit,
-    ratio: float,
-    binary: bool,
+    a: NDArray[np.intp],
+    b: NDArray[np.intp],
+    length_m: NDArray[np.float32] | None,
 ) -> PixelMatches:
-    """Return mutual nearest neighbours of two pictures' features that pass the ratio test."""
-    a, b, _ = match_unit_vectors(monitor_unit, phone_unit, ratio, binary)
-    return PixelMatches(monitor.keypoints_px[a].astype(np.float64), phone.keypoints_px[b].astype(np.float64))
+    return PixelMatches(
+        monitor.keypoints_px[a].astype(np.float64),
+        phone.keypoints_px[b].astype(np.float64),
+        np.full(len(a), np.nan) if length_m is None else length_m[a].astype(np.float64),
+    )

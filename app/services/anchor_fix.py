@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
-from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor
+from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
 from app.geometry.camera import Camera
 from app.geometry.epipolar import estimate_relative_pose
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 MAX_ERROR = 2.0 / 525.0
 # A POI may come out this far from its place: this much, and this share of its distance.
 MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
+# So many matches of known distance make a scale that needs no POI.
+MIN_KNOWN_LENGTHS = 8
 # With so many inliers the two halves of the matches have never disagreed.
 SURE_INLIERS = 300
 # No feature is found better than to this angle (tangent).
@@ -35,10 +37,10 @@ class AnchorEvidence:
     """What speaks for an anchor's answer.
 
     `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
-    `region_matches`, inliers inside POI regions; `parallax_deg`, their median parallax; `poi_error_share`, how
-    far the worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, the largest disagreement of the POIs' scales
-    (logarithm), `log_scale_sigma` one sigma of their common one; `instability_deg`, how far the direction or the
-    attitude is off when either half of the matches alone decides.
+    `region_matches`, inliers inside POI regions; `parallax_deg`, the median parallax; `poi_error_share`, how far the
+    worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, the
+    largest disagreement of the POIs' scales (logarithm); `log_scale_sigma`, one sigma of their common one;
+    `instability_deg`, how far off direction or attitude are when either half of the matches decides alone.
     """
 
     matches: int
@@ -55,6 +57,15 @@ class AnchorEvidence:
     def inlier_ratio(self) -> float:
         """Inliers over matches."""
         return self.inliers / max(self.matches, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class MountedCamera:
+    """A calibrated camera: its pose on the plan (metres, z up) and one sigma of it."""
+
+    plan_from_monitor: Pose
+    position_sigma_m: float
+    orientation_sigma_rad: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,52 +89,78 @@ def fix_by_anchor(
     phone_camera: Camera,
     matches: PixelMatches,
     gravity_in_phone: Array | None,
+    mounted: MountedCamera | None = None,
 ) -> AnchorFix | None:
-    """Return where the matches put the phone, or None when they hold no relative pose or no POI."""
+    """Return where the matches put the phone, or None when they hold no relative pose or no scale.
+
+    With `mounted`, for a camera that was calibrated, nothing rests on the POIs but, where the map knows no
+    distances, the scale.
+    """
     max_error_px = MAX_ERROR * 0.5 * (monitor_camera.focal_px + phone_camera.focal_px)
     relative = estimate_relative_pose(
         matches.monitor_px, matches.phone_px, monitor_camera, phone_camera, max_error_px=max_error_px
     )
     if relative is None:
         return None
-    inliers = relative.inlier_mask
+    inliers, phone_from_monitor = relative.inlier_mask, relative.b_from_a
     monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
-    sights = _sights(spec, monitor_camera, monitor_px, rays, relative.b_from_a)
-    if not sights:
-        return None
-    pois = [sight for sight, _ in sights]
-    center = np.array([spec.x, spec.y])
+    lengths = lengths_along_rays(*rays, phone_from_monitor)
+    found = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
+    sights = [sight for sight in found if sight is not None]
     try:
-        solution = solve_anchor(center, spec.height_m, relative.b_from_a, pois, gravity_in_phone)
-        covariance = relative_pose_covariance(*rays, relative.b_from_a, MIN_SIGMA)
+        solution = _solution(
+            spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
+        )
+        covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA)
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
-    position_covariance = _position_covariance(solution, relative.b_from_a, covariance, rays)
     orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
-    allowed_m = MAX_POI_ERROR_M + MAX_POI_ERROR_SHARE * np.array([poi.distance_m for poi in pois])
     evidence = AnchorEvidence(
         matches=len(matches),
         inliers=int(inliers.sum()),
         coverage=coverage(phone_px, (phone_camera.width, phone_camera.height)),
         region_matches=sum(count for _, count in sights),
         parallax_deg=relative.parallax_deg,
-        poi_error_share=float(np.max(solution.poi_errors_m / allowed_m)),
-        scale_error=float(np.abs(solution.scale_errors).max()),
+        poi_error_share=_poi_error_share(solution, [sight for sight, _ in sights]),
+        scale_error=float(np.abs(solution.scale_errors).max(initial=0.0)),
         log_scale_sigma=solution.log_scale_sigma,
         instability_deg=_instability_deg(
-            matches, inliers, relative.b_from_a, (monitor_camera, phone_camera), max_error_px
+            matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px
         ),
     )
+    position_covariance = _position_covariance(solution, phone_from_monitor, covariance, rays)
+    if mounted is not None:
+        position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
     return AnchorFix(solution, evidence, position_covariance, float(np.degrees(np.sqrt(orientation))))
 
 
-def _sights(
-    spec: AnchorSpec, camera: Camera, monitor_px: Array, rays: tuple[Array, Array], phone_from_monitor: Pose
-) -> list[tuple[PoiSight, int]]:
-    lengths = lengths_along_rays(*rays, phone_from_monitor)
-    found = (sight_of(poi, spec, camera, monitor_px, lengths) for poi in spec.pois)
-    return [sight for sight in found if sight is not None]
+def _solution(
+    spec: AnchorSpec,
+    phone_from_monitor: Pose,
+    sights: list[tuple[PoiSight, int]],
+    gravity_in_phone: Array | None,
+    mounted: MountedCamera | None,
+    known_lengths_m: Array,
+    lengths: Array,
+) -> AnchorSolution:
+    pois = [sight for sight, _ in sights]
+    if mounted is None:
+        center = np.array([spec.x, spec.y])
+        return solve_anchor(center, spec.height_m, phone_from_monitor, pois, gravity_in_phone)
+    if np.count_nonzero(np.isfinite(known_lengths_m)) < MIN_KNOWN_LENGTHS:
+        known_lengths_m = np.array([poi.distance_m for poi in pois])
+        lengths = np.array([poi.length for poi in pois])
+    return solve_calibrated(
+        mounted.plan_from_monitor, mounted.orientation_sigma_rad, phone_from_monitor, known_lengths_m, lengths
+    )
+
+
+def _poi_error_share(solution: AnchorSolution, pois: list[PoiSight]) -> float:
+    if not len(solution.poi_errors_m):
+        return 0.0
+    allowed_m = MAX_POI_ERROR_M + MAX_POI_ERROR_SHARE * np.array([poi.distance_m for poi in pois])
+    return float(np.max(solution.poi_errors_m / allowed_m))
 
 
 def _position_covariance(

@@ -6,11 +6,18 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from threading import Lock
 
+import numpy as np
+
 from app.geometry.camera import Camera
+from app.geometry.plan import PlanTransform
+from app.geometry.se3 import Pose
+from app.services.anchor_calibration import calibration_of
 from app.services.anchor_features import AnchorFeatures
+from app.services.anchor_fix import MountedCamera
 from app.services.resources import Resources
 from app.storage.anchors import Anchor, frame_features, list_anchors, list_frames
 from app.storage.db import now
+from app.storage.floors import Floor, list_floors
 
 # Frames whose features stay in memory, about 4 MB each as the unit vectors that matching needs.
 CAPACITY = 64
@@ -18,12 +25,13 @@ CAPACITY = 64
 
 @dataclass(frozen=True, slots=True)
 class LiveAnchor:
-    """An anchor whose newest frame is fresh: the frame's camera and features."""
+    """An anchor whose newest frame is fresh: the frame's camera and features; `mounted` of a calibrated camera."""
 
     anchor: Anchor
     frame: str
     camera: Camera
     features: AnchorFeatures
+    mounted: MountedCamera | None
 
 
 class AnchorLibrary:
@@ -38,6 +46,7 @@ class AnchorLibrary:
         """Return the anchors of a venue, or of one floor, whose newest frame is not too old."""
         default = self._resources.settings.anchor_max_age_s
         with self._resources.database.read() as connection:
+            floors = {floor.id: floor for floor in list_floors(connection, venue_id)}
             anchors = [
                 anchor
                 for anchor in list_anchors(connection, venue_id)
@@ -53,7 +62,8 @@ class AnchorLibrary:
                 continue
             features = self._features(frame.id)
             if features is not None:
-                found.append(LiveAnchor(anchor, frame.id, frame.camera, features))
+                mounted = _mounted(anchor, floors[anchor.spec.floor_id])
+                found.append(LiveAnchor(anchor, frame.id, frame.camera, features, mounted))
         return found
 
     def _features(self, frame_id: str) -> AnchorFeatures | None:
@@ -72,3 +82,16 @@ class AnchorLibrary:
             while len(self._open) > CAPACITY:
                 self._open.popitem(last=False)
         return features
+
+
+def _mounted(anchor: Anchor, floor: Floor) -> MountedCamera | None:
+    """Return a calibrated camera's pose on its floor's plan, or None."""
+    calibration = calibration_of(anchor.calibration)
+    if calibration is None or floor.plan_from_world is None:
+        return None
+    plan, pose = PlanTransform(floor.plan_from_world), calibration.world_from_camera
+    return MountedCamera(
+        Pose(plan.rotation @ pose.rotation, plan.apply(pose.translation)),
+        calibration.position_sigma_m * plan.scale,
+        float(np.radians(calibration.orientation_sigma_deg)),
+    )

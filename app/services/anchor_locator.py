@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.services.anchor_features import AnchorDescriber, AnchorFeatures, PixelMatches, match_features
+from app.services.anchor_features import AnchorDescriber, AnchorFeatures, match_akaze, match_xfeat
 from app.services.anchor_fix import AnchorFix, fix_by_anchor
 from app.services.anchor_library import AnchorLibrary, LiveAnchor
 from app.services.anchor_verification import confidence_of_fix, judge_fix
@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 
 # So many anchors are matched by A-KAZE, and of these so many by XFeat too.
 CANDIDATES, CLOSE_LOOKS = 5, 2
-AKAZE_RATIO = 0.85
 # Two anchors agree when their answers differ by no more than this many sigma, or this many metres.
 AGREEMENT_SIGMAS, AGREEMENT_M = 4.0, 0.3
 
@@ -103,18 +102,18 @@ class AnchorLocator:
         timer: StageTimer,
     ) -> tuple[list[tuple[LiveAnchor, AnchorFix]], int]:
         """Return the answers of the anchors that look most like the picture, and the most matches of any."""
-        by_akaze = [_akaze_matches(anchor, phone) for anchor in candidates]
+        by_akaze = [match_akaze(anchor.features, phone) for anchor in candidates]
         timer.lap("match")
         # Retrieval's first stays a candidate; the second look goes to the one with the most matches.
         order = sorted(range(len(candidates)), key=lambda row: -len(by_akaze[row]))
         chosen = list(dict.fromkeys([0, *order]))[:CLOSE_LOOKS]
         found, most = [], 0
         for row in chosen:
-            matches = by_akaze[row].with_more(_xfeat_matches(candidates[row], phone))
+            matches = by_akaze[row].with_more(match_xfeat(candidates[row].features, phone))
             most = max(most, len(matches))
             timer.lap("match")
             anchor = candidates[row]
-            fix = fix_by_anchor(anchor.anchor.spec, anchor.camera, camera, matches, gravity)
+            fix = fix_by_anchor(anchor.anchor.spec, anchor.camera, camera, matches, gravity, anchor.mounted)
             timer.lap("pose")
             if fix is not None:
                 found.append((anchor, fix))
@@ -167,16 +166,6 @@ def conclude(
 def nothing(reason: Reason, timer: StageTimer, matches: int = 0) -> AnchorLocalization:
     """Return the outcome of a picture that can't be placed."""
     return AnchorLocalization(None, reason, None, (), None, None, None, 0.0, 0, matches, timer.milliseconds)
-
-
-def _akaze_matches(anchor: LiveAnchor, phone: AnchorFeatures) -> PixelMatches:
-    theirs = anchor.features
-    return match_features(theirs.akaze, theirs.akaze_unit, phone.akaze, phone.akaze_unit, AKAZE_RATIO, True)
-
-
-def _xfeat_matches(anchor: LiveAnchor, phone: AnchorFeatures) -> PixelMatches:
-    theirs = anchor.features
-    return match_features(theirs.xfeat, theirs.xfeat_unit, phone.xfeat, phone.xfeat_unit, 1.0, False)
 
 
 def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bool:

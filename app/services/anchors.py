@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidImageError, InvalidInputError
+from app.errors import ConflictError, InvalidInputError
 from app.geometry.camera import Camera
-from app.geometry.plan import pixels_from_plan
+from app.services.anchor_calibration import calibrate_in_map, calibration_of
+from app.services.anchor_checks import check_anchor
 from app.services.anchor_features import AnchorDescriber, AnchorFeatures
-from app.services.anchor_sights import centroid, inside_region, region_in
+from app.services.anchor_sights import inside_region, region_in
+from app.services.map_depth import points_seen
+from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.anchors import (
     Anchor,
@@ -22,24 +25,19 @@ from app.storage.anchors import (
     Poi,
     camera_as_json,
     get_anchor,
+    list_frames,
     put_anchor,
+    set_calibration,
     set_frame,
 )
 from app.storage.db import hold_blobs, now
-from app.storage.floors import Floor, get_floor
+from app.storage.floors import get_floor
 from app.storage.sweep import discard_blobs
 from app.storage.venues import get_venue
-from app.vision.images import decode_image
+from app.vision.images import Rgb, decode_image
 
-MAX_POIS, MAX_CORNERS = 50, 50
-MAX_COORDINATE_M, MAX_DISTANCE_M = 1e6, 1000.0
-# A region with fewer pixels holds no feature; one with fewer features can't be recognised.
-MIN_REGION_AREA_PX = 64.0
+# A region with fewer features can't be recognised.
 MIN_REGION_FEATURES = 5
-# A distance may be this much shorter than its part along the floor, by errors of tape and plan.
-DISTANCE_SLACK_M, DISTANCE_SLACK_SHARE = 0.1, 0.05
-# Numbers without an image size: no image reaches further than this many times its principal point.
-MAX_SIDE_PER_CENTER = 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,46 +50,100 @@ class PushedFrame:
     received_at: datetime
 
 
-def store_anchor(resources: Resources, anchor_id: str, spec: AnchorSpec) -> Anchor:
-    """Check and store an anchor; raises `NotFoundError`, `InvalidInputError` or `ConflictError`."""
-    _check_pois(spec)
-    with resources.database.write() as connection:
-        get_venue(connection, spec.venue_id)
-        floor = get_floor(connection, spec.venue_id, spec.floor_id)
-        _check_on_plan(floor, "The camera", spec.x, spec.y)
-        for poi in spec.pois:
-            _check_on_plan(floor, f"POI {poi.id!r}", poi.x, poi.y)
-            _check_distance(spec, poi)
-            _check_region(spec, poi)
-        return put_anchor(connection, anchor_id, spec)
+class AnchorService:
+    """Keeps monitoring cameras and what they push. Safe to share between threads."""
 
+    def __init__(self, resources: Resources, library: MapLibrary, describer: AnchorDescriber) -> None:
+        self._resources = resources
+        self._library = library
+        self._describer = describer
 
-def push_frame(resources: Resources, describer: AnchorDescriber, anchor_id: str, image: bytes) -> PushedFrame:
-    """Make an image the anchor's newest frame.
+    def put(self, anchor_id: str, spec: AnchorSpec) -> Anchor:
+        """Check and store an anchor; raises `NotFoundError`, `InvalidInputError` or `ConflictError`."""
+        with self._resources.database.write() as connection:
+            get_venue(connection, spec.venue_id)
+            check_anchor(spec, get_floor(connection, spec.venue_id, spec.floor_id))
+            return put_anchor(connection, anchor_id, spec)
 
-    Raises `NotFoundError` for an unknown anchor, `InvalidImageError` for bytes that are no usable image,
-    `InvalidInputError` for one that doesn't fit the anchor's camera.
-    """
-    received_at = now()
-    with resources.database.read() as connection:
-        anchor = get_anchor(connection, anchor_id)
-    rgb = decode_image(image, resources.settings.max_image_pixels)
-    camera = frame_camera(anchor.spec, rgb.shape[1], rgb.shape[0])
-    features = describer.describe(rgb)
-    visible = visible_pois(anchor.spec, camera, features)
-    blob = resources.blobs.put(image) if anchor.spec.store_images else None
-    count = len(features.akaze) + len(features.xfeat)
-    frame = AnchorFrameRow(anchor_id, uuid.uuid4().hex, received_at, camera, count, visible, blob)
-    with resources.database.write() as connection:
-        hold_blobs(connection)
-        if get_anchor(connection, anchor_id).spec != anchor.spec:
-            raise InvalidInputError("The anchor was changed while its frame was read; push the frame again.")
-        if blob is not None and not resources.blobs.contains(blob):
-            resources.blobs.put(image)
-        unneeded = set_frame(connection, frame, features.pack())
-    if unneeded is not None:
-        discard_blobs(resources.database, resources.blobs, [unneeded])
-    return PushedFrame(frame.id, count, visible, received_at)
+    def push(self, anchor_id: str, image: bytes) -> PushedFrame:
+        """Make an image the anchor's newest frame.
+
+        Raises `NotFoundError` for an unknown anchor, `InvalidImageError` for bytes that are no usable image,
+        `InvalidInputError` for one that doesn't fit the anchor's camera.
+        """
+        received_at = now()
+        with self._resources.database.read() as connection:
+            anchor = get_anchor(connection, anchor_id)
+        rgb = decode_image(image, self._resources.settings.max_image_pixels)
+        return self._store(anchor, image, rgb, received_at)
+
+    def calibrate(self, anchor_id: str, image: bytes | None) -> Anchor:
+        """Locate an anchor's camera in its venue's map, by the image or the newest frame that was stored as one.
+
+        The image becomes the newest frame, its features with distances by the map. Raises `ConflictError` without
+        a map, without an image, or when the map doesn't show what the camera sees.
+        """
+        received_at = now()
+        with self._resources.database.read() as connection:
+            anchor = get_anchor(connection, anchor_id)
+            floor = get_floor(connection, anchor.spec.venue_id, anchor.spec.floor_id)
+        serving = self._library.active(anchor.spec.venue_id)
+        if serving is None:
+            raise ConflictError(
+                f"Venue {anchor.spec.venue_id!r} has no map to calibrate the camera in; build one first."
+            )
+        image = image or self._stored_image(anchor_id)
+        rgb = decode_image(image, self._resources.settings.max_image_pixels)
+        camera = frame_camera(anchor.spec, rgb.shape[1], rgb.shape[0])
+        localizer, version = serving
+        calibration = calibrate_in_map(localizer, version.version, floor, anchor.spec, camera, rgb)
+        with self._resources.database.write() as connection:
+            anchor = set_calibration(connection, anchor_id, calibration)
+        self._store(anchor, image, rgb, received_at)
+        return anchor
+
+    def _stored_image(self, anchor_id: str) -> bytes:
+        with self._resources.database.read() as connection:
+            frame = list_frames(connection, [anchor_id]).get(anchor_id)
+        if frame is None or frame.image_blob is None:
+            raise ConflictError(
+                "Send the camera's picture with this call: no frame's image is stored (store_images is false, or no "
+                "frame came yet)."
+            )
+        return self._resources.blobs.get(frame.image_blob)
+
+    def _store(self, anchor: Anchor, image: bytes, rgb: Rgb, received_at: datetime) -> PushedFrame:
+        resources, spec = self._resources, anchor.spec
+        camera = frame_camera(spec, rgb.shape[1], rgb.shape[0])
+        features = self._with_lengths(anchor, camera, self._describer.describe(rgb))
+        visible = visible_pois(spec, camera, features)
+        blob = resources.blobs.put(image) if spec.store_images else None
+        count = len(features.akaze) + len(features.xfeat)
+        frame = AnchorFrameRow(anchor.id, uuid.uuid4().hex, received_at, camera, count, visible, blob)
+        with resources.database.write() as connection:
+            hold_blobs(connection)
+            present = get_anchor(connection, anchor.id)
+            if (present.spec, present.calibration) != (spec, anchor.calibration):
+                raise ConflictError("The anchor was changed while its frame was read; push the frame again.")
+            if blob is not None and not resources.blobs.contains(blob):
+                resources.blobs.put(image)
+            unneeded = set_frame(connection, frame, features.pack())
+        if unneeded is not None:
+            discard_blobs(resources.database, resources.blobs, [unneeded])
+        return PushedFrame(frame.id, count, visible, received_at)
+
+    def _with_lengths(self, anchor: Anchor, camera: Camera, features: AnchorFeatures) -> AnchorFeatures:
+        """Return a calibrated camera's features with their distances by the map; others as they are."""
+        calibration = calibration_of(anchor.calibration)
+        serving = None if calibration is None else self._library.active(anchor.spec.venue_id)
+        if calibration is None or serving is None:
+            return features
+        seen = points_seen(serving[0].artifact, camera, calibration.world_from_camera)
+        akaze = seen.lengths_at(features.akaze.keypoints_px.astype(np.float64), camera)
+        xfeat = seen.lengths_at(features.xfeat.keypoints_px.astype(np.float64), camera)
+        return replace(
+            features, akaze_length_m=akaze.astype(np.float32), xfeat_length_m=xfeat.astype(np.float32)
+        )
 
 
 def frame_camera(spec: AnchorSpec, width: int, height: int) -> Camera:
@@ -118,79 +170,6 @@ def visible_pois(spec: AnchorSpec, camera: Camera, features: AnchorFeatures) -> 
         for poi in spec.pois
         if np.count_nonzero(inside_region(points, region_in(poi, spec, camera))) >= MIN_REGION_FEATURES
     )
-
-
-def _check_pois(spec: AnchorSpec) -> None:
-    if not 1 <= len(spec.pois) <= MAX_POIS:
-        raise InvalidInputError(f"An anchor needs 1 to {MAX_POIS} pois, got {len(spec.pois)}.")
-    ids = [poi.id for poi in spec.pois]
-    if len(set(ids)) < len(ids):
-        raise InvalidInputError("Two pois have the same id.")
-    numbers = [spec.x, spec.y, spec.height_m, *(value for poi in spec.pois for value in (poi.x, poi.y))]
-    numbers += [poi.height_m for poi in spec.pois if poi.height_m is not None]
-    if not all(abs(value) <= MAX_COORDINATE_M for value in numbers):
-        raise InvalidInputError(f"position and height_m must be within {MAX_COORDINATE_M:,.0f} m.")
-
-
-def _check_on_plan(floor: Floor, what: str, x: float, y: float) -> None:
-    if floor.plan is None:
-        return
-    u, v = pixels_from_plan(x, y, floor.plan.meters_per_pixel, floor.plan.origin_px)
-    if not (-0.5 <= u <= floor.plan.width_px - 0.5 and -0.5 <= v <= floor.plan.height_px - 0.5):
-        raise InvalidInputError(
-            f"{what} is at ({x:g}, {y:g}) m, outside the plan image of floor {floor.id!r}; give metres on the plan."
-        )
-
-
-def _check_distance(spec: AnchorSpec, poi: Poi) -> None:
-    if not 0 < poi.distance_m <= MAX_DISTANCE_M:
-        raise InvalidInputError(
-            f"distance_m of POI {poi.id!r} must be above 0 and at most {MAX_DISTANCE_M:g} m: its distance from the "
-            "camera."
-        )
-    along_floor = float(np.hypot(poi.x - spec.x, poi.y - spec.y))
-    if along_floor < 1e-3:
-        raise InvalidInputError(
-            f"POI {poi.id!r} has the camera's own position, which leaves the plan's direction open."
-        )
-    if along_floor > poi.distance_m * (1 + DISTANCE_SLACK_SHARE) + DISTANCE_SLACK_M:
-        raise InvalidInputError(
-            f"POI {poi.id!r} is {along_floor:.2f} m from the camera on the plan, but distance_m is only "
-            f"{poi.distance_m:g}; the straight distance can't be shorter."
-        )
-    if spec.heading_deg is not None:
-        bearing = np.degrees(np.arctan2(poi.y - spec.y, poi.x - spec.x)) - spec.heading_deg
-        if abs((bearing + 180.0) % 360.0 - 180.0) >= 90.0:
-            raise InvalidInputError(
-                f"POI {poi.id!r} lies behind the camera: it is {abs((bearing + 180.0) % 360.0 - 180.0):.0f} degrees "
-                "off heading_deg."
-            )
-
-
-def _check_region(spec: AnchorSpec, poi: Poi) -> None:
-    corners = np.array(poi.region_px, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 2 or not 3 <= len(corners) <= MAX_CORNERS:
-        raise InvalidInputError(f"region_px of POI {poi.id!r} needs 3 to {MAX_CORNERS} corners [u, v].")
-    if not np.isfinite(corners).all():
-        raise InvalidInputError(f"region_px of POI {poi.id!r} holds a number that is not finite.")
-    width, height = _image_size(spec.camera)
-    if (corners < -0.5).any() or (corners > np.array([width, height]) - 0.5).any():
-        raise InvalidInputError(f"region_px of POI {poi.id!r} lies outside the camera's image.")
-    following = np.roll(corners, -1, axis=0)
-    area = 0.5 * abs(float(np.sum(corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1])))
-    if area < MIN_REGION_AREA_PX:
-        raise InvalidInputError(
-            f"region_px of POI {poi.id!r} covers {area:.0f} pixels; draw it around the whole object."
-        )
-    if isinstance(spec.camera, Camera) and not np.isfinite(spec.camera.normalize(centroid(corners))).all():
-        raise InvalidImageError(f"region_px of POI {poi.id!r} lies where the lens model sees nothing.")
-
-
-def _image_size(camera: Camera | tuple[float, ...]) -> tuple[float, float]:
-    """Return the image's size, or the largest one that fits numbers without a size."""
-    if isinstance(camera, Camera):
-        return camera.width, camera.height
-    return MAX_SIDE_PER_CENTER * camera[2], MAX_SIDE_PER_CENTER * camera[3]
 
 
 def anchor_as_dict(anchor: Anchor, frame: AnchorFrameRow | None, default_max_age_s: float) -> dict[str, Any]:
