@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import shapely  # type: ignore[import-untyped]
 from numpy.typing import NDArray
@@ -30,8 +31,11 @@ Floats = NDArray[np.float64]
 MONITOR_CAMERA = Camera("PINHOLE", 1280, 720, (760.0, 760.0, 636.5, 362.0))
 MONITOR_HEIGHT_M, PHONE_HEIGHT_M = (2.2, 2.6), (1.35, 1.65)
 REGION_HALF_PX = 60
-PREVIEW_SCALE = 8
-TRIES = 4000
+PREVIEW_SCALE = 4
+TRIES_IN_ROOM, PHONES_TRIED, TURNS = 12, 30, 6
+SMALLEST_ROOM_M = 2.5
+# A POI is something that catches the eye: so many corners, at least, in its region at the preview's resolution.
+MIN_CORNERS, CORNER_QUALITY, PLACES_TRIED = 12, 3e-3, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,17 +136,19 @@ def _sampled(
     phone_camera: Camera,
 ) -> list[MonitorPair]:
     rng, scene = seeded("monitors", seed, f"{angles_deg} {distances_m}"), demo_scene()
-    rooms = [room for room in ROOMS if room.id != "stair"]
-    areas = np.array([(r.interior[2] - r.interior[0]) * (r.interior[3] - r.interior[1]) for r in rooms])
+    rooms = [room for room in ROOMS if min(_size_m(room)) > SMALLEST_ROOM_M and room.id != "stair"]
     pairs: list[MonitorPair] = []
-    for _ in range(TRIES):
+    for turn in range(TURNS * count):
+        # Room by room, so that consecutive cameras see different places.
+        room = rooms[turn % len(rooms)]
+        for _ in range(TRIES_IN_ROOM):
+            name = f"pair_{len(pairs):04d}"
+            pair = _tried(rng, scene, room, name, directory, angles_deg, distances_m, phone_camera)
+            if pair is not None:
+                pairs.append(pair)
+                break
         if len(pairs) == count:
             return pairs
-        room = rooms[int(rng.choice(len(rooms), p=areas / areas.sum()))]
-        name = f"pair_{len(pairs):04d}"
-        pair = _tried(rng, scene, room, name, directory, angles_deg, distances_m, phone_camera)
-        if pair is not None:
-            pairs.append(pair)
     raise InvalidInputError(f"The building has only {len(pairs)} pairs with such angles and distances.")
 
 
@@ -161,7 +167,10 @@ def _tried(
     if sight is None:
         return None
     poi_px, poi = sight
-    world_from_phone = _phone_pose(rng, room, world_from_monitor, poi, angles_deg, distances_m)
+    phones = (
+        _phone_pose(rng, room, world_from_monitor, poi, angles_deg, distances_m) for _ in range(PHONES_TRIED)
+    )
+    world_from_phone = next((phone for phone in phones if phone is not None), None)
     if world_from_phone is None or not _sees(scene, phone_camera, world_from_phone, poi):
         return None
     to_monitor, to_phone = world_from_monitor.translation - poi, world_from_phone.translation - poi
@@ -181,6 +190,11 @@ def _tried(
         angle,
         float(lengths[1]),
     )
+
+
+def _size_m(room: Room) -> tuple[float, float]:
+    x0, y0, x1, y1 = room.interior
+    return x1 - x0, y1 - y0
 
 
 def looking(at: Floats, towards: Floats) -> Pose:
@@ -211,12 +225,19 @@ def _poi(rng: np.random.Generator, scene: Scene, world_from_monitor: Pose) -> tu
     """Return a pixel and the world point it shows; whole regions fit into the picture, and its depth is even."""
     camera = MONITOR_CAMERA
     small = camera.scaled_to(camera.width // PREVIEW_SCALE, camera.height // PREVIEW_SCALE)
-    _, depth_m = render(scene, small, world_from_monitor)
-    margin = REGION_HALF_PX // PREVIEW_SCALE + 1
-    u = int(rng.integers(margin, small.width - margin))
-    v = int(rng.integers(margin, small.height - margin))
-    around = depth_m[v - 2 : v + 3, u - 2 : u + 3]
-    if not (np.isfinite(around).all() and around.min() > 1.5 and np.ptp(around) < 0.1 * around.min()):
+    rgb, depth_m = render(scene, small, world_from_monitor)
+    half = REGION_HALF_PX // PREVIEW_SCALE
+    corners = cv2.cornerMinEigenVal(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), 3)
+    peaks = (corners > CORNER_QUALITY) & (corners >= cv2.dilate(corners, np.ones((3, 3), np.uint8)))
+    counts = cv2.boxFilter(peaks.astype(np.float32), -1, (2 * half + 1, 2 * half + 1), normalize=False)
+    places = rng.integers(
+        [half + 1, half + 1], [small.width - half - 1, small.height - half - 1], (PLACES_TRIED, 2)
+    )
+    u, v = max(places.tolist(), key=lambda place: float(counts[place[1], place[0]]))
+    if counts[v, u] < MIN_CORNERS:
+        return None
+    around = depth_m[v - half // 2 : v + half // 2 + 1, u - half // 2 : u + half // 2 + 1]
+    if not (np.isfinite(around).all() and around.min() > 1.5 and np.ptp(around) < 0.2 * around.min()):
         return None
     pixel = np.array([[float(u), float(v)]])
     point = world_from_monitor.apply(small.unproject(pixel, np.array([float(depth_m[v, u])])))[0]

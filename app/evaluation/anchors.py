@@ -118,7 +118,7 @@ class PairEvaluator:
             self._monitors[pair.name] = self._describer.describe(pair.monitor())
         return self._monitors[pair.name]
 
-    def phone_features(self, pair: AnchorPair, rgb: Rgb, gravity: Array | None) -> AnchorFeatures:
+    def phone_features(self, rgb: Rgb, gravity: Array | None) -> AnchorFeatures:
         """Return the features of a phone picture, looked at upright where gravity says how it was held."""
         gray = to_gray(rgb)
         akaze = self._describer.akaze.extract(gray)
@@ -134,7 +134,7 @@ class PairEvaluator:
         rgb = pair.phone() if change is None else change(pair.phone())
         camera = pair.phone_camera.scaled_to(rgb.shape[1], rgb.shape[0])
         gravity = pair.gravity_in_phone if with_gravity else None
-        monitor, phone = self.monitor_features(pair), self.phone_features(pair, rgb, gravity)
+        monitor, phone = self.monitor_features(pair), self.phone_features(rgb, gravity)
         matches = match_akaze(monitor, phone).with_more(match_xfeat(monitor, phone))
         fix = fix_by_anchor(pair.spec, pair.monitor_camera, camera, matches, gravity)
         reason = "no_match" if fix is None else judge_fix(fix)

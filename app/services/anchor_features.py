@@ -16,6 +16,7 @@ from app.vision.vocabulary import Vocabulary
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
 XFEAT_FEATURES = 2000
+AKAZE_FEATURES = 1000
 AKAZE_RATIO = 0.85
 NO_LENGTHS = np.zeros(0, np.float32)
 
@@ -74,7 +75,7 @@ class AnchorDescriber:
     """Extracts the features of pictures. Safe to share between threads."""
 
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
-        self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX)
+        self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
         self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
         self.vocabulary = vocabulary or Vocabulary.open()
 

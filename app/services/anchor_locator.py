@@ -24,7 +24,9 @@ from app.vision.images import Rgb, measure_quality, to_gray
 Array = NDArray[np.float64]
 
 # So many anchors are matched by A-KAZE, and of these so many by XFeat too.
-CANDIDATES, CLOSE_LOOKS = 5, 2
+CANDIDATES, CLOSE_LOOKS = 4, 2
+# After a good answer another anchor gets a close look only with so many A-KAZE matches.
+MORE_MATCHES = 25
 # Two anchors agree when their answers differ by no more than this many sigma, or this many metres.
 AGREEMENT_SIGMAS, AGREEMENT_M = 4.0, 0.3
 
@@ -107,8 +109,11 @@ class AnchorLocator:
         # Retrieval's first stays a candidate; the second look goes to the one with the most matches.
         order = sorted(range(len(candidates)), key=lambda row: -len(by_akaze[row]))
         chosen = list(dict.fromkeys([0, *order]))[:CLOSE_LOOKS]
-        found, most = [], 0
+        found: list[tuple[LiveAnchor, AnchorFix]] = []
+        most = 0
         for row in chosen:
+            if any(judge_fix(fix) is None for _, fix in found) and len(by_akaze[row]) < MORE_MATCHES:
+                break
             matches = by_akaze[row].with_more(match_xfeat(candidates[row].features, phone))
             most = max(most, len(matches))
             timer.lap("match")

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.anchor_fix import AnchorFix
+from app.services.anchor_fix import MIN_INLIER_RATIO, MIN_INLIERS, AnchorFix
 from app.services.verification import Reason
 
-MIN_INLIERS = 60
-MIN_INLIER_RATIO = 0.22
 MIN_COVERAGE = 0.15
 MAX_INSTABILITY_DEG = 20.0
 MIN_PARALLAX_DEG = 1.0

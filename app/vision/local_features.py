@@ -124,13 +124,17 @@ class Akaze:
     descriptor_size = 61
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
-    def __init__(self, max_side_px: int = MAX_SIDE_PX, name: str = "akaze") -> None:
+    def __init__(
+        self, max_side_px: int = MAX_SIDE_PX, max_features: int | None = None, name: str = "akaze"
+    ) -> None:
         self.name = name
         self._max_side_px = max_side_px
+        self._max_features = -1 if max_features is None else max_features
 
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
-        return _binary_features(cv2.AKAZE.create(), gray, self, self._max_side_px)
+        detector = cv2.AKAZE.create(max_points=self._max_features)
+        return _binary_features(detector, gray, self, self._max_side_px)
 
 
 class XFeat:
