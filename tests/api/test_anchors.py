@@ -250,7 +250,9 @@ def test_frames_that_are_no_pictures_of_the_camera(server: Server, monitor: View
         assert_problem(push(server, "hall", picture(1, 1)), 422)
         assert_problem(push(server, "hall", picture(10_000, 10_000)), 413)
         assert_problem(push(server, "hall", picture(300, 300)), 422, "invalid_camera")
-        assert_problem(server.client.post("/anchors/hall/frames", data={"other": "x"}, files={"x": b"1"}), 422)
+        assert_problem(
+            server.client.post("/anchors/hall/frames", data={"other": "x"}, files={"x": b"1"}), 422
+        )
     server.client.delete("/anchors/hall")
 
 
