@@ -10,8 +10,10 @@ import numpy as np
 from app.demonstration.monitors import MONITOR_CAMERA, REGION_HALF_PX, MonitorPair
 from app.demonstration.plan_image import plan_from_world
 from app.demonstration.queries import PHONE_CAMERA
+from app.evaluation.anchor_maps import MapPair
 from app.evaluation.anchors import AnchorPair
 from app.geometry.camera import Camera
+from app.geometry.plan import PlanTransform
 from app.storage.anchors import AnchorSpec, Poi
 from app.vision.images import Rgb, decode_image
 
@@ -53,6 +55,12 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
         pair.angle_deg,
         pair.distance_m,
     )
+
+
+def map_pair(pair: MonitorPair) -> MapPair:
+    """Return a rendered pair as one in the venue's map."""
+    plan = PlanTransform(plan_from_world(pair.floor).matrix)
+    return MapPair(anchor_pair(pair), pair.world_from_monitor, np.array(pair.poi_in_world), plan)
 
 
 def _loader(path: Path) -> Callable[[], Rgb]:

@@ -15,8 +15,9 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars, settings_from
-from app.errors import InvalidInputError
+from app.errors import ConflictError, InvalidInputError
 from app.evaluation.anchor_features import compared_methods, match_quality
+from app.evaluation.anchor_maps import evaluate_in_map, summarize_corners
 from app.evaluation.anchor_plot import draw_errors, draw_summaries
 from app.evaluation.anchor_queries import choose_first, time_queries
 from app.evaluation.anchor_sequences import posed_pictures, sample_pairs
@@ -33,12 +34,15 @@ from app.evaluation.anchors import (
 from app.importers.frames import Scan, ScanOptions, open_scan
 from app.services.anchor_features import AnchorDescriber
 from app.services.build_options import parse_build_options
+from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
 HARD_CONDITIONS_PAIRS = 60
 MATCH_PAIRS = 40
+MAP_PAIRS = 30
+ANGLE_RANGE, DISTANCE_RANGE = (3.0, 45.0), (2.0, 10.0)
 
 
 def evaluate_anchors(
@@ -53,6 +57,10 @@ def evaluate_anchors(
     count: Annotated[int, typer.Option(min=20, help="Pairs.")] = 200,
     seed: Annotated[int, typer.Option(help="Which pairs are drawn.")] = 11,
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    data_dir: Annotated[
+        Path | None,
+        typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Write tables (JSON) and plots (PNG) to this folder.")
     ] = None,
@@ -73,6 +81,8 @@ def evaluate_anchors(
     else:
         assert demo is not None  # noqa: S101 - checked above
         pairs, title = _demo_pairs(demo, count, seed, workers), "demonstration venue"
+        if data_dir is not None:
+            figures["map"] = _in_map(PairEvaluator(describer), demo, count, seed, data_dir)
         figures["retrieval"] = _retrieval(describer, pairs)
         figures["timings"] = _timings(describer, demo, seed, workers)
     figures |= _located(PairEvaluator(describer), pairs, title, out)
@@ -152,10 +162,39 @@ def _demo_pairs(folder: Path, count: int, seed: int, workers: int) -> list[Ancho
 
     with progress_bars() as progress:
         rendered = render_monitor_pairs(
-            folder / f"pairs-{seed}-{count}", count, (3.0, 45.0), (2.0, 10.0), seed=seed, workers=workers,
+            _pairs_dir(folder, count, seed), count, ANGLE_RANGE, DISTANCE_RANGE, seed=seed, workers=workers,
             progress=lambda done, total: progress.report("render", done, total),
         )  # fmt: skip
     return [anchor_pair(pair) for pair in rendered]
+
+
+def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_dir: Path) -> dict[str, Any]:
+    """Print and return how well cameras find themselves in the venue's map, and phones in corners taken out of it."""
+    from app.commands.demo_anchors import map_pair
+    from app.demonstration import VENUE
+    from app.demonstration.monitors import render_monitor_pairs
+
+    rendered = render_monitor_pairs(
+        _pairs_dir(folder, count, seed), count, ANGLE_RANGE, DISTANCE_RANGE, seed=seed
+    )
+    resources = Resources.open(settings_from(data_dir=data_dir))
+    try:
+        serving = MapLibrary(resources).active(VENUE.id)
+        if serving is None:
+            raise ConflictError("The demonstration venue has no map yet: run roomfix demo --whole first.")
+        outcomes = evaluate_in_map(evaluator, serving[0], [map_pair(pair) for pair in rendered[:MAP_PAIRS]])
+    finally:
+        resources.close()
+    figures = summarize_corners(outcomes)
+    table = Table("in the map", "value")
+    for name, value in figures.items():
+        table.add_row(name, str(value))
+    console.print(table)
+    return figures
+
+
+def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
+    return folder / f"pairs-{seed}-{count}"
 
 
 def _retrieval(describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> dict[str, int]:
@@ -171,8 +210,8 @@ def _timings(describer: AnchorDescriber, folder: Path, seed: int, workers: int) 
     rendered = render_monitor_pairs(
         folder / f"pairs-hd-{seed}",
         20,
-        (3.0, 45.0),
-        (2.0, 10.0),
+        ANGLE_RANGE,
+        DISTANCE_RANGE,
         seed=seed,
         workers=workers,
         phone_camera=HD_PHONE,
