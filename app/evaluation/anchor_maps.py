@@ -39,7 +39,7 @@ class MapPair:
 @dataclass(frozen=True, slots=True)
 class CornerOutcome:
     """What became of a pair: the camera's calibration with the whole map (errors in metres and degrees, infinite if
-    none), then without the corner whether the map alone still locates the phone, and the anchor's error."""
+    none), then with the corner taken out whether the map alone still locates the phone, and the anchor's error."""
 
     calibration_m: float
     calibration_deg: float
@@ -62,14 +62,13 @@ def _outcome(evaluator: PairEvaluator, localizer: Localizer, one: MapPair) -> Co
         calibration_m, calibration_deg = pose_error(found.world_from_camera, one.world_from_monitor)
     left = keyframes_outside(localizer.artifact, one.poi_in_world)
     phone = localizer.localize(pair.phone(), pair.phone_camera, left)
-    calibrated = localizer.localize(pair.monitor(), pair.monitor_camera, left)
     error_m = float("inf")
-    if calibrated.world_from_camera is not None and calibrated.position_m is not None:
-        pose, plan = calibrated.world_from_camera, one.plan_from_world
+    if found.world_from_camera is not None and found.position_m is not None:
+        pose, plan = found.world_from_camera, one.plan_from_world
         mounted = MountedCamera(
             Pose(plan.rotation @ pose.rotation, plan.apply(pose.translation)),
-            calibrated.position_m,
-            float(np.radians(calibrated.orientation_deg or 0.0)),
+            found.position_m,
+            float(np.radians(found.orientation_deg or 0.0)),
         )
         seen = _without_corner(points_seen(localizer.artifact, pair.monitor_camera, pose), one, pose)
         error_m = _anchor_error_m(evaluator, pair, mounted, seen)

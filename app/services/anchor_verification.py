@@ -8,7 +8,8 @@ from app.services.anchor_fix import MIN_INLIER_RATIO, MIN_INLIERS, AnchorFix
 from app.services.verification import Reason
 
 MIN_COVERAGE = 0.15
-MAX_INSTABILITY_DEG = 20.0
+# Of this much where so many inliers agree, less in proportion where fewer do.
+MAX_INSTABILITY_DEG, STEADY_INLIERS = 20.0, 200
 MIN_PARALLAX_DEG = 1.0
 MAX_POSITION_SIGMA_M = 0.4
 MAX_LOG_SCALE_SIGMA = 0.25
@@ -23,7 +24,8 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
         return "too_few_inliers"
     if evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA or fix.position_sigma_m > MAX_POSITION_SIGMA_M:
         return "too_few_inliers"
-    if evidence.instability_deg > MAX_INSTABILITY_DEG or evidence.poi_error_share > 1.0:
+    steady = min(1.0, evidence.inliers / STEADY_INLIERS)
+    if evidence.instability_deg > steady * MAX_INSTABILITY_DEG or evidence.poi_error_share > 1.0:
         return "ambiguous"
     return None
 
