@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from app.geometry.camera import Camera
 from app.services.anchor_features import AnchorDescriber, AnchorFeatures, match_akaze, match_xfeat
 from app.services.anchor_fix import fix_by_anchor
-from app.services.anchor_locator import quarter_turns
+from app.services.anchor_locator import roll_deg
 from app.services.anchor_verification import confidence_of_fix, judge_fix
 from app.storage.anchors import AnchorSpec
 from app.vision.images import Rgb, to_gray
@@ -122,9 +122,9 @@ class PairEvaluator:
         """Return the features of a phone picture, looked at upright where gravity says how it was held."""
         gray = to_gray(rgb)
         akaze = self._describer.akaze.extract(gray)
-        turns = quarter_turns(None if gravity is None else gravity.tolist())
+        roll = roll_deg(None if gravity is None else gravity.tolist())
         return AnchorFeatures(
-            akaze, self._describer.upright_xfeat(gray, turns), self._describer.word_vector(akaze)
+            akaze, self._describer.upright_xfeat(gray, roll), self._describer.word_vector(akaze)
         )
 
     def evaluate(
@@ -147,9 +147,9 @@ class PairEvaluator:
         )
 
 
-def tilted(pair: AnchorPair, roll_deg: float) -> AnchorPair:
+def tilted(pair: AnchorPair, angle_deg: float) -> AnchorPair:
     """Return the pair with its phone rolled about the optical axis, its picture turned about the principal point."""
-    roll, camera = np.radians(roll_deg), pair.phone_camera
+    roll, camera = np.radians(angle_deg), pair.phone_camera
     cos, sin = float(np.cos(roll)), float(np.sin(roll))
     fx, fy, cx, cy = camera.params[:4]
     # Only a camera with square pixels and no lens sees a turned picture by a turn: the pinhole's own homography.

@@ -20,8 +20,8 @@ Vertical = Literal["gravity", "pois", "upright", "map"]
 PLAN_SIGMA_M, PLAN_SIGMA_SHARE = 0.05, 0.015
 # How far off a phone's accelerometer is, how people hold an upright phone (roll, pitch), how cameras are mounted.
 GRAVITY_SIGMA_RAD = float(np.radians(1.5))
-ROLL_SIGMA_RAD, PITCH_SIGMA_RAD = float(np.radians(5.0)), float(np.radians(12.0))
-MOUNT_ROLL_SIGMA_RAD = float(np.radians(10.0))
+ROLL_SIGMA_RAD, PITCH_SIGMA_RAD = float(np.radians(12.0)), float(np.radians(20.0))
+MOUNT_ROLL_SIGMA_RAD = float(np.radians(12.0))
 # POIs whose directions are this far apart hold the vertical between them.
 MIN_POI_ANGLE_RAD = float(np.radians(15.0))
 # A scale by a map is no better than this share.

@@ -6,6 +6,7 @@ import io
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,8 @@ from app.vision.vocabulary import Vocabulary
 XFEAT_FEATURES = 2000
 AKAZE_FEATURES = 1000
 AKAZE_RATIO = 0.85
+# A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
+MIN_ROLL_DEG, BORDER_PX = 12.0, 6.0
 NO_LENGTHS = np.zeros(0, np.float32)
 
 
@@ -89,17 +92,23 @@ class AnchorDescriber:
         """Return the bag-of-words vector (w,) of A-KAZE features."""
         return self.vocabulary.vector(np.asarray(akaze.descriptors, dtype=np.uint8))
 
-    def upright_xfeat(self, gray: Gray, quarter_turns: int) -> LocalFeatures:
-        """Return XFeat's features of an image (height, width) looked at after that many counter-clockwise quarter
-        turns, which the network wants upright; the keypoints are in pixels of the image as it is."""
-        turns = quarter_turns % 4
-        if turns == 0:
+    def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
+        """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
+        be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
+        if abs(roll_deg) < MIN_ROLL_DEG:
             return self.xfeat.extract(gray)
-        features = self.xfeat.extract(np.ascontiguousarray(np.rot90(gray, turns)))
-        u, v = features.keypoints_px.T
         height, width = gray.shape
-        back = {1: (width - 1 - v, u), 2: (width - 1 - u, height - 1 - v), 3: (v, height - 1 - u)}[turns]
-        return LocalFeatures(np.stack(back, axis=1).astype(np.float32), features.descriptors)
+        turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
+        cos, sin = np.abs(turn[0, :2])
+        size = int(np.ceil(width * cos + height * sin)), int(np.ceil(width * sin + height * cos))
+        turn[:, 2] = turn[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
+        # Grey instead of black outside the picture makes fewer corners along its border.
+        turned = cv2.warpAffine(gray, turn, size, borderValue=128.0)
+        features = self.xfeat.extract(np.asarray(turned, dtype=np.uint8))
+        back = cv2.invertAffineTransform(turn)
+        points = features.keypoints_px @ back[:, :2].T + back[:, 2]
+        inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
+        return LocalFeatures(points[inside].astype(np.float32), features.descriptors[inside])
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from app.vision.images import Rgb, measure_quality, to_gray
 Array = NDArray[np.float64]
 
 # So many anchors are matched by A-KAZE, and of these so many by XFeat too.
-CANDIDATES, CLOSE_LOOKS = 4, 2
+CANDIDATES, CLOSE_LOOKS = 3, 2
 # After a good answer another anchor gets a close look only with so many A-KAZE matches.
 MORE_MATCHES = 25
 # Two anchors agree when their answers differ by no more than this many sigma, or this many metres.
@@ -83,7 +83,7 @@ class AnchorLocator:
         order = np.argsort([-float(words @ anchor.features.words) for anchor in live])
         candidates = [live[int(row)] for row in order[:CANDIDATES]]
         timer.lap("retrieve")
-        phone = AnchorFeatures(akaze, self._describer.upright_xfeat(gray, quarter_turns(gravity)), words)
+        phone = AnchorFeatures(akaze, self._describer.upright_xfeat(gray, roll_deg(gravity)), words)
         timer.lap("describe")
         down = None if gravity is None else np.array(gravity, dtype=np.float64)
         fixes, matched = self._fixes(candidates, phone, camera, down, timer)
@@ -125,12 +125,13 @@ class AnchorLocator:
         return found, most
 
 
-def quarter_turns(gravity: Sequence[float] | None) -> int:
-    """Return the counter-clockwise quarter turns that bring a picture upright, by down (3,) in camera axes."""
+def roll_deg(gravity: Sequence[float] | None) -> float:
+    """Return by how many degrees a picture must be turned counter-clockwise to be upright, by down (3,) in camera
+    axes; 0 when that isn't known, or the camera looks nearly straight up or down."""
     if gravity is None or np.hypot(gravity[0], gravity[1]) < 0.3 * np.linalg.norm(gravity):
-        return 0
-    # Down points along +v in an upright picture; along -u after it was turned clockwise once too often.
-    return int(np.round(np.arctan2(-gravity[0], gravity[1]) / (np.pi / 2))) % 4
+        return 0.0
+    # Down points along +v in an upright picture; in one whose lower edge is on the left, along -u.
+    return float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
 
 
 def conclude(
