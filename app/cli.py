@@ -13,6 +13,7 @@ from app.commands import (
     calibrate,
     demo,
     evaluate,
+    evaluate_anchors,
     evaluate_demo,
     evaluate_extend,
     evaluate_phones,
@@ -20,6 +21,7 @@ from app.commands import (
     fit_confidence,
     import_plan,
     keyframes,
+    push_frames,
     reliability,
     serve,
 )
@@ -36,6 +38,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     evaluate_extend.evaluate_extend, evaluate_phones.evaluate_phones,
     import_plan.import_plan,
     evaluate_walk.evaluate_walk, keyframes.keyframes,
+    evaluate_anchors.evaluate_anchors, push_frames.push_frames,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

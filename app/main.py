@@ -11,7 +11,19 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import calibrate, database, features, floors, health, locate, maps, plan_drawing, routes, venues
+from app.api import (
+    anchors,
+    calibrate,
+    database,
+    features,
+    floors,
+    health,
+    locate,
+    maps,
+    plan_drawing,
+    routes,
+    venues,
+)
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -19,6 +31,9 @@ from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware, UploadLimitMiddleware
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
+from app.services.anchor_features import AnchorDescriber
+from app.services.anchor_locator import AnchorLocator
+from app.services.anchors import AnchorService
 from app.services.floor_features.library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
@@ -47,16 +62,18 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         library = MapLibrary(resources)
+        describer = AnchorDescriber()
         executor = BoundedExecutor(settings.workers, settings.queue_size)
         features = FeatureLibrary(resources.database)
         app.state.roomfix = AppState(
             resources,
-            LocateService(resources, library, features),
+            LocateService(resources, library, features, AnchorLocator(resources, describer)),
             executor,
             builds,
             metrics,
             features,
             RouteService(resources.database, features),
+            AnchorService(resources, library, describer),
         )
         with resources.database.read() as connection:
             warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
@@ -80,7 +97,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     )
     for router in (
         locate.router, venues.router, floors.router, features.router, maps.router, database.router,
-        routes.router, plan_drawing.router, calibrate.router, health.router,
+        routes.router, plan_drawing.router, calibrate.router, anchors.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)

@@ -43,6 +43,10 @@ class Settings(BaseSettings):
     descriptor_width: int = Field(320, ge=32, le=2048, description="Input width of the global descriptor.")
     descriptor_height: int = Field(240, ge=32, le=2048, description="Input height of the global descriptor.")
 
+    anchor_max_age_s: float = Field(
+        60.0, gt=0, le=1e9, description="Age in seconds from which an anchor's frame is not used any more."
+    )
+
     @property
     def resolved_database_url(self) -> str:
         """The database URL, the SQLite default filled in."""

@@ -14,6 +14,7 @@ from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
+from app.services.anchors import AnchorService
 from app.services.floor_features.library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.navigation.service import RouteService
@@ -37,6 +38,7 @@ class AppState:
     metrics: Metrics
     features: FeatureLibrary
     routes: RouteService
+    anchors: AnchorService
 
 
 def get_state(request: Request) -> AppState:

@@ -14,7 +14,7 @@ from app.api.schemas import CameraBody, PoseBody, problems
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.build_options import parse_camera
-from app.services.locate import LocateRequest, LocateResult, Method
+from app.services.locate_result import LocateRequest, LocateResult, Method
 from app.services.narrowing import Prior
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
@@ -76,6 +76,10 @@ class LocateBody(BaseModel):
         None, description="Whether the pose was compared with gravity; false where the map's down isn't known"
     )
     timings_ms: dict[str, float]
+    anchors: list[str] = Field(description="The monitoring cameras that agree on the answer (method anchor)")
+    vertical: Literal["gravity", "pois", "upright", "map"] | None = Field(
+        description="What an anchor's answer takes as vertical; upright is an assumption"
+    )
 
 
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
@@ -113,7 +117,7 @@ def body_of(result: LocateResult) -> LocateBody:
     """Return the body of a result."""
     pose, plan = result.world_from_camera, result.plan
     return LocateBody(
-        located=pose is not None,
+        located=result.reason is None,
         reason=result.reason,
         method=result.method,
         venue=result.venue,
@@ -151,6 +155,8 @@ def body_of(result: LocateResult) -> LocateBody:
         narrowed=result.narrowed,
         gravity_checked=result.gravity_checked,
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
+        anchors=list(result.anchors),
+        vertical=result.vertical,
     )
 
 

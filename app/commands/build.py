@@ -17,7 +17,8 @@ from app.commands.console import BarProgress, DataDir, JsonFlag, console, progre
 from app.errors import ConflictError, InvalidInputError, RoomfixError
 from app.jobs.local import finish_build_here
 from app.services.build_options import parse_camera
-from app.services.locate import LocateRequest, LocateService
+from app.services.locate import LocateService
+from app.services.locate_result import LocateRequest
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.submit_build import submit_build

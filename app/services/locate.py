@@ -3,89 +3,47 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import replace
 
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
-from app.geometry.focal import ApproximateCamera
-from app.geometry.se3 import Pose
-from app.geometry.turns import angle_to_down_deg
-from app.services.camera_sources import CameraSource, QueryCamera, query_camera
+from app.services.anchor_locator import AnchorLocator
+from app.services.camera_sources import QueryCamera, query_camera
 from app.services.floor_features.library import FeatureLibrary
-from app.services.floor_plans import PlanPoint, floor_of, plan_point
-from app.services.localization import KeyframeVote, Localization
+from app.services.localization import Localization
 from app.services.localizer import Localizer
+from app.services.locate_result import (
+    LocateRequest,
+    LocateResult,
+    anchor_result,
+    map_result,
+    no_map_result,
+)
 from app.services.map_library import MapLibrary
-from app.services.narrowing import AreaOnFloor, Prior, allowed_keyframes
+from app.services.narrowing import AreaOnFloor, allowed_keyframes
 from app.services.resources import Resources
 from app.services.upright import localize_upright
 from app.services.vdm_localizer import VdmLocalizer, VdmLocalizers
-from app.services.verification import Reason
 from app.storage.floors import Floor, get_floor, list_floors
-from app.storage.maps import MapVersion
 from app.storage.venues import list_venues
 from app.vision.images import Rgb, decode_image
-
-Method = Literal["auto", "rgbd", "vdm", "anchor"]
-# A phone that is held still knows down to a degree or two; moving it can add ten.
-GRAVITY_LIMIT_DEG = 20.0
-
-
-@dataclass(frozen=True, slots=True)
-class LocateRequest:
-    """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
-    image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
-    of down in camera axes, `area` an area's id or name."""
-
-    image: bytes
-    venue: str | None = None
-    floor: str | None = None
-    camera: Camera | tuple[float, ...] | None = None
-    gravity: tuple[float, float, float] | None = None
-    prior: Prior | None = None
-    method: Method = "auto"
-    area: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class LocateResult:
-    """The answer: a pose, or a reason why there is none.
-
-    `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
-    was compared with the request's gravity, None when there was none.
-    """
-
-    venue: str
-    method: str
-    map_version: int | None
-    reason: Reason | None
-    world_from_camera: Pose | None = None
-    floor: Floor | None = None
-    plan: PlanPoint | None = None
-    position_m: float | None = None
-    orientation_deg: float | None = None
-    confidence: float = 0.0
-    inliers: int = 0
-    matches: int = 0
-    keyframes: tuple[KeyframeVote, ...] = ()
-    camera: Camera | None = None
-    camera_source: CameraSource = "unknown"
-    narrowed: bool = False
-    gravity_checked: bool | None = None
-    timings_ms: dict[str, float] = field(default_factory=dict)
 
 
 class LocateService:
     """Answers queries. Safe to share between threads."""
 
     def __init__(
-        self, resources: Resources, library: MapLibrary, features: FeatureLibrary | None = None
+        self,
+        resources: Resources,
+        library: MapLibrary,
+        features: FeatureLibrary | None = None,
+        anchors: AnchorLocator | None = None,
     ) -> None:
         self._resources = resources
         self._library = library
         self._features = features or FeatureLibrary(resources.database)
         self._vdm = VdmLocalizers(resources.models)
+        self._anchors = anchors
 
     def locate(self, request: LocateRequest) -> LocateResult:
         """Answer a query.
@@ -94,8 +52,6 @@ class LocateService:
         `InvalidInputError` for a request that can't be answered.
         """
         started = time.perf_counter()
-        if request.method == "anchor":
-            raise InvalidInputError(f"method {request.method!r} is not available; use auto, rgbd or vdm.")
         method = "vdm" if request.method == "vdm" else "rgbd"
         venue = self._venue(request.venue)
         floors = self._floors(venue, request.floor)
@@ -103,15 +59,42 @@ class LocateService:
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
         decoded_ms = 1e3 * (time.perf_counter() - started)
         camera = query_camera(request.camera, rgb, request.image)
+        known = camera.camera if isinstance(camera.camera, Camera) else None
+        if request.method == "anchor":
+            return self._by_anchor(venue, rgb, known, request, floors, decoded_ms)
         serving = self._library.active(venue)
         if serving is None:
+            if request.method == "auto" and known is not None:
+                return self._by_anchor(venue, rgb, known, request, floors, decoded_ms)
             timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
-            return _no_map(venue, method, camera, request, timings)
+            return no_map_result(venue, method, camera, request, timings)
         version = serving[1]
         localizer = self._vdm.of(serving[0]) if request.method == "vdm" else serving[0]
         found, narrowed = self._search(localizer, rgb, camera, request, floors, areas)
-        result = self._described(_result(venue, version, found, floors, request, camera, narrowed))
+        result = self._described(map_result(venue, version, found, floors, request, camera, narrowed))
         result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
+        if result.reason is not None and request.method == "auto" and known is not None:
+            other = self._by_anchor(venue, rgb, known, request, floors, decoded_ms)
+            return other if other.reason is None else result
+        return result
+
+    def _by_anchor(
+        self,
+        venue: str,
+        rgb: Rgb,
+        camera: Camera | None,
+        request: LocateRequest,
+        floors: list[Floor],
+        decoded_ms: float,
+    ) -> LocateResult:
+        """Answer from what the venue's monitoring cameras see."""
+        if camera is None:
+            raise InvalidInputError("method anchor needs the phone's intrinsics: send the field camera.")
+        if self._anchors is None:
+            raise InvalidInputError("method anchor is not available here; use a server.")
+        found = self._anchors.locate(venue, request.floor, rgb, camera, request.gravity)
+        result = self._described(anchor_result(venue, found, floors, camera))
+        result.timings_ms.update(decode=decoded_ms, total=decoded_ms + sum(found.timings_ms.values()))
         return result
 
     def _venue(self, venue: str | None) -> str:
@@ -162,64 +145,3 @@ class LocateService:
             if found.world_from_camera is not None:
                 return found, True
         return localize_upright(localizer, rgb, camera.camera, request.gravity), False
-
-
-def _no_map(
-    venue: str, method: str, camera: QueryCamera, request: LocateRequest, timings_ms: dict[str, float]
-) -> LocateResult:
-    known = camera.camera.camera if isinstance(camera.camera, ApproximateCamera) else camera.camera
-    return LocateResult(
-        venue,
-        method,
-        None,
-        "no_map",
-        camera=known,
-        camera_source=camera.source_of(known),
-        gravity_checked=None if request.gravity is None else False,
-        timings_ms=timings_ms,
-    )
-
-
-def _result(
-    venue: str,
-    version: MapVersion,
-    found: Localization,
-    floors: list[Floor],
-    request: LocateRequest,
-    camera: QueryCamera,
-    narrowed: bool,
-) -> LocateResult:
-    reason, pose = found.reason, found.world_from_camera
-    gravity_checked = None if request.gravity is None else pose is not None and version.z_up
-    if gravity_checked and _contradicts(pose, request.gravity):
-        reason, pose = "ambiguous", None
-    floor = floor_of(floors, pose) if pose is not None else None
-    if pose is not None and floors and floor is None:
-        reason, pose = "outside_venue", None
-    located = pose is not None
-    return LocateResult(
-        venue=venue,
-        method="vdm" if request.method == "vdm" else "rgbd",
-        map_version=version.version,
-        reason=reason,
-        world_from_camera=pose,
-        floor=floor,
-        plan=plan_point(floor, pose) if floor is not None and pose is not None else None,
-        position_m=found.position_m if located else None,
-        orientation_deg=found.orientation_deg if located else None,
-        confidence=found.confidence if located else 0.0,
-        inliers=found.evidence.inliers,
-        matches=found.evidence.matches,
-        keyframes=found.keyframes,
-        camera=found.camera,
-        camera_source=camera.source_of(found.camera),
-        narrowed=narrowed,
-        gravity_checked=gravity_checked,
-        timings_ms=dict(found.timings_ms),
-    )
-
-
-def _contradicts(pose: Pose | None, gravity_in_camera: tuple[float, float, float] | None) -> bool:
-    if pose is None or gravity_in_camera is None:
-        return False
-    return angle_to_down_deg(pose, gravity_in_camera) > GRAVITY_LIMIT_DEG

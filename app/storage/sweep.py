@@ -13,7 +13,7 @@ from sqlalchemy import Connection, select
 from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
 from app.storage.db import Database, hold_blobs, now
-from app.storage.tables import builds, floors, keyframe_images, map_versions
+from app.storage.tables import anchor_frames, builds, floors, keyframe_images, map_versions
 
 # Longer than the longest build: its pictures are stored some time before the rows that refer to them.
 GRACE = timedelta(hours=6)
@@ -28,6 +28,7 @@ def referenced_blobs(connection: Connection) -> set[str]:
         select(map_versions.c.index_blob),
         select(keyframe_images.c.color_blob),
         select(keyframe_images.c.depth_blob),
+        select(anchor_frames.c.image_blob).where(anchor_frames.c.image_blob.is_not(None)),
     )
     return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
 

@@ -11,6 +11,7 @@ from sqlalchemy import (
     ForeignKey,
     ForeignKeyConstraint,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
@@ -101,4 +102,40 @@ keyframe_images = Table(
     ForeignKeyConstraint(
         ["venue_id", "version"], ["map_versions.venue_id", "map_versions.version"], ondelete="CASCADE"
     ),
+)
+
+anchors = Table(
+    "anchors",
+    metadata,
+    Column("id", String(64), primary_key=True),
+    Column("venue_id", String(64), nullable=False, index=True),
+    Column("floor_id", String(64), nullable=False),
+    Column("x", Float, nullable=False),
+    Column("y", Float, nullable=False),
+    Column("height_m", Float, nullable=False),
+    Column("heading_deg", Float),
+    Column("camera", JSON, nullable=False),
+    Column("pois", JSON, nullable=False),
+    Column("store_images", Boolean, nullable=False),
+    Column("max_age_s", Float),
+    Column("calibration", JSON),
+    Column("uses", Integer, nullable=False),
+    Column("last_used_at", DateTime(timezone=True)),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+    Column("updated_at", DateTime(timezone=True), nullable=False),
+    ForeignKeyConstraint(["venue_id", "floor_id"], ["floors.venue_id", "floors.id"], ondelete="CASCADE"),
+)
+
+# The newest frame of each monitoring camera: what it shows as features, the picture only where that is wanted.
+anchor_frames = Table(
+    "anchor_frames",
+    metadata,
+    Column("anchor_id", String(64), ForeignKey("anchors.id", ondelete="CASCADE"), primary_key=True),
+    Column("id", String(32), nullable=False),
+    Column("received_at", DateTime(timezone=True), nullable=False),
+    Column("camera", JSON, nullable=False),
+    Column("feature_count", Integer, nullable=False),
+    Column("pois_visible", JSON, nullable=False),
+    Column("features", LargeBinary, nullable=False),
+    Column("image_blob", String(64)),
 )

@@ -27,6 +27,8 @@ FAINT_SIDE_PX = 300
 ORB_FEATURES = {"orb": 1000, "orb-2000": 2000}
 # Binary features work on images of at most this size.
 MAX_SIDE_PX = 960
+# Those of anchors on larger ones: what a ceiling camera sees of a hall is small in its picture.
+FULL_SIDE_PX = 1280
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +145,18 @@ class Akaze:
     min_inliers = 16
     descriptor_size = 61
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
-    name = "akaze"
+
+    def __init__(
+        self, max_side_px: int = MAX_SIDE_PX, max_features: int | None = None, name: str = "akaze"
+    ) -> None:
+        self.name = name
+        self._max_side_px = max_side_px
+        self._max_features = -1 if max_features is None else max_features
 
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
-        return _binary_features(cv2.AKAZE.create(), gray, self)
+        detector = cv2.AKAZE.create(max_points=self._max_features)
+        return _binary_features(detector, gray, self, self._max_side_px)
 
     def for_faint_images(self) -> LocalFeatureExtractor | None:
         """Return None."""
@@ -162,9 +171,11 @@ class XFeat:
     min_inliers = 100
     descriptor_size = 64
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.float32
-    name = "xfeat"
 
-    def __init__(self, max_features: int = 1000, max_side_px: int = 640, threads: int = 1) -> None:
+    def __init__(
+        self, max_features: int = 1000, max_side_px: int = 640, threads: int = 1, name: str = "xfeat"
+    ) -> None:
+        self.name = name
         self._session = open_session(MODELS_DIR / "xfeat.onnx", threads)
         self._max_features = max_features
         self._max_side_px = max_side_px
@@ -216,8 +227,10 @@ def check_features(name: str) -> str:
     return name
 
 
-def _binary_features(detector: cv2.Feature2D, gray: Gray, extractor: LocalFeatureExtractor) -> LocalFeatures:
-    small, scale = shrink(gray, MAX_SIDE_PX)
+def _binary_features(
+    detector: cv2.Feature2D, gray: Gray, extractor: LocalFeatureExtractor, max_side_px: int = MAX_SIDE_PX
+) -> LocalFeatures:
+    small, scale = shrink(gray, max_side_px)
     keypoints, descriptors = detector.detectAndCompute(small, None)
     if not len(keypoints):
         return _none(extractor)

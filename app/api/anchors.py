@@ -1,0 +1,208 @@
+"""Anchors: monitoring cameras that push frames."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.datastructures import UploadFile
+
+from app.api.deps import ID_PATTERN, State, require
+from app.api.schemas import problems
+from app.errors import InvalidInputError
+from app.services.anchors import anchor_as_dict
+from app.services.build_options import parse_camera
+from app.storage.anchors import AnchorSpec, Poi, delete_anchor, get_anchor, list_anchors, list_frames
+
+router = APIRouter(prefix="/anchors", tags=["anchors"])
+AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+IMAGE_BODY: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {"type": "object", "required": ["image"], "properties": {"image": BINARY["schema"]}}
+        },
+        "image/jpeg": BINARY,
+        "image/png": BINARY,
+        "image/webp": BINARY,
+    },
+}
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class PlanPosition(BaseModel):
+    """A point on the plan, in metres."""
+
+    x: Number
+    y: Number
+
+
+class PoiBody(BaseModel):
+    """A point of interest: where it is in the camera's picture, on the plan, and how far from the camera."""
+
+    id: str = Field(pattern=ID_PATTERN)
+    region_px: list[Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
+        min_length=3, max_length=50, description="Corners [u, v] around it, in pixels of the camera's frames"
+    )
+    position: PlanPosition = Field(description="Where the middle of the region is on the plan")
+    distance_m: Number = Field(description="From the camera straight to the middle of the region")
+    height_m: Number | None = Field(None, description="Height on the plan's z axis, where known")
+
+
+class NewAnchor(BaseModel):
+    """A monitoring camera and its POIs."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "venue": "museum",
+                "floor": "0",
+                "position": {"x": 4.2, "y": 11.0},
+                "height_m": 2.6,
+                "camera": {"model": "PINHOLE", "width": 1280, "height": 720, "params": [910, 910, 640, 360]},
+                "pois": [
+                    {
+                        "id": "exit-sign",
+                        "region_px": [[560, 210], [720, 210], [720, 300], [560, 300]],
+                        "position": {"x": 9.8, "y": 12.5},
+                        "distance_m": 5.9,
+                    }
+                ],
+            }
+        }
+    )
+
+    venue: str = Field(pattern=ID_PATTERN)
+    floor: str = Field(pattern=ID_PATTERN)
+    position: PlanPosition
+    height_m: Number = Field(description="The camera's height on the plan's z axis")
+    heading_deg: Number | None = Field(
+        None, description="Where it looks, counter-clockwise from plan x; a check only"
+    )
+    camera: Any = Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]", or {model, width, height, params}')
+    pois: list[PoiBody] = Field(min_length=1, max_length=50)
+    store_images: bool = Field(False, description="Keep the newest frame's image too, not its features alone")
+    max_age_s: Number | None = Field(None, gt=0, description="Age from which its frame is not used any more")
+
+
+class FrameBody(BaseModel):
+    """What became of a frame."""
+
+    frame: str
+    features: int
+    pois_visible: list[str]
+    received_at: datetime
+
+
+@router.get("", dependencies=[Depends(require("admin"))], responses=problems(401, 422))
+def list_all(
+    state: State, venue: Annotated[str | None, Query(description="Of this venue only")] = None
+) -> list[dict[str, Any]]:
+    """List anchors by their id."""
+    with state.resources.database.read() as connection:
+        found = list_anchors(connection, venue)
+        frames = list_frames(connection, [anchor.id for anchor in found])
+    settings = state.resources.settings
+    return [anchor_as_dict(anchor, frames.get(anchor.id), settings.anchor_max_age_s) for anchor in found]
+
+
+@router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
+def put(state: State, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
+    """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
+    anchor = state.anchors.put(camera, _spec(body))
+    with state.resources.database.read() as connection:
+        frame = list_frames(connection, [anchor.id]).get(anchor.id)
+    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
+
+
+@router.get("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
+def get(state: State, camera: AnchorId) -> dict[str, Any]:
+    """Return an anchor, its newest frame's age and features, and how often it has located a phone."""
+    with state.resources.database.read() as connection:
+        anchor = get_anchor(connection, camera)
+        frame = list_frames(connection, [camera]).get(camera)
+    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
+
+
+@router.delete(
+    "/{camera}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
+)
+def remove(state: State, camera: AnchorId) -> Response:
+    """Delete an anchor with its frame."""
+    with state.resources.database.write() as connection:
+        delete_anchor(connection, camera)
+    return Response(status_code=204)
+
+
+@router.post(
+    "/{camera}/frames",
+    dependencies=[Depends(require("anchor"))],
+    responses=problems(401, 404, 409, 413, 415, 422, 503),
+    openapi_extra={"requestBody": IMAGE_BODY},
+)
+async def push(state: State, camera: AnchorId, request: Request) -> FrameBody:
+    """Push a camera's newest frame, as a form field or as the body itself. Its features are kept, it is not,
+    unless the anchor says so."""
+    image = await image_of(request)
+    pushed = await state.executor.run(lambda: state.anchors.push(camera, image))
+    return FrameBody(
+        frame=pushed.frame,
+        features=pushed.features,
+        pois_visible=list(pushed.pois_visible),
+        received_at=pushed.received_at,
+    )
+
+
+@router.post(
+    "/{camera}/calibrate",
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 409, 413, 415, 422, 503),
+    openapi_extra={"requestBody": {**IMAGE_BODY, "required": False}},
+)
+async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[str, Any]:
+    """Find the camera and its POIs in the venue's map, by the picture sent or else the newest stored one. From then on
+    the camera's frames get their distances from the map."""
+    image = await image_of(request)
+    anchor = await state.executor.run(lambda: state.anchors.calibrate(camera, image or None))
+    with state.resources.database.read() as connection:
+        frame = list_frames(connection, [camera]).get(camera)
+    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
+
+
+async def image_of(request: Request) -> bytes:
+    """Return the bytes of an image that is a form field `image` or the whole body."""
+    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+        return await request.body()
+    async with request.form() as form:
+        image = form.get("image")
+        if not isinstance(image, UploadFile):
+            raise InvalidInputError("The form needs a file field image with a JPEG, PNG or WebP picture.")
+        return await image.read()
+
+
+def _spec(body: NewAnchor) -> AnchorSpec:
+    camera = parse_camera(body.camera)
+    if camera is None:
+        raise InvalidInputError(
+            "camera must be fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] or {model, width, height, params}."
+        )
+    return AnchorSpec(
+        venue_id=body.venue,
+        floor_id=body.floor,
+        x=body.position.x,
+        y=body.position.y,
+        height_m=body.height_m,
+        heading_deg=body.heading_deg,
+        camera=camera,
+        pois=tuple(_poi(poi) for poi in body.pois),
+        store_images=body.store_images,
+        max_age_s=body.max_age_s,
+    )
+
+
+def _poi(body: PoiBody) -> Poi:
+    region = tuple((u, v) for u, v in body.region_px)
+    return Poi(body.id, region, body.position.x, body.position.y, body.distance_m, body.height_m)

@@ -1,0 +1,267 @@
+"""`roomfix evaluate-anchors`: monitoring cameras and phones in a recorded scan or the demonstration venue."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from app.commands.console import console, progress_bars, settings_from
+from app.errors import ConflictError, InvalidInputError
+from app.evaluation.anchor_features import compared_methods, match_quality
+from app.evaluation.anchor_maps import evaluate_in_map, summarize_corners
+from app.evaluation.anchor_plot import draw_errors, draw_summaries
+from app.evaluation.anchor_queries import choose_first, time_queries
+from app.evaluation.anchor_sequences import posed_pictures, sample_pairs
+from app.evaluation.anchors import (
+    CONDITIONS,
+    SUMMARY_HEAD,
+    AnchorOutcome,
+    AnchorPair,
+    AnchorSummary,
+    PairEvaluator,
+    summarize_outcomes,
+    tilted,
+)
+from app.importers.frames import Scan, ScanOptions, open_scan
+from app.services.anchor_features import AnchorDescriber
+from app.services.build_options import parse_build_options
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources, cap_threads
+
+ANGLES_DEG = (0, 15, 30, 45, 60, 75)
+DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
+HARD_CONDITIONS_PAIRS = 60
+MATCH_PAIRS = 40
+MAP_PAIRS = 30
+ANGLE_RANGE, DISTANCE_RANGE = (3.0, 45.0), (2.0, 10.0)
+
+
+def evaluate_anchors(
+    scan: Annotated[
+        Path | None, typer.Argument(exists=True, file_okay=False, help="A scan with depth.")
+    ] = None,
+    gravity: Annotated[str, typer.Option(help="Down in the scan's frame, x,y,z.")] = "0,0,-1",
+    options: Annotated[str, typer.Option(help="JSON, as in POST /database/build.")] = "{}",
+    demo: Annotated[
+        Path | None, typer.Option(help="Folder for rendered pairs of the demonstration venue.")
+    ] = None,
+    count: Annotated[int, typer.Option(min=20, help="Pairs.")] = 200,
+    seed: Annotated[int, typer.Option(help="Which pairs are drawn.")] = 11,
+    workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    data_dir: Annotated[
+        Path | None,
+        typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write tables (JSON) and plots (PNG) to this folder.")
+    ] = None,
+) -> None:
+    """Locate phones by monitoring cameras, against angle, distance, light, blur, resolution and people in the way."""
+    cap_threads()
+    describer = AnchorDescriber()
+    if (scan is None) == (demo is None):
+        raise InvalidInputError(
+            "Name either a scan or, with --demo, a folder for the demonstration venue's pairs."
+        )
+    figures: dict[str, Any] = {}
+    if scan is not None:
+        opened = open_scan(scan, None, _scan_options(options))
+        pairs = sample_pairs(opened, _direction(gravity), count, seed)
+        figures["matches"] = _matches(opened, seed)
+        title = scan.name
+    else:
+        assert demo is not None  # noqa: S101 - checked above
+        pairs, title = _demo_pairs(demo, count, seed, workers), "demonstration venue"
+        if data_dir is not None:
+            figures["map"] = _in_map(PairEvaluator(describer), demo, count, seed, data_dir)
+        figures["retrieval"] = _retrieval(describer, pairs)
+        figures["timings"] = _timings(describer, demo, seed, workers)
+    figures |= _located(PairEvaluator(describer), pairs, title, out)
+    if out is not None:
+        (out / "anchors.json").write_text(json.dumps(figures, indent=1))
+
+
+def _located(
+    evaluator: PairEvaluator, pairs: list[AnchorPair], title: str, out: Path | None
+) -> dict[str, Any]:
+    plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
+    few = pairs[:HARD_CONDITIONS_PAIRS]
+    turned = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted")
+    assumed = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted, assumed", with_gravity=False)
+    ways = {
+        "gravity": plain,
+        "upright assumed": upright,
+        "gravity, first pairs": plain[: len(few)],
+        "30 deg roll, gravity": turned,
+        "30 deg roll, upright assumed": assumed,
+    }
+    conditions = {
+        name: [evaluator.evaluate(pair, change) for pair in few] for name, change in CONDITIONS.items()
+    }
+    tables = {
+        "vertical": _summaries(ways),
+        "angle at the POI (deg)": _summaries(_binned(plain, ANGLES_DEG, "angle_deg")),
+        "distance of the POI (m)": _summaries(_binned(plain, DISTANCES_M, "distance_m")),
+        "condition": _summaries(conditions),
+    }
+    for name, rows in tables.items():
+        console.print(_table(name, rows))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        draw_summaries(
+            {name: tables[name] for name in list(tables)[1:]}, f"Anchors: {title}", out / "anchors.png"
+        )
+        draw_errors(ways, f"Anchors: {title}", out / "anchor-errors.png")
+    return {name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()}
+
+
+def _all(
+    evaluator: PairEvaluator, pairs: Sequence[AnchorPair], stage: str, *, with_gravity: bool = True
+) -> list[AnchorOutcome]:
+    outcomes = []
+    with progress_bars() as progress:
+        for done, pair in enumerate(pairs):
+            outcomes.append(evaluator.evaluate(pair, with_gravity=with_gravity))
+            progress.report(stage, done + 1, len(pairs))
+    return outcomes
+
+
+def _binned(
+    outcomes: Sequence[AnchorOutcome], edges: Sequence[float], what: str
+) -> dict[str, list[AnchorOutcome]]:
+    bins = {
+        f"{low:g}-{high:g}": [o for o in outcomes if low <= getattr(o.pair, what) < high]
+        for low, high in pairwise(edges)
+    }
+    return {name: group for name, group in bins.items() if group}
+
+
+def _summaries(groups: Mapping[str, Sequence[AnchorOutcome]]) -> dict[str, AnchorSummary]:
+    return {name: summarize_outcomes(group) for name, group in groups.items()}
+
+
+def _table(name: str, rows: Mapping[str, AnchorSummary]) -> Table:
+    table = Table(name, *SUMMARY_HEAD)
+    for row, summary in rows.items():
+        table.add_row(row, *summary.cells())
+    return table
+
+
+def _demo_pairs(folder: Path, count: int, seed: int, workers: int) -> list[AnchorPair]:
+    from app.commands.demo_anchors import anchor_pair
+    from app.demonstration.monitors import render_monitor_pairs
+
+    with progress_bars() as progress:
+        rendered = render_monitor_pairs(
+            _pairs_dir(folder, count, seed), count, ANGLE_RANGE, DISTANCE_RANGE, seed=seed, workers=workers,
+            progress=lambda done, total: progress.report("render", done, total),
+        )  # fmt: skip
+    return [anchor_pair(pair) for pair in rendered]
+
+
+def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_dir: Path) -> dict[str, Any]:
+    """Print and return how well cameras find themselves in the venue's map, and phones in corners taken out of it."""
+    from app.commands.demo_anchors import map_pair
+    from app.demonstration import VENUE
+    from app.demonstration.monitors import render_monitor_pairs
+
+    rendered = render_monitor_pairs(
+        _pairs_dir(folder, count, seed), count, ANGLE_RANGE, DISTANCE_RANGE, seed=seed
+    )
+    resources = Resources.open(settings_from(data_dir=data_dir))
+    try:
+        serving = MapLibrary(resources).active(VENUE.id)
+        if serving is None:
+            raise ConflictError("The demonstration venue has no map yet: run roomfix demo --whole first.")
+        outcomes = evaluate_in_map(evaluator, serving[0], [map_pair(pair) for pair in rendered[:MAP_PAIRS]])
+    finally:
+        resources.close()
+    figures = summarize_corners(outcomes)
+    table = Table("in the map", "value")
+    for name, value in figures.items():
+        table.add_row(name, str(value))
+    console.print(table)
+    return figures
+
+
+def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
+    return folder / f"pairs-{seed}-{count}"
+
+
+def _retrieval(describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> dict[str, int]:
+    right, asked = choose_first(describer, pairs)
+    console.print(f"The right one of 20 anchors is first by bag of words for {right} of {asked} phones.")
+    return {"right": right, "asked": asked}
+
+
+def _timings(describer: AnchorDescriber, folder: Path, seed: int, workers: int) -> dict[str, Any]:
+    from app.commands.demo_anchors import HD_PHONE, anchor_pair
+    from app.demonstration.monitors import render_monitor_pairs
+
+    rendered = render_monitor_pairs(
+        folder / f"pairs-hd-{seed}",
+        20,
+        ANGLE_RANGE,
+        DISTANCE_RANGE,
+        seed=seed,
+        workers=workers,
+        phone_camera=HD_PHONE,
+    )
+    with tempfile.TemporaryDirectory() as scratch:
+        resources = Resources.open(settings_from(data_dir=Path(scratch)))
+        try:
+            times = time_queries(resources, describer, [anchor_pair(pair, HD_PHONE) for pair in rendered])
+        finally:
+            resources.close()
+    table = Table(
+        "stage", "median ms", title=f"1280 x 720, 20 anchors, {times.located} of {times.queries} located"
+    )
+    for stage, value in times.stages_ms.items():
+        table.add_row(stage, f"{value:g}")
+    table.add_row("total", f"{times.total_ms:g}")
+    console.print(table)
+    console.print(f"A-KAZE extraction is {100 * times.akaze_share:.0f} % of a query.")
+    return asdict(times)
+
+
+def _matches(scan: Scan, seed: int) -> dict[str, dict[str, Any]]:
+    """Print and return the right matches of each feature method by the angle between the optical axes."""
+    table = Table("axes apart (deg)", "features", "right %", "right matches", "extract ms")
+    found: dict[str, dict[str, Any]] = {}
+    for low, high in pairwise(ANGLES_DEG):
+        pictures = posed_pictures(scan, low, high, MATCH_PAIRS, seed)
+        if len(pictures) < MATCH_PAIRS // 2:
+            continue
+        for method in compared_methods():
+            quality = match_quality(method, pictures)
+            found.setdefault(f"{low}-{high}", {})[quality.features] = asdict(quality)
+            cells = f"{quality.right_percent:g}", f"{quality.right:g}", f"{quality.extract_ms:g}"
+            table.add_row(f"{low}-{high}", quality.features, *cells)
+    console.print(table)
+    return found
+
+
+def _scan_options(options: str) -> ScanOptions:
+    try:
+        return parse_build_options(json.loads(options)).scan
+    except ValueError:
+        raise InvalidInputError("--options is not JSON.") from None
+
+
+def _direction(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        values = np.zeros(0)
+    if values.shape != (3,) or not np.linalg.norm(values) > 1e-6:
+        raise InvalidInputError("--gravity must be three numbers, x,y,z.")
+    return values

@@ -1,0 +1,158 @@
+"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features and the word vector."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.images import Gray, Rgb, to_gray
+from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
+from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
+from app.vision.vocabulary import Vocabulary
+
+# With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
+XFEAT_FEATURES = 2000
+AKAZE_FEATURES = 1000
+AKAZE_RATIO = 0.85
+# A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
+MIN_ROLL_DEG, BORDER_PX = 12.0, 6.0
+NO_LENGTHS = np.zeros(0, np.float32)
+
+
+@dataclass(frozen=True)
+class AnchorFeatures:
+    """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
+    `words` (w,) is the bag-of-words vector. Of a calibrated camera `*_length_m` says how far along its ray
+    each feature lies by the map, NaN where the map doesn't tell."""
+
+    akaze: LocalFeatures
+    xfeat: LocalFeatures
+    words: NDArray[np.float32]
+    akaze_length_m: NDArray[np.float32] | None = None
+    xfeat_length_m: NDArray[np.float32] | None = None
+
+    @cached_property
+    def akaze_unit(self) -> Unit:
+        """The A-KAZE descriptors as unit vectors."""
+        return to_unit_vectors(self.akaze.descriptors, True)
+
+    @cached_property
+    def xfeat_unit(self) -> Unit:
+        """The XFeat descriptors as unit vectors."""
+        return to_unit_vectors(self.xfeat.descriptors, False)
+
+    def pack(self) -> bytes:
+        """Return the features as bytes, XFeat at half precision."""
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            akaze_px=self.akaze.keypoints_px,
+            akaze=self.akaze.descriptors,
+            xfeat_px=self.xfeat.keypoints_px,
+            xfeat=self.xfeat.descriptors.astype(np.float16),
+            words=self.words.astype(np.float16),
+            akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
+            xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
+        )
+        return buffer.getvalue()
+
+    @staticmethod
+    def unpack(data: bytes) -> AnchorFeatures:
+        """Return what `pack` has packed."""
+        with np.load(io.BytesIO(data)) as arrays:
+            return AnchorFeatures(
+                LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
+                LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
+                arrays["words"].astype(np.float32),
+                arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
+                arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
+            )
+
+
+class AnchorDescriber:
+    """Extracts the features of pictures. Safe to share between threads."""
+
+    def __init__(self, vocabulary: Vocabulary | None = None) -> None:
+        self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
+        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
+        self.vocabulary = vocabulary or Vocabulary.open()
+
+    def describe(self, rgb: Rgb) -> AnchorFeatures:
+        """Return all features of an RGB image (height, width, 3)."""
+        gray = to_gray(rgb)
+        akaze = self.akaze.extract(gray)
+        return AnchorFeatures(akaze, self.xfeat.extract(gray), self.word_vector(akaze))
+
+    def word_vector(self, akaze: LocalFeatures) -> NDArray[np.float32]:
+        """Return the bag-of-words vector (w,) of A-KAZE features."""
+        return self.vocabulary.vector(np.asarray(akaze.descriptors, dtype=np.uint8))
+
+    def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
+        """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
+        be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
+        if abs(roll_deg) < MIN_ROLL_DEG:
+            return self.xfeat.extract(gray)
+        height, width = gray.shape
+        turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
+        cos, sin = np.abs(turn[0, :2])
+        size = int(np.ceil(width * cos + height * sin)), int(np.ceil(width * sin + height * cos))
+        turn[:, 2] = turn[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
+        # Grey instead of black outside the picture makes fewer corners along its border.
+        turned = cv2.warpAffine(gray, turn, size, borderValue=128.0)
+        features = self.xfeat.extract(np.asarray(turned, dtype=np.uint8))
+        back = cv2.invertAffineTransform(turn)
+        points = features.keypoints_px @ back[:, :2].T + back[:, 2]
+        inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
+        return LocalFeatures(points[inside].astype(np.float32), features.descriptors[inside])
+
+
+@dataclass(frozen=True, slots=True)
+class PixelMatches:
+    """Matches of a monitoring camera's picture (n, 2) with a phone's (n, 2), in pixels of each, and how far along the
+    monitoring camera's ray each lies, (n,) in metres, NaN where that is not known."""
+
+    monitor_px: NDArray[np.float64]
+    phone_px: NDArray[np.float64]
+    length_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.monitor_px)
+
+    def with_more(self, other: PixelMatches) -> PixelMatches:
+        """Return these and others."""
+        return PixelMatches(
+            np.concatenate([self.monitor_px, other.monitor_px]),
+            np.concatenate([self.phone_px, other.phone_px]),
+            np.concatenate([self.length_m, other.length_m]),
+        )
+
+
+def match_akaze(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
+    """Return the A-KAZE features of two pictures that are each other's nearest and pass the ratio test."""
+    a, b, _ = match_unit_vectors(monitor.akaze_unit, phone.akaze_unit, AKAZE_RATIO, True)
+    return _matches(monitor.akaze, phone.akaze, a, b, monitor.akaze_length_m)
+
+
+def match_xfeat(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
+    """Return the XFeat features of two pictures that are each other's nearest."""
+    a, b, _ = match_unit_vectors(monitor.xfeat_unit, phone.xfeat_unit, 1.0, False)
+    return _matches(monitor.xfeat, phone.xfeat, a, b, monitor.xfeat_length_m)
+
+
+def _matches(
+    monitor: LocalFeatures,
+    phone: LocalFeatures,
+    a: NDArray[np.intp],
+    b: NDArray[np.intp],
+    length_m: NDArray[np.float32] | None,
+) -> PixelMatches:
+    return PixelMatches(
+        monitor.keypoints_px[a].astype(np.float64),
+        phone.keypoints_px[b].astype(np.float64),
+        np.full(len(a), np.nan) if length_m is None else length_m[a].astype(np.float64),
+    )

@@ -1,0 +1,240 @@
+"""One anchor's answer for one phone picture: matches, relative pose, scale, place on the plan, and its accuracy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
+from app.geometry.camera import Camera
+from app.geometry.epipolar import estimate_relative_pose
+from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
+from app.geometry.se3 import Pose, rotation_angle_deg, skew
+from app.services.anchor_features import PixelMatches
+from app.services.anchor_sights import lengths_along_rays, sight_of
+from app.services.verification import coverage
+from app.storage.anchors import AnchorSpec
+
+Array = NDArray[np.float64]
+
+# The inlier limit as an angle (tangent): two pixels of a 640-pixel picture at an ordinary focal length.
+MAX_ERROR = 2.0 / 525.0
+# A POI may come out this far from its place: this much, and this share of its distance.
+MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
+# So many matches of known distance make a scale that needs no POI.
+MIN_KNOWN_LENGTHS = 8
+# With fewer inliers, or a smaller share of the matches, an answer is not looked at any further.
+MIN_INLIERS, MIN_INLIER_RATIO = 60, 0.22
+# With so many inliers the two halves of the matches have never disagreed.
+SURE_INLIERS = 300
+# A share of inliers that passes, 0.22, is found by five-point samples in 2000 tries with 64 % chance, and by local
+# optimization from worse samples mostly before.
+ITERATIONS, HALF_ITERATIONS = 2000, 1000
+# No feature is found better than to this angle (tangent).
+MIN_SIGMA = 0.35 / 525.0
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorEvidence:
+    """What speaks for an anchor's answer.
+
+    `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
+    `region_matches`, inliers inside POI regions; `parallax_deg`, the median parallax; `poi_error_share`, how far the
+    worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, the
+    largest disagreement of the POIs' scales (logarithm); `log_scale_sigma`, one sigma of their common one;
+    `instability_deg`, how far off direction or attitude are when either half of the matches decides alone.
+    """
+
+    matches: int
+    inliers: int
+    coverage: float
+    region_matches: int
+    parallax_deg: float
+    poi_error_share: float
+    scale_error: float
+    log_scale_sigma: float
+    instability_deg: float
+
+    @property
+    def inlier_ratio(self) -> float:
+        """Inliers over matches."""
+        return self.inliers / max(self.matches, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class MountedCamera:
+    """A calibrated camera: its pose on the plan (metres, z up) and one sigma of it."""
+
+    plan_from_monitor: Pose
+    position_sigma_m: float
+    orientation_sigma_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorFix:
+    """A phone's place by one anchor: `position_sigma_m` and `orientation_sigma_deg` are one sigma."""
+
+    solution: AnchorSolution
+    evidence: AnchorEvidence
+    position_covariance: Array
+    orientation_sigma_deg: float
+
+    @property
+    def position_sigma_m(self) -> float:
+        """One sigma of the place on the plan, the root mean square of the error's length."""
+        return float(np.sqrt(np.trace(self.position_covariance[:2, :2])))
+
+
+def fix_by_anchor(
+    spec: AnchorSpec,
+    monitor_camera: Camera,
+    phone_camera: Camera,
+    matches: PixelMatches,
+    gravity_in_phone: Array | None,
+    mounted: MountedCamera | None = None,
+) -> AnchorFix | None:
+    """Return where the matches put the phone, or None when they hold no relative pose or no scale.
+
+    With `mounted`, for a camera that was calibrated, nothing rests on the POIs but, where the map knows no
+    distances, the scale.
+    """
+    max_error_px = MAX_ERROR * 0.5 * (monitor_camera.focal_px + phone_camera.focal_px)
+    relative = estimate_relative_pose(
+        matches.monitor_px,
+        matches.phone_px,
+        monitor_camera,
+        phone_camera,
+        max_error_px=max_error_px,
+        max_iterations=ITERATIONS,
+    )
+    if relative is None:
+        return None
+    inliers, phone_from_monitor = relative.inlier_mask, relative.b_from_a
+    monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
+    rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
+    lengths = lengths_along_rays(*rays, phone_from_monitor)
+    found = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
+    sights = [sight for sight in found if sight is not None]
+    try:
+        solution = _solution(
+            spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
+        )
+        covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA)
+    except (DegenerateGeometryError, np.linalg.LinAlgError):
+        return None
+    orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
+    evidence = AnchorEvidence(
+        matches=len(matches),
+        inliers=int(inliers.sum()),
+        coverage=coverage(phone_px, (phone_camera.width, phone_camera.height)),
+        region_matches=sum(count for _, count in sights),
+        parallax_deg=relative.parallax_deg,
+        poi_error_share=_poi_error_share(solution, [sight for sight, _ in sights]),
+        scale_error=float(np.abs(solution.scale_errors).max(initial=0.0)),
+        log_scale_sigma=solution.log_scale_sigma,
+        instability_deg=_instability_deg(
+            matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px
+        ),
+    )
+    position_covariance = _position_covariance(solution, phone_from_monitor, covariance, rays)
+    if mounted is not None:
+        position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
+    return AnchorFix(solution, evidence, position_covariance, float(np.degrees(np.sqrt(orientation))))
+
+
+def _solution(
+    spec: AnchorSpec,
+    phone_from_monitor: Pose,
+    sights: list[tuple[PoiSight, int]],
+    gravity_in_phone: Array | None,
+    mounted: MountedCamera | None,
+    known_lengths_m: Array,
+    lengths: Array,
+) -> AnchorSolution:
+    pois = [sight for sight, _ in sights]
+    if mounted is None:
+        center = np.array([spec.x, spec.y])
+        return solve_anchor(center, spec.height_m, phone_from_monitor, pois, gravity_in_phone)
+    if np.count_nonzero(np.isfinite(known_lengths_m)) < MIN_KNOWN_LENGTHS:
+        known_lengths_m = np.array([poi.distance_m for poi in pois])
+        lengths = np.array([poi.length for poi in pois])
+    return solve_calibrated(
+        mounted.plan_from_monitor, mounted.orientation_sigma_rad, phone_from_monitor, known_lengths_m, lengths
+    )
+
+
+def _poi_error_share(solution: AnchorSolution, pois: list[PoiSight]) -> float:
+    if not len(solution.poi_errors_m):
+        return 0.0
+    allowed_m = MAX_POI_ERROR_M + MAX_POI_ERROR_SHARE * np.array([poi.distance_m for poi in pois])
+    return float(np.max(solution.poi_errors_m / allowed_m))
+
+
+def _position_covariance(
+    solution: AnchorSolution,
+    phone_from_monitor: Pose,
+    relative_covariance: Array,
+    rays: tuple[Array, Array],
+) -> Array:
+    """Return the covariance (3, 3) of the phone's position in plan axes, in square metres.
+
+    Three independent parts: the relative pose, which moves the scale too, for it moves what is triangulated; the
+    scale; and the anchor's rotation on the plan.
+    """
+    plan_from_monitor = solution.plan_from_monitor.rotation
+    before = np.median(lengths_along_rays(*rays, phone_from_monitor))
+
+    def position(change: Array) -> Array:
+        moved = perturbed_relative(phone_from_monitor, change)
+        # All lengths change alike to first order: the median's change stands for that of the POIs'.
+        stretch = before / np.median(lengths_along_rays(*rays, moved))
+        offset = -moved.rotation.T @ moved.translation
+        return np.asarray(plan_from_monitor @ (solution.metres_per_unit * stretch * offset))
+
+    here = position(np.zeros(5))
+    step = 1e-5
+    jacobian = np.stack([(position(step * axis) - here) / step for axis in np.eye(5)], axis=1)
+    by_turn = -skew(here)
+    return np.asarray(
+        jacobian @ relative_covariance @ jacobian.T
+        + solution.log_scale_sigma**2 * np.outer(here, here)
+        + by_turn @ solution.plan_from_monitor_covariance @ by_turn.T
+    )
+
+
+def _instability_deg(
+    matches: PixelMatches,
+    inliers: NDArray[np.bool_],
+    phone_from_monitor: Pose,
+    cameras: tuple[Camera, Camera],
+    max_error_px: float,
+) -> float:
+    """Return how far off, in degrees, the relative pose is by either half of the matches alone.
+
+    A wrong pose that chance or one plane made plausible doesn't come out twice.
+    """
+    count = np.count_nonzero(inliers)
+    if count >= SURE_INLIERS:
+        return 0.0
+    if count < MIN_INLIERS or count < MIN_INLIER_RATIO * len(matches):
+        return 180.0
+    order = np.random.default_rng(0).permutation(len(matches))
+    worst = 0.0
+    for half in (order[::2], order[1::2]):
+        again = estimate_relative_pose(
+            matches.monitor_px[half],
+            matches.phone_px[half],
+            *cameras,
+            max_error_px=max_error_px,
+            max_iterations=HALF_ITERATIONS,
+        )
+        if again is None:
+            return 180.0
+        turned = rotation_angle_deg(again.b_from_a.rotation.T @ phone_from_monitor.rotation)
+        cosine = float(again.b_from_a.translation @ phone_from_monitor.translation)
+        turned_t = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        worst = max(worst, turned, turned_t)
+    return worst

@@ -1,0 +1,97 @@
+"""The anchors of a venue with the features of their newest frames, kept while a frame is the newest."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from threading import Lock
+
+import numpy as np
+
+from app.geometry.camera import Camera
+from app.geometry.plan import PlanTransform
+from app.geometry.se3 import Pose
+from app.services.anchor_calibration import calibration_of
+from app.services.anchor_features import AnchorFeatures
+from app.services.anchor_fix import MountedCamera
+from app.services.resources import Resources
+from app.storage.anchors import Anchor, frame_features, list_anchors, list_frames
+from app.storage.db import now
+from app.storage.floors import Floor, list_floors
+
+# Frames whose features stay in memory, about 4 MB each as the unit vectors that matching needs.
+CAPACITY = 64
+
+
+@dataclass(frozen=True, slots=True)
+class LiveAnchor:
+    """An anchor whose newest frame is fresh: the frame's camera and features; `mounted` of a calibrated camera."""
+
+    anchor: Anchor
+    frame: str
+    camera: Camera
+    features: AnchorFeatures
+    mounted: MountedCamera | None
+
+
+class AnchorLibrary:
+    """Gives the anchors that can be used now. Safe to share between threads."""
+
+    def __init__(self, resources: Resources) -> None:
+        self._resources = resources
+        self._lock = Lock()
+        self._open: OrderedDict[str, AnchorFeatures] = OrderedDict()
+
+    def live(self, venue_id: str, floor_id: str | None = None) -> list[LiveAnchor]:
+        """Return the anchors of a venue, or of one floor, whose newest frame is not too old."""
+        default = self._resources.settings.anchor_max_age_s
+        with self._resources.database.read() as connection:
+            floors = {floor.id: floor for floor in list_floors(connection, venue_id)}
+            anchors = [
+                anchor
+                for anchor in list_anchors(connection, venue_id)
+                if floor_id is None or anchor.spec.floor_id == floor_id
+            ]
+            frames = list_frames(connection, [anchor.id for anchor in anchors])
+        present = now()
+        found = []
+        for anchor in anchors:
+            frame = frames.get(anchor.id)
+            limit_s = default if anchor.spec.max_age_s is None else anchor.spec.max_age_s
+            if frame is None or (present - frame.received_at).total_seconds() > limit_s:
+                continue
+            features = self._features(frame.id)
+            if features is not None:
+                mounted = _mounted(anchor, floors[anchor.spec.floor_id])
+                found.append(LiveAnchor(anchor, frame.id, frame.camera, features, mounted))
+        return found
+
+    def _features(self, frame_id: str) -> AnchorFeatures | None:
+        with self._lock:
+            features = self._open.get(frame_id)
+            if features is not None:
+                self._open.move_to_end(frame_id)
+                return features
+        with self._resources.database.read() as connection:
+            packed = frame_features(connection, frame_id)
+        if packed is None:
+            return None
+        features = AnchorFeatures.unpack(packed)
+        with self._lock:
+            self._open[frame_id] = features
+            while len(self._open) > CAPACITY:
+                self._open.popitem(last=False)
+        return features
+
+
+def _mounted(anchor: Anchor, floor: Floor) -> MountedCamera | None:
+    """Return a calibrated camera's pose on its floor's plan, or None."""
+    calibration = calibration_of(anchor.calibration)
+    if calibration is None or floor.plan_from_world is None:
+        return None
+    plan, pose = PlanTransform(floor.plan_from_world), calibration.world_from_camera
+    return MountedCamera(
+        Pose(plan.rotation @ pose.rotation, plan.apply(pose.translation)),
+        calibration.position_sigma_m * plan.scale,
+        float(np.radians(calibration.orientation_sigma_deg)),
+    )

@@ -1,0 +1,159 @@
+"""What is asked of locate, and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from app.geometry.anchor_pose import Vertical
+from app.geometry.camera import Camera
+from app.geometry.focal import ApproximateCamera
+from app.geometry.se3 import Pose
+from app.geometry.turns import angle_to_down_deg
+from app.services.anchor_locator import AnchorLocalization
+from app.services.anchor_result import place_on_floor
+from app.services.camera_sources import CameraSource, QueryCamera
+from app.services.floor_plans import PlanPoint, floor_of, plan_point
+from app.services.localization import KeyframeVote, Localization
+from app.services.narrowing import Prior
+from app.services.verification import Reason
+from app.storage.floors import Floor
+from app.storage.maps import MapVersion
+
+Method = Literal["auto", "rgbd", "vdm", "anchor"]
+# A phone that is held still knows down to a degree or two; moving it can add ten.
+GRAVITY_LIMIT_DEG = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class LocateRequest:
+    """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
+    image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
+    of down in camera axes, `area` an area's id or name."""
+
+    image: bytes
+    venue: str | None = None
+    floor: str | None = None
+    camera: Camera | tuple[float, ...] | None = None
+    gravity: tuple[float, float, float] | None = None
+    prior: Prior | None = None
+    method: Method = "auto"
+    area: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LocateResult:
+    """The answer: a pose, or a reason why there is none.
+
+    `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
+    was compared with the request's gravity, None when there was none.
+    """
+
+    venue: str
+    method: str
+    map_version: int | None
+    reason: Reason | None
+    world_from_camera: Pose | None = None
+    floor: Floor | None = None
+    plan: PlanPoint | None = None
+    position_m: float | None = None
+    orientation_deg: float | None = None
+    confidence: float = 0.0
+    inliers: int = 0
+    matches: int = 0
+    keyframes: tuple[KeyframeVote, ...] = ()
+    camera: Camera | None = None
+    camera_source: CameraSource = "unknown"
+    narrowed: bool = False
+    gravity_checked: bool | None = None
+    timings_ms: dict[str, float] = field(default_factory=dict)
+    anchors: tuple[str, ...] = ()
+    vertical: Vertical | None = None
+
+
+def no_map_result(
+    venue: str, method: str, camera: QueryCamera, request: LocateRequest, timings_ms: dict[str, float]
+) -> LocateResult:
+    known = camera.camera.camera if isinstance(camera.camera, ApproximateCamera) else camera.camera
+    return LocateResult(
+        venue,
+        method,
+        None,
+        "no_map",
+        camera=known,
+        camera_source=camera.source_of(known),
+        gravity_checked=None if request.gravity is None else False,
+        timings_ms=timings_ms,
+    )
+
+
+def map_result(
+    venue: str,
+    version: MapVersion,
+    found: Localization,
+    floors: list[Floor],
+    request: LocateRequest,
+    camera: QueryCamera,
+    narrowed: bool,
+) -> LocateResult:
+    reason, pose = found.reason, found.world_from_camera
+    gravity_checked = None if request.gravity is None else pose is not None and version.z_up
+    if gravity_checked and _contradicts(pose, request.gravity):
+        reason, pose = "ambiguous", None
+    floor = floor_of(floors, pose) if pose is not None else None
+    if pose is not None and floors and floor is None:
+        reason, pose = "outside_venue", None
+    located = pose is not None
+    return LocateResult(
+        venue=venue,
+        method="vdm" if request.method == "vdm" else "rgbd",
+        map_version=version.version,
+        reason=reason,
+        world_from_camera=pose,
+        floor=floor,
+        plan=plan_point(floor, pose) if floor is not None and pose is not None else None,
+        position_m=found.position_m if located else None,
+        orientation_deg=found.orientation_deg if located else None,
+        confidence=found.confidence if located else 0.0,
+        inliers=found.evidence.inliers,
+        matches=found.evidence.matches,
+        keyframes=found.keyframes,
+        camera=found.camera,
+        camera_source=camera.source_of(found.camera),
+        narrowed=narrowed,
+        gravity_checked=gravity_checked,
+        timings_ms=dict(found.timings_ms),
+    )
+
+
+def _contradicts(pose: Pose | None, gravity_in_camera: tuple[float, float, float] | None) -> bool:
+    if pose is None or gravity_in_camera is None:
+        return False
+    return angle_to_down_deg(pose, gravity_in_camera) > GRAVITY_LIMIT_DEG
+
+
+def anchor_result(venue: str, found: AnchorLocalization, floors: list[Floor], camera: Camera) -> LocateResult:
+    """Return the result of an answer by anchors; outside the floor it is none."""
+    place = None
+    if found.plan_from_phone is not None and found.floor_id is not None:
+        place = place_on_floor(floors, found.floor_id, found.plan_from_phone)
+    located = place is not None
+    return LocateResult(
+        venue=venue,
+        method="anchor",
+        map_version=None,
+        reason=None if located else found.reason or "outside_venue",
+        world_from_camera=None if place is None else place.world_from_camera,
+        floor=None if place is None else place.floor,
+        plan=None if place is None else place.plan,
+        position_m=found.position_m if located else None,
+        orientation_deg=found.orientation_deg if located else None,
+        confidence=found.confidence if located else 0.0,
+        inliers=found.inliers,
+        matches=found.matches,
+        camera=camera,
+        camera_source="request",
+        timings_ms=dict(found.timings_ms),
+        anchors=found.anchors if located else (),
+        vertical=found.vertical if located else None,
+    )

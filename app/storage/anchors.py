@@ -1,0 +1,224 @@
+"""Anchors: monitoring cameras with their POIs, and the newest frame of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Row, delete, insert, select, update
+
+from app.errors import ConflictError, NotFoundError
+from app.geometry.camera import Camera
+from app.storage.db import as_utc, now
+from app.storage.tables import anchor_frames, anchors
+
+
+@dataclass(frozen=True, slots=True)
+class Poi:
+    """A point of interest of an anchor: its corners in the camera's picture (pixels), its place on the plan, its
+    distance from the camera, and its height on the plan's z axis, if known."""
+
+    id: str
+    region_px: tuple[tuple[float, float], ...]
+    x: float
+    y: float
+    distance_m: float
+    height_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorSpec:
+    """What a `PUT` says of a monitoring camera. `camera` is a `Camera`, or the numbers of one for its frames as
+    they come."""
+
+    venue_id: str
+    floor_id: str
+    x: float
+    y: float
+    height_m: float
+    heading_deg: float | None
+    camera: Camera | tuple[float, ...]
+    pois: tuple[Poi, ...]
+    store_images: bool = False
+    max_age_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """A stored anchor. `calibration` is the camera's pose in the map, as the calibration found it."""
+
+    id: str
+    spec: AnchorSpec
+    calibration: dict[str, Any] | None
+    uses: int
+    last_used_at: datetime | None
+    created_at: datetime
+    updated_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorFrameRow:
+    """What is known of an anchor's newest frame, without its features."""
+
+    anchor_id: str
+    id: str
+    received_at: datetime
+    camera: Camera
+    feature_count: int
+    pois_visible: tuple[str, ...]
+    image_blob: str | None
+
+
+def put_anchor(connection: Connection, anchor_id: str, spec: AnchorSpec) -> Anchor:
+    """Add or replace an anchor; raises `ConflictError` when another venue has the id.
+
+    A changed anchor keeps its newest frame only while that fits: same camera and POIs.
+    """
+    values = {**_columns(spec), "updated_at": now()}
+    found = connection.execute(select(anchors).where(anchors.c.id == anchor_id)).first()
+    if found is None:
+        connection.execute(insert(anchors).values(id=anchor_id, uses=0, created_at=now(), **values))
+        return get_anchor(connection, anchor_id)
+    if found.venue_id != spec.venue_id:
+        raise ConflictError(
+            f"There is an anchor {anchor_id!r} in venue {found.venue_id!r}; delete it first or choose another id."
+        )
+    before = _anchor(found)
+    if (before.spec.camera, before.spec.pois) != (spec.camera, spec.pois) or _moved(before.spec, spec):
+        connection.execute(delete(anchor_frames).where(anchor_frames.c.anchor_id == anchor_id))
+        values["calibration"] = None
+    connection.execute(update(anchors).where(anchors.c.id == anchor_id).values(**values))
+    return get_anchor(connection, anchor_id)
+
+
+def get_anchor(connection: Connection, anchor_id: str) -> Anchor:
+    """Return an anchor; raises `NotFoundError`."""
+    row = connection.execute(select(anchors).where(anchors.c.id == anchor_id)).first()
+    if row is None:
+        raise NotFoundError(f"There is no anchor {anchor_id!r}; PUT it first.")
+    return _anchor(row)
+
+
+def list_anchors(connection: Connection, venue_id: str | None = None) -> list[Anchor]:
+    """Return the anchors of a venue, or all, by their id."""
+    query = select(anchors).order_by(anchors.c.id)
+    if venue_id is not None:
+        query = query.where(anchors.c.venue_id == venue_id)
+    return [_anchor(row) for row in connection.execute(query)]
+
+
+def delete_anchor(connection: Connection, anchor_id: str) -> None:
+    """Delete an anchor with its frame; raises `NotFoundError`."""
+    if connection.execute(delete(anchors).where(anchors.c.id == anchor_id)).rowcount == 0:
+        raise NotFoundError(f"There is no anchor {anchor_id!r}.")
+
+
+def set_calibration(connection: Connection, anchor_id: str, calibration: dict[str, Any] | None) -> Anchor:
+    """Store where the map says that the camera is; raises `NotFoundError`."""
+    connection.execute(update(anchors).where(anchors.c.id == anchor_id).values(calibration=calibration))
+    return get_anchor(connection, anchor_id)
+
+
+def count_uses(connection: Connection, anchor_ids: Sequence[str]) -> None:
+    """Note that anchors have just located a phone."""
+    used = anchors.c.id.in_(list(anchor_ids))
+    connection.execute(update(anchors).where(used).values(uses=anchors.c.uses + 1, last_used_at=now()))
+
+
+def set_frame(connection: Connection, frame: AnchorFrameRow, features: bytes) -> str | None:
+    """Make a frame an anchor's newest one; return the image blob of the frame before, now unneeded, if any."""
+    before = connection.execute(
+        select(anchor_frames.c.image_blob).where(anchor_frames.c.anchor_id == frame.anchor_id)
+    ).scalar()
+    connection.execute(delete(anchor_frames).where(anchor_frames.c.anchor_id == frame.anchor_id))
+    connection.execute(
+        insert(anchor_frames).values(
+            anchor_id=frame.anchor_id,
+            id=frame.id,
+            received_at=frame.received_at,
+            camera=camera_as_json(frame.camera),
+            feature_count=frame.feature_count,
+            pois_visible=list(frame.pois_visible),
+            features=features,
+            image_blob=frame.image_blob,
+        )
+    )
+    return None if before == frame.image_blob else before
+
+
+def list_frames(connection: Connection, anchor_ids: Sequence[str]) -> dict[str, AnchorFrameRow]:
+    """Return the newest frame of each of these anchors that has one."""
+    columns = [column for column in anchor_frames.c if column.name != "features"]
+    query = select(*columns).where(anchor_frames.c.anchor_id.in_(list(anchor_ids)))
+    return {row.anchor_id: _frame(row) for row in connection.execute(query)}
+
+
+def frame_features(connection: Connection, frame_id: str) -> bytes | None:
+    """Return a frame's packed features, or None when a newer frame has replaced it."""
+    query = select(anchor_frames.c.features).where(anchor_frames.c.id == frame_id)
+    return connection.execute(query).scalar()
+
+
+def camera_as_json(camera: Camera | tuple[float, ...]) -> Any:
+    """Return a camera as JSON holds it."""
+    if isinstance(camera, Camera):
+        return {
+            "model": camera.model,
+            "width": camera.width,
+            "height": camera.height,
+            "params": list(camera.params),
+        }
+    return list(camera)
+
+
+def _camera(value: Any) -> Camera | tuple[float, ...]:
+    if isinstance(value, list):
+        return tuple(float(number) for number in value)
+    return Camera(value["model"], value["width"], value["height"], tuple(value["params"]))
+
+
+def _moved(before: AnchorSpec, after: AnchorSpec) -> bool:
+    return (before.floor_id, before.x, before.y, before.height_m) != (
+        after.floor_id, after.x, after.y, after.height_m
+    )  # fmt: skip
+
+
+def _columns(spec: AnchorSpec) -> dict[str, Any]:
+    return {
+        "venue_id": spec.venue_id,
+        "floor_id": spec.floor_id,
+        "x": spec.x,
+        "y": spec.y,
+        "height_m": spec.height_m,
+        "heading_deg": spec.heading_deg,
+        "camera": camera_as_json(spec.camera),
+        "pois": [asdict(poi) for poi in spec.pois],
+        "store_images": spec.store_images,
+        "max_age_s": spec.max_age_s,
+    }
+
+
+def _anchor(row: Row[Any]) -> Anchor:
+    pois = tuple(
+        Poi(**{**poi, "region_px": tuple((float(u), float(v)) for u, v in poi["region_px"])})
+        for poi in row.pois
+    )
+    spec = AnchorSpec(
+        row.venue_id, row.floor_id, row.x, row.y, row.height_m, row.heading_deg, _camera(row.camera), pois,
+        row.store_images, row.max_age_s,
+    )  # fmt: skip
+    created, updated = as_utc(row.created_at), as_utc(row.updated_at)
+    assert created is not None  # noqa: S101 - the columns are not nullable
+    assert updated is not None  # noqa: S101
+    return Anchor(row.id, spec, row.calibration, row.uses, as_utc(row.last_used_at), created, updated)
+
+
+def _frame(row: Row[Any]) -> AnchorFrameRow:
+    received, camera = as_utc(row.received_at), _camera(row.camera)
+    assert received is not None  # noqa: S101 - the column is not nullable
+    assert isinstance(camera, Camera)  # noqa: S101 - stored with its size
+    return AnchorFrameRow(
+        row.anchor_id, row.id, received, camera, row.feature_count, tuple(row.pois_visible), row.image_blob
+    )

@@ -1,0 +1,107 @@
+"""A bag of visual words over binary descriptors: which of a few pictures shows what a query shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import faiss
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidInputError
+
+DEFAULT_VOCABULARY = Path(__file__).parent.parent / "models" / "akaze_vocabulary.npz"
+ROUNDS = 12
+
+Binary = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """Words (w, bytes), binary descriptors themselves, and how much each tells, (w,): its inverse document
+    frequency. The text-retrieval analogy of Sivic and Zisserman; words of bits as in DBoW."""
+
+    words: Binary
+    idf: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if self.words.ndim != 2 or self.words.dtype != np.uint8 or self.idf.shape != (len(self.words),):
+            raise InvalidInputError("A vocabulary needs words (n, bytes) and one weight for each.")
+
+    @staticmethod
+    def open(path: Path = DEFAULT_VOCABULARY) -> Vocabulary:
+        """Open a vocabulary file."""
+        with np.load(path) as arrays:
+            return Vocabulary(arrays["words"], arrays["idf"].astype(np.float32))
+
+    def write(self, path: Path) -> None:
+        """Write the vocabulary to a file."""
+        np.savez_compressed(path, words=self.words, idf=self.idf)
+
+    def words_of(self, descriptors: Binary) -> NDArray[np.int64]:
+        """Return the nearest word (n,), by Hamming distance, of each descriptor (n, bytes)."""
+        return _nearest(self.words, descriptors)[0]
+
+    def vector(self, descriptors: Binary) -> NDArray[np.float32]:
+        """Return the picture's vector (w,) of descriptors (n, bytes): term frequency times inverse document
+        frequency, of length 1, so that a scalar product of two is their similarity."""
+        if len(descriptors) == 0:
+            return np.zeros(len(self.words), np.float32)
+        counts = np.bincount(self.words_of(descriptors), minlength=len(self.words)).astype(np.float32)
+        # The square root keeps one repeated pattern, a tiled wall, from drowning everything else.
+        weighted = np.sqrt(counts) * self.idf
+        return np.asarray(weighted / max(float(np.linalg.norm(weighted)), 1e-9), dtype=np.float32)
+
+
+def train_vocabulary(pictures: list[Binary], size: int, seed: int = 0) -> Vocabulary:
+    """Return a vocabulary of up to `size` words for the descriptors (n, bytes) of many pictures.
+
+    k-majority: descriptors go to their nearest word, and each bit of a word becomes what most of its descriptors
+    have there. Source: Grana et al., "A fast approach for integrating ORB descriptors in the bag of words model",
+    2013.
+    """
+    everything = np.unique(np.concatenate(pictures), axis=0)
+    if len(everything) < 2:
+        raise InvalidInputError("A vocabulary needs pictures with descriptors.")
+    rng = np.random.default_rng(seed)
+    words = everything[rng.choice(len(everything), min(size, len(everything)), replace=False)]
+    bits = np.unpackbits(everything, axis=1).astype(np.float32)
+    for _ in range(ROUNDS):
+        nearest, distances = _nearest(words, everything)
+        words = _majorities(bits, nearest, words)
+        words = _reseeded(words, nearest, everything, distances)
+    documents = np.zeros(len(words))
+    for picture in pictures:
+        documents[np.unique(_nearest(words, picture)[0])] += 1
+    idf = np.log((1.0 + len(pictures)) / (1.0 + documents))
+    return Vocabulary(words, idf.astype(np.float32))
+
+
+def _nearest(words: Binary, descriptors: Binary) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    index = faiss.IndexBinaryFlat(8 * words.shape[1])
+    index.add(np.ascontiguousarray(words))
+    distances, rows = index.search(np.ascontiguousarray(descriptors), 1)
+    return rows[:, 0].astype(np.int64), distances[:, 0]
+
+
+def _majorities(bits: NDArray[np.float32], nearest: NDArray[np.int64], words: Binary) -> Binary:
+    """Return each word as the majority, bit by bit, of the descriptors that are nearest to it."""
+    counts = np.bincount(nearest, minlength=len(words))
+    order = np.argsort(nearest, kind="stable")
+    ends = np.cumsum(counts)
+    sums = np.zeros((len(words), bits.shape[1]), np.float32)
+    for word in np.flatnonzero(counts):
+        sums[word] = bits[order[ends[word] - counts[word] : ends[word]]].sum(axis=0)
+    packed = np.packbits(sums > 0.5 * counts[:, None], axis=1)
+    return np.where(counts[:, None] > 0, packed, words)
+
+
+def _reseeded(
+    words: Binary, nearest: NDArray[np.int64], everything: Binary, distances: NDArray[np.int32]
+) -> Binary:
+    """Return the words, those that nothing is near to replaced by the descriptors worst described."""
+    empty = np.flatnonzero(np.bincount(nearest, minlength=len(words)) == 0)
+    moved = words.copy()
+    moved[empty] = everything[np.argsort(-distances, kind="stable")[: len(empty)]]
+    return moved

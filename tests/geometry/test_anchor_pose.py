@@ -1,0 +1,102 @@
+"""A phone on the plan by a monitoring camera: exact worlds, every vertical, and what leaves the answer open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.anchor_pose import PoiSight, solve_anchor, solve_calibrated
+from app.geometry.se3 import Pose
+from tests.scenes import pose_at
+
+Array = NDArray[np.float64]
+
+MONITOR = pose_at(4.0, 3.0, 2.5, 30.0, -20.0)
+DOWN = np.array([0.0, 0.0, -1.0])
+POIS = ([7.0, 4.0, 1.2], [8.0, 6.5, 1.8], [6.0, 6.0, 0.9])
+UNIT = 0.37
+
+
+def sight(point: list[float], *, error: float = 0.0, known_height: bool = False) -> PoiSight:
+    """Return a POI that the camera sees, its distance by triangulation in units of 0.37 m, off by `error`."""
+    offset = np.array(point) - MONITOR.translation
+    distance = float(np.linalg.norm(offset))
+    ray = MONITOR.rotation.T @ offset / distance
+    length = distance / UNIT * float(np.exp(error))
+    height = float(offset[2]) if known_height else None
+    return PoiSight(ray, np.array(point[:2]), distance, length, 0.05, height)
+
+
+def relative(phone: Pose) -> Pose:
+    """Return `phone_from_monitor` in units of 0.37 m."""
+    metric = phone.inverse() @ MONITOR
+    return Pose(metric.rotation, metric.translation / UNIT)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, -30.0, 25.0])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_with_gravity_the_phone_is_where_it_is(tilt_deg: float, count: int) -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0, tilt_deg)
+    sights = [sight(point) for point in POIS[:count]]
+    found = solve_anchor(MONITOR.translation[:2], 2.5, relative(phone), sights, phone.rotation.T @ DOWN)
+    assert found.vertical == "gravity"
+    assert found.metres_per_unit == pytest.approx(UNIT)
+    assert np.allclose(found.plan_from_phone.translation, phone.translation, atol=1e-6)
+    assert np.allclose(found.plan_from_phone.rotation, phone.rotation, atol=1e-6)
+    assert found.poi_errors_m.max() < 1e-6
+
+
+def test_the_turn_has_a_sign() -> None:
+    for x, y in ((2.0, 1.0), (2.0, 5.5)):
+        phone = pose_at(x, y, 1.5, 40.0)
+        found = solve_anchor(
+            MONITOR.translation[:2], 2.5, relative(phone), [sight(POIS[0])], phone.rotation.T @ DOWN
+        )
+        assert np.allclose(found.plan_from_phone.translation[:2], [x, y], atol=1e-6)
+
+
+def test_an_upright_phone_needs_no_gravity_and_is_less_sure() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0)
+    args = MONITOR.translation[:2], 2.5, relative(phone), [sight(POIS[0])]
+    assumed, known = solve_anchor(*args), solve_anchor(*args, phone.rotation.T @ DOWN)
+    assert assumed.vertical == "upright"
+    assert np.linalg.norm(assumed.plan_from_phone.translation - phone.translation) < 1e-3
+    assert np.trace(assumed.plan_from_monitor_covariance) > np.trace(known.plan_from_monitor_covariance)
+
+
+def test_pois_in_several_directions_hold_the_vertical() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0, -20.0)
+    sights = [sight(point, known_height=True) for point in POIS]
+    found = solve_anchor(MONITOR.translation[:2], 2.5, relative(phone), sights)
+    assert found.vertical == "pois"
+    assert np.linalg.norm(found.plan_from_phone.translation[:2] - phone.translation[:2]) < 0.1
+
+
+def test_one_poi_that_was_moved_does_not_drag_the_others_along() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0)
+    sights = [*(sight(point) for point in POIS), sight([9.0, 4.5, 1.5], error=0.8)]
+    found = solve_anchor(MONITOR.translation[:2], 2.5, relative(phone), sights, phone.rotation.T @ DOWN)
+    assert found.metres_per_unit == pytest.approx(UNIT, rel=0.03)
+    assert abs(found.scale_errors[-1]) > 0.7
+
+
+def test_what_leaves_the_plan_open_is_refused() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0)
+    with pytest.raises(DegenerateGeometryError):
+        solve_anchor(MONITOR.translation[:2], 2.5, relative(phone), [])
+    below = sight([4.0, 3.0, 0.0])
+    with pytest.raises(DegenerateGeometryError):
+        solve_anchor(MONITOR.translation[:2], 2.5, relative(phone), [below], phone.rotation.T @ DOWN)
+
+
+def test_a_calibrated_camera_needs_distances_alone() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0, -30.0)
+    lengths = np.array([4.0, 5.0, 6.0, 50.0])
+    known = np.array([4.0, 5.0, 6.0, np.nan]) * UNIT
+    found = solve_calibrated(MONITOR, 0.01, relative(phone), known, lengths)
+    assert found.vertical == "map"
+    assert np.allclose(found.plan_from_phone.translation, phone.translation, atol=1e-9)
+    with pytest.raises(DegenerateGeometryError):
+        solve_calibrated(MONITOR, 0.01, relative(phone), known[3:], lengths[3:])
