@@ -11,7 +11,7 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 
-from app.api import calibrate, database, floors, health, locate, maps, venues
+from app.api import calibrate, database, floors, health, locate, maps, session_stream, sessions, venues
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -22,6 +22,7 @@ from app.jobs.runner import BuildRunner, NoRunner
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
+from app.services.sessions import SessionService
 from app.settings import Settings
 from app.storage.venues import list_venues
 from app.web.pages import install_pages
@@ -46,7 +47,14 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         library = MapLibrary(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
-        app.state.roomfix = AppState(resources, LocateService(resources, library), executor, builds, metrics)
+        app.state.roomfix = AppState(
+            resources,
+            LocateService(resources, library),
+            executor,
+            builds,
+            metrics,
+            SessionService(resources, library),
+        )
         with resources.database.read() as connection:
             warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
         # Kept, since a task that nothing refers to may be collected before it has run.
@@ -69,6 +77,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     )
     for router in (
         locate.router, venues.router, floors.router, maps.router, database.router, calibrate.router, health.router,
+        sessions.router, session_stream.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)
