@@ -33,3 +33,15 @@ def test_a_video_is_tracked(museum: Server, video: list[View]) -> None:
         p = result["pose"]["position"]
         assert np.linalg.norm(np.array([p["x"], p["y"], p["z"]]) - view.world_from_camera.translation) < 0.03
     print(result)
+
+
+def test_a_stream_answers_frames(museum: Server, video: list[View]) -> None:
+    session = start(museum)
+    client = museum.client
+    with client.websocket_connect(f"/sessions/{session}/stream") as socket:  # type: ignore[attr-defined]
+        for i, view in enumerate(video[:5]):
+            socket.send_text('{"timestamp": %f}' % (i / 10))
+            socket.send_bytes(view.jpeg())
+            result = socket.receive_json()
+            assert result["tracking"] == "tracking"
+            assert result["received"] == i + 1

@@ -19,6 +19,7 @@ from app.geometry.se3 import Pose
 from app.services.tracking.fix import Fix, accuracy
 from app.services.tracking.frame import TrackingFrame, find_corners, follow
 from app.services.tracking.points import FLOW_SIGMA, TrackedPoints
+from app.services.tracking.window import KeyView, Window
 from app.services.verification import coverage
 
 # Flow localizes a point to a fraction of a pixel: what is further off is no longer the point it was.
@@ -26,7 +27,11 @@ MAX_ERROR = 3.0 / 525.0
 # So many points are followed, and new corners looked for when this share of them is left.
 WANTED_POINTS, REFILL_SHARE = 300, 0.8
 MIN_INLIERS, MIN_INLIER_RATIO, MIN_COVERAGE = 15, 0.5, 0.12
-ENOUGH_FIXED, ENOUGH_COVERAGE = 40, 0.3
+ENOUGH_FIXED, ENOUGH_COVERAGE, MOST_FIXED = 40, 0.3, 250
+# Every so many frames is a keyframe.
+KEYFRAME_EVERY = 4
+# The least that points of a fix are off by.
+FIX_SIGMA_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,10 @@ class Odometry:
     def __init__(self, frame: TrackingFrame, fix: Fix) -> None:
         self._gray = frame.gray
         self._points = TrackedPoints.none()
+        self._next_id = 0
+        self._pose = fix.world_from_camera
+        self._window = Window()
+        self._since_keyframe = 0
         self.absorb(fix)
         self._refill(fix.camera, fix.world_from_camera)
 
@@ -64,12 +73,26 @@ class Odometry:
         return self._gray.shape[1], self._gray.shape[0]
 
     def absorb(self, fix: Fix) -> None:
-        """Take the points of a fix of the present frame in place of those of earlier fixes."""
-        own = self._points.take(~self._points.from_fix)
+        """Take the points of a fix of the present frame in place of those of earlier fixes.
+
+        What was placed by odometry's own pose of this frame moves along with the correction.
+        """
+        correction = fix.world_from_camera @ self._pose.inverse()
+        own = self._points.take(~self._points.from_fix).moved(correction)
+        rows = np.argsort(fix.point_sigma_m)[:MOST_FIXED]
         fixed = TrackedPoints.fixed(
-            fix.points_px, fix.points_in_world, fix.point_sigma_m, fix.world_from_camera
+            self._new_ids(len(rows)),
+            fix.points_px[rows],
+            fix.points_in_world[rows],
+            fix.point_sigma_m[rows],
+            fix.world_from_camera,
         )
-        self._points = fixed.joined(own)
+        self._points, self._pose = fixed.joined(own), fix.world_from_camera
+        self._window, self._since_keyframe = Window(), KEYFRAME_EVERY
+
+    def _new_ids(self, count: int) -> NDArray[np.int64]:
+        self._next_id += count
+        return np.arange(self._next_id - count, self._next_id)
 
     def step(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> OdometryStep | None:
         """Follow all points into a frame and return its pose; None when there is none at all."""
@@ -78,7 +101,7 @@ class Odometry:
         points = self._points.take(found)
         points.pixels = moved[found]
         self._points = points
-        pose = self._pose(points, camera, predicted)
+        pose = self._estimate(points, camera, predicted)
         if pose is None:
             return None
         across_m = points.sigma_across_m(pose.translation)
@@ -89,7 +112,7 @@ class Odometry:
         position_m, orientation_deg = accuracy(
             inliers.pixels, inliers.points_in_world, across_m[agree], camera, pose
         )
-        self._points = inliers
+        self._points, self._pose = inliers, pose
         return OdometryStep(
             pose,
             position_m,
@@ -100,14 +123,11 @@ class Odometry:
             int(np.count_nonzero(inliers.from_fix)),
         )
 
-    def _pose(self, points: TrackedPoints, camera: Camera, predicted: Pose) -> Pose | None:
+    def _estimate(self, points: TrackedPoints, camera: Camera, predicted: Pose) -> Pose | None:
         """Return the pose by the points that are placed well, then by all, each as far as it can be trusted."""
+        if self._has_enough_fixed(points, camera):
+            points = points.take(points.from_fix)
         placed = points.take(points.is_placed)
-        fixed = points.take(points.from_fix)
-        size = camera.width, camera.height
-        if len(fixed) >= ENOUGH_FIXED and coverage(fixed.pixels, size) >= ENOUGH_COVERAGE:
-            # Points of a fix don't drift: while there are plenty, the others say nothing better.
-            placed = points = fixed
         first = estimate_pose_lo_ransac(
             placed.pixels,
             placed.points_in_world,
@@ -143,10 +163,38 @@ class Odometry:
         limits = camera.focal_px * np.hypot(MAX_ERROR, np.minimum(across_m / distances, 4 * MAX_ERROR) * 2)
         return np.asarray(errors <= limits)
 
-    def learn(self, camera: Camera, world_from_camera: Pose) -> None:
-        """Better the points by a pose of the present frame that is trusted, and look for new ones."""
-        self._points.observe(camera, world_from_camera)
-        self._refill(camera, world_from_camera)
+    def learn(self, camera: Camera) -> Pose:
+        """Better the points by the present frame, whose pose is trusted, and look for new ones.
+
+        Every few frames the last keyframes are adjusted together; returns the pose of this frame after that.
+        """
+        self._points.observe(camera, self._pose)
+        self._since_keyframe += 1
+        if self._since_keyframe >= KEYFRAME_EVERY:
+            self._since_keyframe = 0
+            self._add_keyframe(camera)
+        self._refill(camera, self._pose)
+        return self._pose
+
+    def _add_keyframe(self, camera: Camera) -> None:
+        points = self._points
+        prior_sigma_m = np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf)
+        self._window.add(KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior_sigma_m)
+        if self._has_enough_fixed(points, camera):
+            return
+        adjusted = np.intersect1d(self._window.adjust(camera), points.ids)
+        order = np.argsort(points.ids)
+        rows = order[np.searchsorted(points.ids[order], adjusted)]
+        places = self._window.points_in_world[np.searchsorted(self._window.ids, adjusted)]
+        own = ~points.from_fix[rows]
+        points.place(rows[own], places[own])
+        self._pose = self._window.views[-1].world_from_camera
+
+    def _has_enough_fixed(self, points: TrackedPoints, camera: Camera) -> bool:
+        """Whether points of a fix alone tell the pose. They don't drift: then the others say nothing better."""
+        pixels = points.pixels[points.from_fix]
+        spread = coverage(pixels, (camera.width, camera.height))
+        return len(pixels) >= ENOUGH_FIXED and spread >= ENOUGH_COVERAGE
 
     def _refill(self, camera: Camera, pose: Pose) -> None:
         if len(self._points) >= REFILL_SHARE * WANTED_POINTS:
@@ -155,7 +203,7 @@ class Odometry:
         placed = self._points.take(self._points.is_placed)
         if len(placed) and len(corners):
             distances = np.linalg.norm(placed.points_in_world - pose.translation, axis=1)
-            fresh = TrackedPoints.new(corners, camera, pose, float(np.median(distances)))
+            fresh = TrackedPoints.new(self._new_ids(len(corners)), corners, camera, pose, float(np.median(distances)))
             self._points = self._points.joined(fresh)
 
 

@@ -31,9 +31,11 @@ class TrackedPoints:
 
     `pixels` (n, 2) in the last frame. A point lies on the ray (n, 3) from `origin` (n, 3) at `inverse_m` (n,), one
     over its distance, which is uncertain by `inverse_sigma` (n,). `from_fix` (n,) marks points that a fix gave:
-    their places are not changed, and `across_m` (n,) is their uncertainty in any direction.
+    their places are not changed, and `across_m` (n,) is their uncertainty in any direction. `ids` (n,) are given
+    by whoever follows them.
     """
 
+    ids: NDArray[np.int64]
     pixels: Array
     origin: Array
     ray: Array
@@ -46,15 +48,16 @@ class TrackedPoints:
     def none() -> TrackedPoints:
         """Return no points."""
         zero, line = np.zeros((0, 3)), np.zeros(0)
-        return TrackedPoints(np.zeros((0, 2)), zero, zero, line, line, line, np.zeros(0, dtype=bool))
+        return TrackedPoints(np.zeros(0, np.int64), np.zeros((0, 2)), zero, zero, line, line, line, np.zeros(0, dtype=bool))
 
     @staticmethod
-    def new(pixels: Array, camera: Camera, world_from_camera: Pose, distance_m: float) -> TrackedPoints:
+    def new(ids: NDArray[np.int64], pixels: Array, camera: Camera, world_from_camera: Pose, distance_m: float) -> TrackedPoints:
         """Return points (n, 2) seen for the first time, about as far away as other things are."""
         rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         n = len(pixels)
         return TrackedPoints(
+            ids,
             pixels,
             np.tile(world_from_camera.translation, (n, 1)),
             rays,
@@ -66,13 +69,18 @@ class TrackedPoints:
 
     @staticmethod
     def fixed(
-        pixels: Array, points_in_world: Array, across_m: Array, world_from_camera: Pose
+        ids: NDArray[np.int64],
+        pixels: Array,
+        points_in_world: Array,
+        across_m: Array,
+        world_from_camera: Pose,
     ) -> TrackedPoints:
         """Return the points (n, 2), (n, 3) that a fix gave."""
         rays = points_in_world - world_from_camera.translation
         distances = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         n = len(pixels)
         return TrackedPoints(
+            ids,
             pixels,
             np.tile(world_from_camera.translation, (n, 1)),
             rays / distances[:, None],
@@ -104,6 +112,25 @@ class TrackedPoints:
         return TrackedPoints(
             *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in TrackedPoints.__slots__)
         )
+
+    def moved(self, new_from_old: Pose) -> TrackedPoints:
+        """Return the points with their places moved by a correction of the frame that they are in."""
+        return TrackedPoints(
+            self.ids,
+            self.pixels,
+            new_from_old.apply(self.origin),
+            self.ray @ new_from_old.rotation.T,
+            self.inverse_m,
+            self.inverse_sigma,
+            self.across_m,
+            self.from_fix,
+        )
+
+    def place(self, rows: NDArray[np.intp], points_in_world: Array) -> None:
+        """Put points (n,) where a bundle adjustment has them (n, 3)."""
+        rays = points_in_world - self.origin[rows]
+        distances = np.clip(np.linalg.norm(rays, axis=1), MIN_DISTANCE_M, MAX_DISTANCE_M)
+        self.ray[rows], self.inverse_m[rows] = rays / distances[:, None], 1.0 / distances
 
     def sigma_across_m(self, centre: Array) -> Array:
         """Return how uncertain the points are (n,) across the rays from a centre (3,).

@@ -189,11 +189,12 @@ class Tracker:
             found = self.source.locate(frame, camera, step.world_from_camera)
             fix = found if isinstance(found, Fix) else None
         if fix is None:
-            self._odometry.learn(camera, step.world_from_camera)
+            pose = self._odometry.learn(camera)
+            step = replace(step, world_from_camera=pose)
             self.memory = replace(
                 memory,
                 state="tracking",
-                world_from_camera=step.world_from_camera,
+                world_from_camera=pose,
                 time_s=frame.time_s,
                 unaided_m=unaided_m,
                 pending=None,
@@ -275,7 +276,7 @@ class Tracker:
             self._odometry = Odometry(frame, fix)
         else:
             self._odometry.absorb(fix)
-        self._odometry.learn(fix.camera, fix.world_from_camera)
+        self._odometry.learn(fix.camera)
         self._since_refresh = self._since_search = 0
         self.memory = TrackingMemory(
             state,
