@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from app.commands import build, calibrate, demo, evaluate, evaluate_demo, serve
+from app.commands import build, calibrate, demo, evaluate, evaluate_demo, serve, stream, track
 from app.commands.console import errors
 from app.errors import RoomfixError
 
@@ -18,6 +18,7 @@ app = typer.Typer(
 COMMANDS: tuple[Callable[..., Any], ...] = (
     serve.serve, serve.worker, build.build, build.locate, build.sweep,
     evaluate.evaluate, evaluate.benchmark, calibrate.calibrate, demo.demo, evaluate_demo.evaluate_demo,
+    track.track, stream.stream, stream.stream_bench,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

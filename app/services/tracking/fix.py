@@ -54,6 +54,7 @@ class Fix:
     method: str = "rgbd"
     frame_id: str = WORLD
     keyframes: tuple[KeyframeVote, ...] = ()
+    scale_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,7 +88,8 @@ class Odometry:
             fix.world_from_camera,
         )
         self._points, self._pose = fixed.joined(own), fix.world_from_camera
-        self._window, self._since_keyframe = Window(), KEYFRAME_EVERY
+        self._window.move(correction)
+        self._since_keyframe = KEYFRAME_EVERY
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
         self._next_id += count
@@ -179,7 +180,9 @@ class Odometry:
     def _add_keyframe(self, camera: Camera) -> None:
         points = self._points
         prior_sigma_m = np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf)
-        self._window.add(KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior_sigma_m)
+        self._window.add(
+            KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior_sigma_m
+        )
         if self._has_enough_fixed(points, camera):
             return
         adjusted = np.intersect1d(self._window.adjust(camera), points.ids)
@@ -203,7 +206,9 @@ class Odometry:
         placed = self._points.take(self._points.is_placed)
         if len(placed) and len(corners):
             distances = np.linalg.norm(placed.points_in_world - pose.translation, axis=1)
-            fresh = TrackedPoints.new(self._new_ids(len(corners)), corners, camera, pose, float(np.median(distances)))
+            fresh = TrackedPoints.new(
+                self._new_ids(len(corners)), corners, camera, pose, float(np.median(distances))
+            )
             self._points = self._points.joined(fresh)
 
 

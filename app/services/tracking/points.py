@@ -48,10 +48,14 @@ class TrackedPoints:
     def none() -> TrackedPoints:
         """Return no points."""
         zero, line = np.zeros((0, 3)), np.zeros(0)
-        return TrackedPoints(np.zeros(0, np.int64), np.zeros((0, 2)), zero, zero, line, line, line, np.zeros(0, dtype=bool))
+        return TrackedPoints(
+            np.zeros(0, np.int64), np.zeros((0, 2)), zero, zero, line, line, line, np.zeros(0, dtype=bool)
+        )
 
     @staticmethod
-    def new(ids: NDArray[np.int64], pixels: Array, camera: Camera, world_from_camera: Pose, distance_m: float) -> TrackedPoints:
+    def new(
+        ids: NDArray[np.int64], pixels: Array, camera: Camera, world_from_camera: Pose, distance_m: float
+    ) -> TrackedPoints:
         """Return points (n, 2) seen for the first time, about as far away as other things are."""
         rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -38,7 +38,7 @@ MOTION_SLACK_M, MOTION_SHARE = 0.15, 0.5
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
     """How often points are looked for in the map around the pose, and, where that shows nothing, everywhere; in
-    frames. `use_fixes_after_start` off leaves odometry alone once it has begun, to measure it."""
+    frames. Without `use_refresh` the map around the pose is left alone, which is how odometry is measured."""
 
     refresh_every: int = 4
     relocalize_every: int = 30
@@ -49,8 +49,9 @@ class TrackerSettings:
 class TrackingMemory:
     """What a session must not forget: enough to go on after a restart.
 
-    `world_from_camera` is the last trusted pose, at `time_s`; `position_m` and `orientation_deg` its sigma;
-    `fix_position_m`, `fix_orientation_deg` those of the last fix, `unaided_m` the path since; `pending` a fix that
+    `world_from_camera` is the last trusted pose, at `time_s`;
+    `fix_position_m`, `fix_orientation_deg` those of the last fix, `fix_scale_sigma` what its scale is off by, as a
+    share; `unaided_m` the path since; `pending` a fix that
     was too far off to be believed at once.
     """
 
@@ -60,6 +61,7 @@ class TrackingMemory:
     time_s: float = 0.0
     fix_position_m: float = 0.0
     fix_orientation_deg: float = 0.0
+    fix_scale_sigma: float = 0.0
     unaided_m: float = 0.0
     pending: Pose | None = None
     pending_frame_id: str = WORLD
@@ -158,9 +160,11 @@ class Tracker:
         return self.memory.frame_id != WORLD or self.is_inside(pose)
 
     def _sigma(self, step: OdometryStep, unaided_m: float) -> tuple[float, float]:
+        """Return one sigma of a step's position and attitude: it grows with the path since the last fix."""
         memory = self.memory
+        drift_m = float(np.hypot(DRIFT_SHARE, memory.fix_scale_sigma)) * unaided_m
         return (
-            float(np.sqrt(step.position_m**2 + memory.fix_position_m**2 + (DRIFT_SHARE * unaided_m) ** 2)),
+            float(np.sqrt(step.position_m**2 + memory.fix_position_m**2 + drift_m**2)),
             float(
                 np.sqrt(
                     step.orientation_deg**2
@@ -285,6 +289,7 @@ class Tracker:
             frame.time_s,
             fix.position_m,
             fix.orientation_deg,
+            fix.scale_sigma,
         )
         return Tracked(
             state,

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
 # Views that are adjusted together, and how many of the oldest keep their poses: they hold place and scale.
-WINDOW, HELD = 12, 4
+WINDOW, HELD = 12, 2
 # A point that was seen less often says nothing that the pose doesn't need to explain it.
 MIN_VIEWS = 2
 # Fewer leave poses undetermined.
@@ -50,6 +50,14 @@ class Window:
         self.ids = ids[order]
         self.points_in_world = np.concatenate([self.points_in_world[old], points_in_world])[order]
         self.prior_sigma_m = np.concatenate([self.prior_sigma_m[old], prior_sigma_m])[order]
+
+    def move(self, new_from_old: Pose) -> None:
+        """Move views and points by a correction of the frame that they are in; what fixes said of points is void."""
+        self.views = [
+            KeyView(new_from_old @ view.world_from_camera, view.ids, view.pixels) for view in self.views
+        ]
+        self.points_in_world = new_from_old.apply(self.points_in_world)
+        self.prior_sigma_m = np.full(len(self.ids), np.inf)
 
     def adjust(self, camera: Camera) -> Ids:
         """Adjust the views and the points that enough of them see; return the ids of these."""
