@@ -57,6 +57,10 @@ class _Gate:
         """Return the source's fix, none while closed."""
         return self.source.refresh(frame, camera, predicted) if self.is_open else None
 
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
+        """Return the source's fix, none while closed."""
+        return self.source.nearby(frame, camera, near) if self.is_open else None
+
 
 @dataclass(frozen=True, slots=True)
 class TrackedFrame:

@@ -87,11 +87,14 @@ class _Live:
 class _NoMap:
     """The fixes of a venue without a map."""
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> NoFix:  # noqa: ARG002
+    def locate(self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None) -> NoFix:
         """Return that there is none."""
         return NoFix("no_map")
 
-    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> None:
+    def refresh(self, _frame: TrackingFrame, _camera: Camera, _predicted: Pose) -> None:
+        """Return that there is none."""
+
+    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose) -> None:
         """Return that there is none."""
 
 

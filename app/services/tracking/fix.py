@@ -18,11 +18,13 @@ from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.guided_matching import match_near_projections
 from app.services.verification import Reason, confidence_of, coverage, gather_evidence
+from app.vision.local_features import LocalFeatures
+from app.vision.matching import match_unit_vectors, to_unit_vectors
 
 Array = NDArray[np.float64]
 WORLD = "world"
 # Keyframes whose points are looked for around a predicted pose.
-COVISIBLE_KEYFRAMES = 6
+COVISIBLE_KEYFRAMES, NEARBY_KEYFRAMES = 6, 10
 # How far from its prediction a point is looked for, and from a pose that was found already, as a tangent.
 SEARCH_RADIUS, FOUND_RADIUS = 24.0 / 525.0, 8.0 / 525.0
 MAX_ERROR = 6.0 / 525.0
@@ -74,14 +76,19 @@ def plan_frame(floor_id: str) -> str:
 class FixSource(Protocol):
     """What gives fixes."""
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, /) -> Fix | NoFix:
         """Return where a frame is, looking everywhere; `near` may decide between places that look alike.
 
         `camera` is the one of the frame at tracking size; without it the focal length is searched for.
         """
 
-    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
-        """Return where a frame is, looking only around a predicted pose; None when nothing is seen there."""
+    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose, /) -> Fix | None:
+        """Return where a frame is, looking only where points should be by a pose that is nearly right; None when
+        they are not there."""
+
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, /) -> Fix | None:
+        """Return where a frame is, looking around a place where the camera was a moment ago; None when what is
+        there is not seen."""
 
 
 class MapFixes:
@@ -103,7 +110,7 @@ class MapFixes:
             return NoFix(found.reason or "no_match", evidence.inliers, evidence.matches)
         assert found.position_m is not None and found.orientation_deg is not None  # noqa: S101, PT018 - located
         tracked = frame.scaled(found.camera)
-        matches = self._near(frame, tracked, found.world_from_camera, FOUND_RADIUS)
+        matches = self._near(self._features(frame), tracked, found.world_from_camera, FOUND_RADIUS)
         return Fix(
             found.world_from_camera,
             found.position_m,
@@ -120,7 +127,38 @@ class MapFixes:
 
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
-        matches = self._near(frame, camera, predicted, SEARCH_RADIUS)
+        matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
+        return self._concluded(matches, camera, predicted)
+
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
+        """Match all features with the keyframes around a place, estimate the pose, and go on as `refresh` does."""
+        localizer, features = self.localizer, self._features(frame)
+        arrays, extractor = localizer.artifact.arrays, localizer.extractor
+        unit = to_unit_vectors(features.descriptors, extractor.binary)
+        pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
+        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set()):
+            rows = localizer.artifact.rows(keyframe)
+            theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
+            a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
+            pixels.append(features.keypoints_px[a].astype(np.float64))
+            points.append(arrays.points_in_world[rows][b].astype(np.float64))
+        estimate = estimate_pose_lo_ransac(
+            np.concatenate(pixels),
+            np.concatenate(points),
+            camera,
+            max_error_px=MAX_ERROR * camera.focal_px,
+            max_iterations=2000,
+        )
+        if estimate is None or int(estimate.inlier_mask.sum()) < GUIDED_INLIER_FACTOR * extractor.min_inliers:
+            return None
+        pose = estimate.world_from_camera
+        return self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+
+    def _features(self, frame: TrackingFrame) -> LocalFeatures:
+        return self.localizer.extractor.extract(frame.gray)
+
+    def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
+        """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""
         estimate = estimate_pose_lo_ransac(
             matches.points_px,
             matches.points_in_world,
@@ -164,10 +202,9 @@ class MapFixes:
             len(matches),
         )
 
-    def _near(self, frame: TrackingFrame, camera: Camera, pose: Pose, radius: float) -> Matches:
+    def _near(self, features: LocalFeatures, camera: Camera, pose: Pose, radius: float) -> Matches:
         localizer = self.localizer
         keyframes = localizer.retrieval.covisible(pose, COVISIBLE_KEYFRAMES, set())
-        features = localizer.extractor.extract(frame.gray)
         return match_near_projections(
             features,
             localizer.extractor,

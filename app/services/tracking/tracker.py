@@ -26,6 +26,8 @@ MAX_FREE_M = 4.0
 MAX_CLIMB_M = 1.2
 # After so long without a frame nothing can be followed from the one before.
 MAX_GAP_S = 1.0
+# For so long a camera is looked for near where it was before it is looked for everywhere.
+MAX_NEARBY_S = 3.0
 # Two fixes that confirm each other are at most so long apart.
 MAX_CONFIRMATION_S = 5.0
 # What odometry is off by after a metre of path (roomfix track), and where its answers end.
@@ -219,9 +221,18 @@ class Tracker:
         memory = self.memory
         self._odometry = None
         self._since_search = self._since_refresh = 0
-        recent = abs(frame.time_s - memory.time_s) <= MAX_CONFIRMATION_S
-        found = self.source.locate(frame, camera, predicted if recent else None)
-        if isinstance(found, Fix) and found.frame_id == WORLD and not self.is_inside(found.world_from_camera):
+        away_s = abs(frame.time_s - memory.time_s)
+        if (
+            away_s <= MAX_NEARBY_S
+            and camera is not None
+            and predicted is not None
+            and memory.frame_id == WORLD
+        ):
+            near = self.source.nearby(frame, camera, predicted)
+            if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
+                return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
+        found = self.source.locate(frame, camera, predicted if away_s <= MAX_CONFIRMATION_S else None)
+        if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
         if isinstance(found, NoFix):
             state: State = "initializing" if memory.world_from_camera is None else "lost"
@@ -233,6 +244,9 @@ class Tracker:
         if self._is_plausible(found, predicted, frame.time_s) or self._is_confirmed(found, frame.time_s):
             return self._take(found, frame, "relocalized")
         return self._doubt(found, frame, camera)
+
+    def _can_be(self, fix: Fix) -> bool:
+        return fix.frame_id != WORLD or self.is_inside(fix.world_from_camera)
 
     def _is_plausible(self, fix: Fix, predicted: Pose, time_s: float) -> bool:
         """Whether the camera can have come from its last place to a fix in the time between."""
