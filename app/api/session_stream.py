@@ -34,7 +34,7 @@ CLOSE_REPLACED, CLOSE_TOO_BIG, CLOSE_GONE = 4000, 1009, 4404
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
+class Waiting:
     """A frame that waits; `received` counts the frames of this connection from 1. `motion` is since the last frame
     that was taken up, None when that is not known."""
 
@@ -45,12 +45,12 @@ class _Waiting:
 
 
 @dataclass(eq=False)
-class _Stream:
+class Stream:
     """One connection. What waits is one frame at most: a newer one takes its place."""
 
     socket: WebSocket
     session: str
-    waiting: _Waiting | None = None
+    waiting: Waiting | None = None
     hints: dict[str, str] = field(default_factory=dict)
     received: int = 0
     arrived: asyncio.Event = field(default_factory=asyncio.Event)
@@ -63,10 +63,10 @@ class _Stream:
         if self.waiting is not None:
             skipped = self.waiting.motion
             motion = None if motion is None or skipped is None else skipped @ motion
-        self.waiting = _Waiting(self.received, data, hints, motion)
+        self.waiting = Waiting(self.received, data, hints, motion)
         self.arrived.set()
 
-    async def take(self) -> _Waiting:
+    async def take(self) -> Waiting:
         """Return the newest frame as soon as there is one."""
         await self.arrived.wait()
         self.arrived.clear()
@@ -94,7 +94,7 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-_streams: WeakValueDictionary[str, _Stream] = WeakValueDictionary()
+_streams: WeakValueDictionary[str, Stream] = WeakValueDictionary()
 
 
 @router.websocket("/sessions/{session}/stream")
@@ -109,7 +109,7 @@ async def stream(socket: WebSocket, session: str) -> None:
         await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
         return
     await socket.accept()
-    connection = _Stream(socket, session)
+    connection = Stream(socket, session)
     # A phone that comes back may do so before its old connection is known to be dead.
     older, _streams[session] = _streams.get(session), connection
     if older is not None:
@@ -128,7 +128,7 @@ def _key(socket: WebSocket) -> str:
     return credentials.strip() if scheme.lower() == "bearer" else socket.query_params.get("key", "")
 
 
-async def _receive(connection: _Stream, max_bytes: int) -> None:
+async def _receive(connection: Stream, max_bytes: int) -> None:
     """Take messages until the phone goes away."""
     socket = connection.socket
     try:
@@ -154,7 +154,7 @@ async def _receive(connection: _Stream, max_bytes: int) -> None:
         return
 
 
-async def _answer(state: AppState, connection: _Stream) -> None:
+async def _answer(state: AppState, connection: Stream) -> None:
     """Answer the newest frame, again and again."""
     while True:
         waiting = await connection.take()
@@ -180,14 +180,14 @@ async def _answer(state: AppState, connection: _Stream) -> None:
         await _send(connection.socket, json.dumps(body, separators=(",", ":")))
 
 
-def _put_back(connection: _Stream, waiting: _Waiting) -> None:
+def _put_back(connection: Stream, waiting: Waiting) -> None:
     """Let a frame wait on, unless a newer one does."""
     if connection.waiting is None:
         connection.waiting = waiting
         connection.arrived.set()
 
 
-def _frame(waiting: _Waiting) -> SessionFrame:
+def _frame(waiting: Waiting) -> SessionFrame:
     hints = waiting.hints
     frame = session_frame(
         waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp")
@@ -195,7 +195,7 @@ def _frame(waiting: _Waiting) -> SessionFrame:
     return SessionFrame(frame.image, frame.camera, waiting.motion, frame.time_s)
 
 
-async def _send_problem(connection: _Stream, error: RoomfixError, received: int | None) -> None:
+async def _send_problem(connection: Stream, error: RoomfixError, received: int | None) -> None:
     body = {
         "type": "about:blank",
         "status": status_of(error),
