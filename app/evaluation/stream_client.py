@@ -99,11 +99,13 @@ async def stream_frames(
     key: str | None = None,
     on_answer: OnAnswer | None = None,
     give_up_s: float = 30.0,
+    is_enough: Callable[[], bool] = lambda: False,
 ) -> StreamLog:
     """Send frames at their rate, whether the last one was answered or not, and return what came back.
 
     A connection that breaks is made anew, and the session goes on with the frame that is due then: a camera
-    doesn't wait. Raises `RoomfixError` when the server refuses, or stays away for longer than `give_up_s`.
+    doesn't wait. Ends before the last frame when `is_enough` says so. Raises `RoomfixError` when the server
+    refuses, or stays away for longer than `give_up_s`.
     """
     address = f"{server.replace('http', 'ws', 1)}/sessions/{session}/stream"
     log, started, away_since = StreamLog(), time.perf_counter(), time.perf_counter()
@@ -113,7 +115,7 @@ async def stream_frames(
             async with connect(address, additional_headers=_headers(key), max_size=None) as socket:
                 log.reconnects += connected
                 connected = True
-                await _send_and_receive(socket, frames, fps, started, log, on_answer)
+                await _send_and_receive(socket, frames, fps, started, log, on_answer, is_enough)
                 return log
         except websockets.InvalidStatus as error:
             body = error.response.body or b""
@@ -134,6 +136,7 @@ async def _send_and_receive(
     started: float,
     log: StreamLog,
     on_answer: OnAnswer | None,
+    is_enough: Callable[[], bool],
 ) -> None:
     on_the_way: dict[int, tuple[int, float]] = {}
     receiving = asyncio.create_task(_receive(socket, on_the_way, log, on_answer))
@@ -141,6 +144,8 @@ async def _send_and_receive(
         received = 0
         for number in range(_due(started, fps), len(frames)):
             await asyncio.sleep(max(started + number / fps - time.perf_counter(), 0.0))
+            if is_enough():
+                break
             if number < _due(started, fps) - 1:
                 continue
             await socket.send(json.dumps({"timestamp": number / fps}))
