@@ -56,6 +56,6 @@ def test_points_of_a_fix_stay_where_they_are() -> None:
     points.observe(CAMERA, moved)
     assert np.allclose(points.points_in_world, TRUTH)
     shift = Pose(np.eye(3), np.array([0.0, 1.0, 0.0]))
-    assert np.allclose(points.moved(shift).points_in_world, TRUTH + [0.0, 1.0, 0.0])
+    assert np.allclose(points.moved(shift).points_in_world, TRUTH + shift.translation)
     points.place(np.arange(3), TRUTH[:3] + 0.1)
     assert np.allclose(points.points_in_world[:3], TRUTH[:3] + 0.1)

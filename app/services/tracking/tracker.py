@@ -28,6 +28,8 @@ MAX_CLIMB_M = 1.2
 MAX_GAP_S = 1.0
 # For so long a camera is looked for near where it was before it is looked for everywhere.
 MAX_NEARBY_S = 3.0
+# A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
+MAX_CORRECTION_M = 0.25
 # Two fixes that confirm each other are at most so long apart.
 MAX_CONFIRMATION_S = 5.0
 # What odometry is off by after a metre of path (roomfix track), and where its answers end.
@@ -208,7 +210,7 @@ class Tracker:
             return self._answer("tracking", step, position_m, orientation_deg)
         self._since_search = 0
         off_m = position_difference_m(fix.world_from_camera, step.world_from_camera)
-        if fix.frame_id == memory.frame_id and off_m <= 0.1 + 3.0 * float(
+        if fix.frame_id == memory.frame_id and off_m <= MAX_CORRECTION_M + 3.0 * float(
             np.hypot(position_m, fix.position_m)
         ):
             return self._take(fix, frame, "tracking")
