@@ -34,7 +34,9 @@ MAX_CORRECTION_M = 0.25
 MAX_CONFIRMATION_S = 5.0
 # What odometry is off by after a metre of path (roomfix track), and where its answers end.
 DRIFT_SHARE, MAX_SIGMA_M = 0.04, 1.0
-DRIFT_DEG_PER_M = 2.0
+# What it is off by after a turn, as a share of the turn, and at what distance a turn looks like a step: a lens that
+# differs from its model a little makes one of the other.
+TURN_DRIFT_SHARE, TURN_DISTANCE_M = 0.08, 1.5
 # A phone's own odometry and ours agree on a step within this and this share of it.
 MOTION_SLACK_M, MOTION_SHARE = 0.15, 0.5
 
@@ -55,7 +57,7 @@ class TrackingMemory:
 
     `world_from_camera` is the last trusted pose, at `time_s`;
     `fix_position_m`, `fix_orientation_deg` those of the last fix, `fix_scale_sigma` what its scale is off by, as a
-    share; `unaided_m` the path since; `pending` a fix that
+    share; `unaided_m` and `unaided_rad` the path and the turns since; `pending` a fix that
     was too far off to be believed at once.
     """
 
@@ -67,6 +69,7 @@ class TrackingMemory:
     fix_orientation_deg: float = 0.0
     fix_scale_sigma: float = 0.0
     unaided_m: float = 0.0
+    unaided_rad: float = 0.0
     pending: Pose | None = None
     pending_frame_id: str = WORLD
     pending_time_s: float = 0.0
@@ -157,33 +160,35 @@ class Tracker:
             off_m = position_difference_m(step.world_from_camera, predicted)
             if off_m > MOTION_SLACK_M + MOTION_SHARE * float(np.linalg.norm(motion.translation)):
                 return None
-        position_m, _ = self._sigma(step, memory.unaided_m + moved_m)
-        return step if position_m <= MAX_SIGMA_M else None
+        return step if self._sigma(step)[0] <= MAX_SIGMA_M else None
 
     def _is_inside(self, pose: Pose) -> bool:
         return self.memory.frame_id != WORLD or self.is_inside(pose)
 
-    def _sigma(self, step: OdometryStep, unaided_m: float) -> tuple[float, float]:
-        """Return one sigma of a step's position and attitude: it grows with the path since the last fix."""
-        memory = self.memory
-        drift_m = float(np.hypot(DRIFT_SHARE, memory.fix_scale_sigma)) * unaided_m
+    def _unaided(self, step: OdometryStep) -> tuple[float, float]:
+        """Return the path and the turns since the last fix, with a step."""
+        memory, pose = self.memory, step.world_from_camera
+        assert memory.world_from_camera is not None  # noqa: S101 - followed
         return (
-            float(np.sqrt(step.position_m**2 + memory.fix_position_m**2 + drift_m**2)),
-            float(
-                np.sqrt(
-                    step.orientation_deg**2
-                    + memory.fix_orientation_deg**2
-                    + (DRIFT_DEG_PER_M * unaided_m) ** 2
-                )
-            ),
+            memory.unaided_m + position_difference_m(pose, memory.world_from_camera),
+            memory.unaided_rad + attitude_difference_rad(pose, memory.world_from_camera),
         )
+
+    def _sigma(self, step: OdometryStep) -> tuple[float, float]:
+        """Return one sigma of a step's position and attitude: it grows with path and turns since the last fix."""
+        memory, (unaided_m, unaided_rad) = self.memory, self._unaided(step)
+        turned_rad = TURN_DRIFT_SHARE * unaided_rad
+        drift_m = float(np.hypot(DRIFT_SHARE, memory.fix_scale_sigma)) * unaided_m
+        position_m = [step.position_m, memory.fix_position_m, drift_m, turned_rad * TURN_DISTANCE_M]
+        orientation_deg = [step.orientation_deg, memory.fix_orientation_deg, float(np.degrees(turned_rad))]
+        return float(np.linalg.norm(position_m)), float(np.linalg.norm(orientation_deg))
 
     def _go_on(self, frame: TrackingFrame, camera: Camera, step: OdometryStep) -> Tracked:
         """Answer with odometry's pose, or with a fix near it when one is due and there."""
         memory, settings = self.memory, self.settings
         assert memory.world_from_camera is not None and self._odometry is not None  # noqa: S101, PT018 - followed
-        unaided_m = memory.unaided_m + position_difference_m(step.world_from_camera, memory.world_from_camera)
-        position_m, orientation_deg = self._sigma(step, unaided_m)
+        unaided_m, unaided_rad = self._unaided(step)
+        position_m, orientation_deg = self._sigma(step)
         fix: Fix | None = None
         if (
             settings.use_refresh
@@ -205,6 +210,7 @@ class Tracker:
                 world_from_camera=pose,
                 time_s=frame.time_s,
                 unaided_m=unaided_m,
+                unaided_rad=unaided_rad,
                 pending=None,
             )
             return self._answer("tracking", step, position_m, orientation_deg)
@@ -256,7 +262,8 @@ class Tracker:
         if fix.frame_id != memory.frame_id:
             return False
         waited_s = max(time_s - memory.time_s, 0.0)
-        drift_m = float(np.hypot(memory.fix_position_m, DRIFT_SHARE * memory.unaided_m))
+        turned_m = TURN_DRIFT_SHARE * TURN_DISTANCE_M * memory.unaided_rad
+        drift_m = float(np.linalg.norm([memory.fix_position_m, DRIFT_SHARE * memory.unaided_m, turned_m]))
         reach_m = (
             JERK_M
             + min(MAX_SPEED_M_S * waited_s, MAX_FREE_M)
