@@ -24,6 +24,10 @@ CameraText = Annotated[
     str | None, typer.Option(help="fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], searched for if not given.")
 ]
 Fps = Annotated[float, typer.Option(min=0.1, max=120, help="Frames a second.")]
+COLUMN = (
+    "frames sent", "answered", "answers a second", "located %", "median ms", "95 % ms", "largest ms",
+    "median ms, first third", "median ms, last third", "last frame answered",
+)  # fmt: skip
 DEFAULT_SERVER = "http://127.0.0.1:8000"
 
 
@@ -57,12 +61,10 @@ def stream_bench(
     frames, key = read_frames(source), _key()
     count = round(fps * seconds)
     logs, pending = asyncio.run(_bench(frames, server, key, venue, camera, fps, phones, count))
-    table = Table(
-        "phone", "sent", "answered", "located %", "answers/s", "median ms", "95 % ms", "largest ms",
-        "1st third ms", "last third ms", "newest last",
-    )  # fmt: skip
-    for number, log in enumerate(logs):
-        table.add_row(str(number + 1), *_row(log, seconds))
+    table = Table("phone", *(str(number + 1) for number in range(phones)))
+    columns = [_column(log, seconds) for log in logs]
+    for row, name in enumerate(COLUMN):
+        table.add_row(name, *(column[row] for column in columns))
     console.print(table)
     console.print(
         f"queries that run or wait in the server: {np.mean(pending):.1f} on average, {max(pending)} at most"
@@ -106,18 +108,20 @@ async def _watch(server: str, key: str | None, seconds: float) -> list[int]:
     return found or [0]
 
 
-def _row(log: StreamLog, seconds: float) -> list[str]:
+def _column(log: StreamLog, seconds: float) -> list[str]:
+    """Return the figures of a phone, as `COLUMN` names them."""
     if not log.answers:
-        return [str(log.sent), "0", *("-" for _ in range(8))]
+        return [str(log.sent), "0", *("-" for _ in COLUMN[2:])]
     ages = [answer.latency_ms for answer in log.answers]
     third = max(len(ages) // 3, 1)
     located = np.mean([bool(answer.body.get("located")) for answer in log.answers])
-    last = log.sent - 1 <= max(answer.sent for answer in log.answers)
+    newest = max(answer.sent for answer in log.answers) == log.last
     numbers = (
-        100 * located, len(ages) / seconds, np.median(ages), np.percentile(ages, 95), max(ages),
+        len(ages) / seconds, 100 * located, np.median(ages), np.percentile(ages, 95), max(ages),
         np.median(ages[:third]), np.median(ages[-third:]),
     )  # fmt: skip
-    return [str(log.sent), str(len(ages)), *(f"{value:.1f}" for value in numbers), "yes" if last else "no"]
+    shown = [f"{value:.1f}" for value in numbers]
+    return [str(log.sent), str(len(ages)), *shown, "yes" if newest else "no"]
 
 
 def _print(answer: Answer) -> None:

@@ -41,9 +41,10 @@ class Answer:
 
 @dataclass(slots=True)
 class StreamLog:
-    """What a phone has seen: frames sent, answers, and connections made again."""
+    """What a phone has seen: frames sent and the number of the last one, answers, connections made again."""
 
     sent: int = 0
+    last: int = -1
     reconnects: int = 0
     answers: list[Answer] = field(default_factory=list)
 
@@ -152,7 +153,7 @@ async def _send_and_receive(
             received += 1
             on_the_way[received] = (number, time.perf_counter())
             await socket.send(frames[number])
-            log.sent += 1
+            log.sent, log.last = log.sent + 1, number
             if receiving.done():
                 receiving.result()
         await _wait_for_last(receiving, on_the_way, received)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import httpx
 import numpy as np
 import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
 from sqlalchemy import create_engine, text
 
 from tests.scenes import CAMERA, CAMERA_TEXT, Room, View, pose_at, scan_files, zipped
@@ -224,6 +226,15 @@ def test_a_frame_without_an_image_or_of_no_session(museum: Server, video: list[V
     assert_problem(post(museum, "0" * 32, video[0].jpeg()), 404, "not_found")
     assert_problem(post(museum, "nonsense", video[0].jpeg()), 422)
     assert_problem(museum.client.patch(f"/sessions/{session}", json={"venue": "x"}), 422)
+
+
+def test_two_frames_at_once_are_refused(museum: Server, video: list[View]) -> None:
+    session = start(museum)
+    assert isinstance(museum.client, TestClient)
+    service = cast(FastAPI, museum.client.app).state.roomfix.sessions
+    with service._live_of(session).lock:
+        assert "stream" in assert_problem(post(museum, session, video[0].jpeg()), 409, "conflict")
+    assert send(museum, session, video[0], 0.0)["frame"] == 1
 
 
 def test_an_image_over_the_limit_is_refused(museum: Server) -> None:

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
@@ -233,3 +234,13 @@ def accuracy(
     except DegenerateGeometryError:
         return float("inf"), 180.0
     return pose_accuracy(covariance)
+
+
+def confidence_of_sigma(position_m: float, orientation_deg: float) -> float:
+    """Return the probability that an error with these sigmas is below 0.5 m and 5 degrees.
+
+    A sigma is that of the error's length: with three equal axes its square is a chi-square of three.
+    """
+    within_m = chi2.cdf(3.0 * (0.5 / max(position_m, 1e-6)) ** 2, 3)
+    within_deg = chi2.cdf(3.0 * (5.0 / max(orientation_deg, 1e-6)) ** 2, 3)
+    return float(within_m * within_deg)

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
-from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix
+from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, confidence_of_sigma
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.odometry import Odometry, OdometryStep
 from app.services.verification import Reason
@@ -339,22 +338,12 @@ class Tracker:
             self.memory.frame_id,
             position_m,
             orientation_deg,
-            _confidence(position_m, orientation_deg),
+            confidence_of_sigma(position_m, orientation_deg),
             step.inliers,
             step.matches,
             self.memory.unaided_m,
             self.camera,
         )
-
-
-def _confidence(position_m: float, orientation_deg: float) -> float:
-    """Return the probability that an error with these sigmas is below 0.5 m and 5 degrees.
-
-    A sigma is that of the error's length: with three equal axes its square is a chi-square of three.
-    """
-    within_m = chi2.cdf(3.0 * (0.5 / max(position_m, 1e-6)) ** 2, 3)
-    within_deg = chi2.cdf(3.0 * (5.0 / max(orientation_deg, 1e-6)) ** 2, 3)
-    return float(within_m * within_deg)
 
 
 def _nothing(

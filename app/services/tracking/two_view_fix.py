@@ -15,7 +15,7 @@ from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import triangulate
-from app.services.tracking.fix import WORLD, Fix, accuracy
+from app.services.tracking.fix import WORLD, Fix, accuracy, confidence_of_sigma
 from app.services.verification import coverage
 
 Array = NDArray[np.float64]
@@ -70,15 +70,16 @@ def fix_from_two_views(
     sigma_m = _sigma_across(in_world[good], camera, pose)
     position_m, orientation_deg = accuracy(points_px[good], in_world[good], sigma_m, camera, pose)
     baseline_m = float(np.linalg.norm(known_from_camera.translation))
+    position_m = float(np.hypot(position_m, known.scale_sigma * baseline_m))
     return Fix(
         pose,
-        float(np.hypot(position_m, known.scale_sigma * baseline_m)),
+        position_m,
         orientation_deg,
         points_px[good],
         in_world[good],
         sigma_m,
         camera,
-        confidence=0.0,
+        confidence=confidence_of_sigma(position_m, orientation_deg),
         inliers=int(good.sum()),
         matches=len(points_px),
         method="anchor",
