@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.services.build_options import parse_camera
@@ -44,7 +44,7 @@ from app.storage.sessions import (
     record_frame,
 )
 from app.storage.venues import get_venue
-from app.vision.images import decode_image
+from app.vision.images import Rgb, decode_image
 
 # Points of the trajectory that come with every answer; the others with GET.
 RECENT_POINTS = 10
@@ -140,6 +140,9 @@ class SessionService:
         with self._resources.database.write() as connection:
             get_session(connection, session_id, self.timeout)
             change_session(connection, session_id, values)
+            if "camera" in values:
+                # What was followed with the old one is void.
+                self._drop(session_id)
             return get_session(connection, session_id, self.timeout)
 
     def delete(self, session_id: str) -> None:
@@ -195,7 +198,7 @@ class SessionService:
     def _answer(self, session: Session, live: _Live, frame: SessionFrame, started: float) -> SessionResult:
         rgb = decode_image(frame.image, self._resources.settings.max_image_pixels)
         timings = {"decode": 1e3 * (time.perf_counter() - started)}
-        given = frame.camera if frame.camera is not None else camera_from_json(session.camera)
+        given = frame.camera if frame.camera is not None else _own_camera(session, live.tracker, rgb)
         camera = query_camera(given, rgb)
         serving = self._library.active(session.venue_id)
         with self._resources.database.read() as connection:
@@ -229,6 +232,23 @@ class SessionService:
         keep = self._resources.settings.session_trajectory_points
         with self._resources.database.write() as connection:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep)
+
+
+def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> Camera | tuple[float, ...] | None:
+    """Return the session's camera; None for one that was searched for and doesn't fit the image, since the phone
+    was turned: then it is searched for again."""
+    own = camera_from_json(session.camera)
+    if _was_searched(session):
+        try:
+            query_camera(own, rgb)
+        except InvalidCameraError:
+            own = tracker.camera = None
+    return own
+
+
+def _was_searched(session: Session) -> bool:
+    stored = session.camera
+    return stored is None or (isinstance(stored, dict) and stored.get("source") == "search")
 
 
 def _fix_source(present: FixSource, localizer: Localizer | None) -> FixSource:
@@ -274,9 +294,7 @@ def _result(
     plan: PlanPoint | None,
     timings_ms: dict[str, float],
 ) -> LocateResult:
-    stored = session.camera
-    searched = stored is None or (isinstance(stored, dict) and stored.get("source") == "search")
-    source: CameraSource = "search" if searched else "request"
+    source: CameraSource = "search" if _was_searched(session) else "request"
     return LocateResult(
         venue=session.venue_id,
         method=tracked.method,

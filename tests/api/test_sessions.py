@@ -120,6 +120,9 @@ def test_a_camera_that_was_searched_for_is_kept(museum: Server, room: Room) -> N
     second = send(museum, session, room.view(pose_at(1.71, 1.4, 1.45, 28.5, 2.0)), 0.1)
     assert second["camera"] == first["camera"]
     assert second["method"] == "odometry"
+    # Turned to portrait the phone has another camera, which is searched for again; and nothing is made up.
+    turned = View(corner.world_from_camera, np.rot90(corner.rgb).copy(), corner.depth_m)
+    assert send(museum, session, turned, 0.2)["camera"] != first["camera"]
 
 
 def test_up_by_lift_is_lost_and_then_found_on_the_other_floor(

@@ -353,7 +353,7 @@ def _nothing(
         state,
         None,
         reason,
-        "none",
+        "rgbd",
         memory.frame_id,
         None,
         None,
