@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakValueDictionary
@@ -25,6 +26,8 @@ from app.errors import (
 from app.geometry.se3 import Pose
 from app.services.sessions import SessionFrame
 
+log = logging.getLogger("roomfix.api")
+UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
 HINTS = ("camera", "gravity", "motion", "timestamp")
 MAX_HINT_CHARACTERS = 10_000
@@ -173,6 +176,11 @@ async def _answer(state: AppState, connection: Stream) -> None:
             return
         except RoomfixError as error:
             await _send_problem(connection, error, waiting.received)
+            continue
+        except Exception:
+            # As for a request: the log has the cause, the phone an answer, and the next frame its chance.
+            log.exception("frame %d of session %s failed", waiting.received, connection.session)
+            await _send_problem(connection, RoomfixError(UNEXPECTED), waiting.received)
             continue
         result = answer.result
         state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
