@@ -24,6 +24,8 @@ from app.commands import (
     push_frames,
     reliability,
     serve,
+    stream,
+    track,
 )
 from app.commands.console import errors
 from app.errors import RoomfixError
@@ -39,6 +41,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     import_plan.import_plan,
     evaluate_walk.evaluate_walk, keyframes.keyframes,
     evaluate_anchors.evaluate_anchors, push_frames.push_frames,
+    track.track, stream.stream, stream.stream_bench,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

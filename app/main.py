@@ -22,6 +22,8 @@ from app.api import (
     maps,
     plan_drawing,
     routes,
+    session_stream,
+    sessions,
     venues,
 )
 from app.api.deps import AppState
@@ -39,6 +41,7 @@ from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.navigation.service import RouteService
 from app.services.resources import Resources
+from app.services.sessions import SessionService
 from app.settings import Settings
 from app.storage.venues import list_venues
 from app.web.pages import install_pages
@@ -65,6 +68,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         describer = AnchorDescriber()
         executor = BoundedExecutor(settings.workers, settings.queue_size)
         features = FeatureLibrary(resources.database)
+        route_service = RouteService(resources.database, features)
         app.state.roomfix = AppState(
             resources,
             LocateService(resources, library, features, AnchorLocator(resources, describer)),
@@ -72,8 +76,9 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
             builds,
             metrics,
             features,
-            RouteService(resources.database, features),
+            route_service,
             AnchorService(resources, library, describer),
+            SessionService(resources, library, features, route_service),
         )
         with resources.database.read() as connection:
             warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
@@ -97,7 +102,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     )
     for router in (
         locate.router, venues.router, floors.router, features.router, maps.router, database.router,
-        routes.router, plan_drawing.router, calibrate.router, anchors.router, health.router,
+        routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
+        session_stream.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app)

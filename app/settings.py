@@ -42,6 +42,18 @@ class Settings(BaseSettings):
     )
     descriptor_width: int = Field(320, ge=32, le=2048, description="Input width of the global descriptor.")
     descriptor_height: int = Field(240, ge=32, le=2048, description="Input height of the global descriptor.")
+    session_timeout_s: float = Field(
+        3600.0, gt=0, description="Seconds without a frame after which a session expires."
+    )
+    session_live_max: int = Field(
+        64,
+        ge=1,
+        le=10_000,
+        description="Sessions that are followed in memory; others relocalize when they go on.",
+    )
+    session_trajectory_points: int = Field(
+        20_000, ge=10, description="Points of a session's trajectory that are kept, the newest."
+    )
 
     anchor_max_age_s: float = Field(
         60.0, gt=0, le=1e9, description="Age in seconds from which an anchor's frame is not used any more."

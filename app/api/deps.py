@@ -19,6 +19,7 @@ from app.services.floor_features.library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.navigation.service import RouteService
 from app.services.resources import Resources
+from app.services.sessions import SessionService
 
 Scope = Literal["locate", "anchor", "admin"]
 ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
@@ -39,6 +40,7 @@ class AppState:
     features: FeatureLibrary
     routes: RouteService
     anchors: AnchorService
+    sessions: SessionService
 
 
 def get_state(request: Request) -> AppState:
@@ -63,14 +65,18 @@ def require(scope: Scope) -> Callable[..., None]:
     def check(
         state: State, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)]
     ) -> None:
-        settings = state.resources.settings
-        if settings.open:
-            return
-        expected = settings.admin_key.get_secret_value() if settings.admin_key is not None else ""
-        given = credentials.credentials if credentials is not None else ""
-        if not expected or not hmac.compare_digest(given.encode(), expected.encode()):
-            raise AuthenticationError(
-                f"This call needs a key with the scope {scope}, as 'Authorization: Bearer KEY'."
-            )
+        check_key(state, credentials.credentials if credentials is not None else "", scope)
 
     return check
+
+
+def check_key(state: AppState, given: str, scope: Scope) -> None:
+    """Raise `AuthenticationError` unless a key has the scope."""
+    settings = state.resources.settings
+    if settings.open:
+        return
+    expected = settings.admin_key.get_secret_value() if settings.admin_key is not None else ""
+    if not expected or not hmac.compare_digest(given.encode(), expected.encode()):
+        raise AuthenticationError(
+            f"This call needs a key with the scope {scope}, as 'Authorization: Bearer KEY'."
+        )

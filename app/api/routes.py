@@ -14,9 +14,11 @@ from app.services.floor_features.geometry import short
 from app.services.floor_features.model import LinkMode
 from app.services.navigation.language import Speaker, language_of
 from app.services.navigation.model import Route, Step, Turn
+from app.services.navigation.places import Place
 from app.services.navigation.search import Limits
 
 router = APIRouter(prefix="/venues/{venue}/route", tags=["routes"], dependencies=[Depends(require("locate"))])
+SESSION_PREFIX = "session:"
 AVOIDABLE: tuple[LinkMode, ...] = ("stairs", "lift", "escalator")
 
 
@@ -55,11 +57,13 @@ class RouteBody(BaseModel):
     steps: list[StepBody]
 
 
-@router.get("", responses=problems(401, 404, 422))
+@router.get("", responses=problems(401, 404, 409, 422))
 def get(
     state: State,
     venue: VenueId,
-    start: Annotated[str, Query(alias="from", max_length=300, description="A landmark's id, or floor:x,y")],
+    start: Annotated[
+        str, Query(alias="from", max_length=300, description="A landmark's id, floor:x,y, or session:ID")
+    ],
     end: Annotated[str, Query(alias="to", max_length=300, description="A landmark's id, or floor:x,y")],
     avoid: Annotated[
         list[str] | None, Query(max_length=20, description="stairs, lift, escalator; repeated or with commas")
@@ -82,7 +86,10 @@ def get(
     """Return the shortest route from one place to another."""
     spoken = language_of(language, accept_language)
     limits = Limits(_modes(avoid or []), accessible)
-    return body_of(venue, state.routes.route(venue, start, end, limits, heading_deg), spoken)
+    origin: str | Place = start
+    if start.startswith(SESSION_PREFIX):
+        origin = state.sessions.place(start.removeprefix(SESSION_PREFIX))
+    return body_of(venue, state.routes.route(venue, origin, end, limits, heading_deg), spoken)
 
 
 def body_of(venue: str, route: Route, language: str) -> RouteBody:

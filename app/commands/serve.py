@@ -47,7 +47,12 @@ def check_access(settings: Settings) -> None:
 def run_server(settings: Settings) -> None:
     """Serve until interrupted."""
     uvicorn.run(
-        create_app(settings), host=settings.host, port=settings.port, log_config=None, access_log=False
+        create_app(settings),
+        host=settings.host,
+        port=settings.port,
+        log_config=None,
+        access_log=False,
+        ws_max_size=settings.max_image_bytes,
     )
 
 

@@ -27,6 +27,7 @@ from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArtifact
 from app.vision.images import Rgb, measure_quality, to_gray
 from app.vision.index import GlobalIndex
+from app.vision.local_features import LocalFeatureExtractor
 
 # Two poses nearer than this, in both respects, are one place.
 SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
@@ -117,6 +118,16 @@ class Localizer:
         self._settings = settings or LocalizerSettings()
         self._faint = self._extractor.for_faint_images()
         self._limits = self._settings.limits or Limits(min_inliers=self._extractor.min_inliers)
+
+    @property
+    def retrieval(self) -> Retrieval:
+        """Retrieval in this map."""
+        return self._retrieval
+
+    @property
+    def extractor(self) -> LocalFeatureExtractor:
+        """The extractor of the map's features."""
+        return self._extractor
 
     def localize(
         self,

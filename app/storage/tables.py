@@ -139,3 +139,30 @@ anchor_frames = Table(
     Column("features", LargeBinary, nullable=False),
     Column("image_blob", String(64)),
 )
+
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), nullable=False, index=True),
+    Column("camera", JSON),
+    Column("destination", String(200)),
+    Column("language", String(35)),
+    Column("memory", JSON, nullable=False),
+    Column("frames", Integer, nullable=False),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+    Column("active_at", DateTime(timezone=True), nullable=False, index=True),
+)
+
+session_points = Table(
+    "session_points",
+    metadata,
+    Column("session_id", String(32), ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True),
+    Column("frame", Integer, primary_key=True),
+    Column("time_s", Float, nullable=False),
+    Column("tracking", String(16), nullable=False),
+    Column("pose", JSON),
+    Column("floor", String(64)),
+    Column("plan", JSON),
+    Column("position_m", Float),
+)

@@ -1,0 +1,230 @@
+"""The stream of a session: frames in, answers out, the newest frame first."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from dataclasses import dataclass, field
+from typing import Any
+from weakref import WeakValueDictionary
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocketState
+
+from app.api.deps import AppState, check_key
+from app.api.errors import problem, status_of
+from app.api.sessions import frame_body, parse_motion, session_frame
+from app.errors import (
+    BusyError,
+    ConflictError,
+    ImageTooLargeError,
+    InvalidInputError,
+    NotFoundError,
+    RoomfixError,
+)
+from app.geometry.se3 import Pose
+from app.services.sessions import SessionFrame
+
+log = logging.getLogger("roomfix.api")
+UNEXPECTED = "Something went wrong here with this frame; the log has it."
+router = APIRouter(tags=["sessions"])
+HINTS = ("camera", "gravity", "motion", "timestamp")
+MAX_HINT_CHARACTERS = 10_000
+# While all workers are occupied the frame waits, or a newer one in its place.
+RETRY_S = 0.02
+CLOSE_REPLACED, CLOSE_TOO_BIG, CLOSE_GONE = 4000, 1009, 4404
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A frame that waits; `received` counts the frames of this connection from 1. `motion` is since the last frame
+    that was taken up, None when that is not known."""
+
+    received: int
+    data: bytes
+    hints: dict[str, str]
+    motion: Pose | None
+
+
+@dataclass(eq=False)
+class Stream:
+    """One connection. What waits is one frame at most: a newer one takes its place."""
+
+    socket: WebSocket
+    session: str
+    waiting: Waiting | None = None
+    hints: dict[str, str] = field(default_factory=dict)
+    received: int = 0
+    arrived: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def put(self, data: bytes) -> None:
+        """Let a frame wait in place of the one that does; the way between the two is not forgotten."""
+        self.received += 1
+        hints, self.hints = self.hints, {}
+        motion = parse_motion(hints.pop("motion", None))
+        if self.waiting is not None:
+            skipped = self.waiting.motion
+            motion = None if motion is None or skipped is None else skipped @ motion
+        self.waiting = Waiting(self.received, data, hints, motion)
+        self.arrived.set()
+
+    async def take(self) -> Waiting:
+        """Return the newest frame as soon as there is one."""
+        await self.arrived.wait()
+        self.arrived.clear()
+        assert self.waiting is not None  # noqa: S101 - set before the event
+        waiting, self.waiting = self.waiting, None
+        return waiting
+
+    def note_hints(self, text: str) -> None:
+        """Keep what a text message says of the next frame; raises `InvalidInputError`."""
+        if len(text) > MAX_HINT_CHARACTERS:
+            raise InvalidInputError(f"Hints have at most {MAX_HINT_CHARACTERS:,} characters.")
+        try:
+            values = json.loads(text)
+        except (ValueError, RecursionError):
+            raise InvalidInputError("A text message is JSON with hints for the next frame.") from None
+        unknown = sorted(set(values) - set(HINTS)) if isinstance(values, dict) else ["?"]
+        if unknown:
+            raise InvalidInputError(f"Hints are an object with some of {', '.join(HINTS)}.")
+        self.hints = {name: _text(value) for name, value in values.items() if value is not None}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ",".join(str(part) for part in value)
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+_streams: WeakValueDictionary[str, Stream] = WeakValueDictionary()
+
+
+@router.websocket("/sessions/{session}/stream")
+async def stream(socket: WebSocket, session: str) -> None:
+    """Binary messages are frames; a text message before one holds its hints; each answer is one text message."""
+    state = socket.app.state.roomfix
+    assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
+    try:
+        check_key(state, _key(socket), "locate")
+        await asyncio.to_thread(state.sessions.get, session)
+    except RoomfixError as error:
+        await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
+        return
+    await socket.accept()
+    connection = Stream(socket, session)
+    # A phone that comes back may do so before its old connection is known to be dead.
+    older, _streams[session] = _streams.get(session), connection
+    if older is not None:
+        await _close(older.socket, CLOSE_REPLACED, "Another connection has taken over this session.")
+    answering = asyncio.create_task(_answer(state, connection))
+    try:
+        await _receive(connection, state.resources.settings.max_image_bytes)
+    finally:
+        answering.cancel()
+        await asyncio.gather(answering, return_exceptions=True)
+
+
+def _key(socket: WebSocket) -> str:
+    scheme, _, credentials = socket.headers.get("authorization", "").partition(" ")
+    # A browser can't set headers on a WebSocket.
+    return credentials.strip() if scheme.lower() == "bearer" else socket.query_params.get("key", "")
+
+
+async def _receive(connection: Stream, max_bytes: int) -> None:
+    """Take messages until the phone goes away."""
+    socket = connection.socket
+    try:
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            data = message.get("bytes")
+            if data is not None and len(data) > max_bytes:
+                await _send_problem(
+                    connection, ImageTooLargeError(f"A frame has at most {max_bytes:,} bytes."), None
+                )
+                await _close(socket, CLOSE_TOO_BIG, "The frame is too large.")
+                return
+            try:
+                if data is not None:
+                    connection.put(data)
+                else:
+                    connection.note_hints(message.get("text") or "")
+            except InvalidInputError as error:
+                await _send_problem(connection, error, connection.received)
+    except (WebSocketDisconnect, RuntimeError):
+        return
+
+
+async def _answer(state: AppState, connection: Stream) -> None:
+    """Answer the newest frame, again and again."""
+    while True:
+        waiting = await connection.take()
+        try:
+            frame = _frame(waiting)
+            answer = await state.executor.run(
+                lambda frame=frame: state.sessions.process(connection.session, frame)  # type: ignore[misc]
+            )
+        except (BusyError, ConflictError):
+            _put_back(connection, waiting)
+            await asyncio.sleep(RETRY_S)
+            continue
+        except NotFoundError as error:
+            await _send_problem(connection, error, waiting.received)
+            await _close(connection.socket, CLOSE_GONE, "The session has ended.")
+            return
+        except RoomfixError as error:
+            await _send_problem(connection, error, waiting.received)
+            continue
+        except Exception:
+            # As for a request: the log has the cause, the phone an answer, and the next frame its chance.
+            log.exception("frame %d of session %s failed", waiting.received, connection.session)
+            await _send_problem(connection, RoomfixError(UNEXPECTED), waiting.received)
+            continue
+        result = answer.result
+        state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
+        body = {**frame_body(answer).model_dump(mode="json"), "received": waiting.received}
+        await _send(connection.socket, json.dumps(body, separators=(",", ":")))
+
+
+def _put_back(connection: Stream, waiting: Waiting) -> None:
+    """Let a frame wait on, unless a newer one does."""
+    if connection.waiting is None:
+        connection.waiting = waiting
+        connection.arrived.set()
+
+
+def _frame(waiting: Waiting) -> SessionFrame:
+    hints = waiting.hints
+    frame = session_frame(
+        waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp")
+    )
+    return SessionFrame(frame.image, frame.camera, waiting.motion, frame.time_s)
+
+
+async def _send_problem(connection: Stream, error: RoomfixError, received: int | None) -> None:
+    body = {
+        "type": "about:blank",
+        "status": status_of(error),
+        "code": error.code,
+        "detail": str(error),
+        "received": received,
+    }
+    await _send(connection.socket, json.dumps(body))
+
+
+async def _send(socket: WebSocket, text: str) -> None:
+    if socket.application_state is WebSocketState.CONNECTED:
+        try:
+            await socket.send_text(text)
+        except (WebSocketDisconnect, RuntimeError):
+            return
+
+
+async def _close(socket: WebSocket, code: int, reason: str) -> None:
+    if socket.application_state is WebSocketState.CONNECTED:
+        try:
+            await socket.close(code, reason)
+        except (WebSocketDisconnect, RuntimeError):
+            return

@@ -1,0 +1,243 @@
+"""Sessions: a phone that sends one frame after the other is tracked."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timedelta
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fastapi import APIRouter, Depends, File, Form, Path, Query, Response, UploadFile
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.deps import ID_PATTERN, State, require
+from app.api.locate import LocateBody, _camera, _gravity, body_of
+from app.api.schemas import PoseBody, problems
+from app.errors import InvalidInputError, InvalidPoseError
+from app.geometry.se3 import Pose
+from app.services.sessions import SessionFrame, SessionResult
+from app.services.tracking.memory import pose_from_json
+from app.storage.sessions import Session, SessionPoint
+
+router = APIRouter(prefix="/sessions", tags=["sessions"], dependencies=[Depends(require("locate"))])
+SessionId = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$", description="The session's id")]
+Destination = Annotated[str, Field(min_length=1, max_length=200, description="A landmark's id, or floor:x,y")]
+Language = Annotated[str, Field(pattern=r"^[A-Za-z]{2,8}(-[A-Za-z0-9]{1,8})*$", max_length=35)]
+CameraField = Annotated[
+    str | dict[str, Any] | list[float],
+    Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or {model, width, height, params}, as in /locate'),
+]
+TrackingState = Literal["initializing", "tracking", "relocalized", "lost"]
+# A phone's step between two frames; more is a number that went wrong.
+MAX_MOTION_M = 100.0
+MAX_TIMESTAMP_S = 1e12
+
+
+class NewSession(BaseModel):
+    """A session to start."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"venue": "museum", "camera": "525,525,319.5,239.5", "language": "en"}}
+    )
+
+    venue: str = Field(pattern=ID_PATTERN)
+    camera: CameraField | None = None
+    destination: Destination | None = None
+    language: Language | None = None
+
+
+class SessionChange(BaseModel):
+    """What can be changed of a session; null takes a destination or a camera away."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"destination": "entrance"}}, extra="forbid")
+
+    camera: CameraField | None = None
+    destination: Destination | None = None
+    language: Language | None = None
+
+
+class TrajectoryPoint(BaseModel):
+    """One frame of a trajectory: where it was on the plan and in the world, null where that is not known."""
+
+    frame: int
+    time_s: float
+    tracking: TrackingState
+    floor: str | None
+    x: float | None
+    y: float | None
+    heading_deg: float | None
+    pose: PoseBody | None
+    position_m: float | None = Field(description="One sigma")
+
+    @staticmethod
+    def of(point: SessionPoint) -> TrajectoryPoint:
+        """Return the body of a point."""
+        pose = pose_from_json(point.pose)
+        x, y, heading_deg = point.plan or (None, None, None)
+        return TrajectoryPoint(
+            frame=point.frame,
+            time_s=point.time_s,
+            tracking=point.tracking,
+            floor=point.floor,
+            x=x,
+            y=y,
+            heading_deg=heading_deg,
+            pose=None if pose is None else PoseBody.of(pose),
+            position_m=point.position_m,
+        )
+
+
+class FrameBody(LocateBody):
+    """The answer to a frame: that of /locate and what tracking adds to it."""
+
+    session: str
+    frame: int = Field(description="Counts the frames that were answered, from 1")
+    tracking: TrackingState
+    unaided_m: float = Field(description="Path since a map or an anchor last said where the camera is")
+    trajectory: list[TrajectoryPoint] = Field(description="The last points; GET returns all")
+    guidance: dict[str, Any] | None
+
+
+class SessionBody(BaseModel):
+    """A session, and with GET where it went."""
+
+    session: str
+    venue: str
+    camera: dict[str, Any] | list[float] | None
+    destination: str | None
+    language: str | None
+    tracking: TrackingState
+    frames: int
+    created_at: datetime
+    expires_at: datetime = Field(description="Put off by every frame")
+    trajectory: list[TrajectoryPoint] = []
+
+    @staticmethod
+    def of(session: Session, timeout: timedelta, points: list[SessionPoint] | None = None) -> SessionBody:
+        """Return the body of a session."""
+        return SessionBody(
+            session=session.id,
+            venue=session.venue_id,
+            camera=session.camera,
+            destination=session.destination,
+            language=session.language,
+            tracking=session.memory.get("state", "initializing"),
+            frames=session.frames,
+            created_at=session.created_at,
+            expires_at=session.active_at + timeout,
+            trajectory=[TrajectoryPoint.of(point) for point in points or []],
+        )
+
+
+@router.post("", status_code=201, responses=problems(401, 404, 422))
+def create(state: State, new: NewSession) -> SessionBody:
+    """Start a session."""
+    service = state.sessions
+    return SessionBody.of(
+        service.create(new.venue, new.camera, new.destination, new.language), service.timeout
+    )
+
+
+@router.get("/{session}", responses=problems(401, 404, 422))
+def get(
+    state: State,
+    session: SessionId,
+    points: Annotated[int, Query(ge=0, le=100_000, description="Newest points of the trajectory")] = 1000,
+) -> SessionBody:
+    """Return a session and where it went."""
+    service = state.sessions
+    trajectory = service.trajectory(session, points)
+    return SessionBody.of(service.get(session), service.timeout, trajectory)
+
+
+@router.patch("/{session}", responses=problems(401, 404, 422))
+def change(state: State, session: SessionId, change: SessionChange) -> SessionBody:
+    """Change destination, language or camera."""
+    values = change.model_dump(include=change.model_fields_set)
+    return SessionBody.of(state.sessions.change(session, values), state.sessions.timeout)
+
+
+@router.delete("/{session}", status_code=204, responses=problems(401, 404, 422))
+def remove(state: State, session: SessionId) -> Response:
+    """End a session and delete where it went."""
+    state.sessions.delete(session)
+    return Response(status_code=204)
+
+
+@router.post("/{session}/frames", responses=problems(401, 404, 409, 413, 415, 422, 503))
+async def frame(
+    state: State,
+    session: SessionId,
+    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    camera: Annotated[str | None, Form(description="As in /locate, in place of the session's")] = None,
+    gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
+    motion: Annotated[
+        str | None,
+        Form(description="JSON {position, quaternion}: this camera in the axes of the last frame's camera"),
+    ] = None,
+    timestamp: Annotated[
+        str | None, Form(description="When it was taken, seconds of the phone's clock")
+    ] = None,
+) -> FrameBody:
+    """Answer one frame."""
+    request = session_frame(await image.read(), camera, gravity, motion, timestamp)
+    answer = await state.executor.run(lambda: state.sessions.process(session, request))
+    state.metrics.observe_query(
+        answer.result.venue, answer.result.reason or "located", answer.result.timings_ms
+    )
+    return frame_body(answer)
+
+
+def session_frame(
+    image: bytes, camera: str | None, gravity: str | None, motion: str | None, timestamp: str | None
+) -> SessionFrame:
+    """Return the frame of a request's fields; raises `InvalidInputError`."""
+    _gravity(gravity)
+    return SessionFrame(image, _camera(camera), parse_motion(motion), parse_timestamp(timestamp))
+
+
+def parse_motion(text: str | None) -> Pose | None:
+    """Return the relative pose of a field; raises `InvalidInputError`."""
+    if text is None or not text.strip():
+        return None
+    try:
+        value = json.loads(text)
+        position = [float(value["position"][axis]) for axis in ("x", "y", "z")]
+        quaternion = [float(value["quaternion"][axis]) for axis in ("x", "y", "z", "w")]
+        motion = Pose.from_quaternion(position, quaternion)
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, InvalidPoseError):
+        raise InvalidInputError(
+            'motion must be {"position": {"x", "y", "z"}, "quaternion": {"x", "y", "z", "w"}}, all finite numbers.'
+        ) from None
+    if float(np.linalg.norm(position)) > MAX_MOTION_M:
+        raise InvalidInputError(f"motion is longer than {MAX_MOTION_M:g} m, too far between two frames.")
+    return motion
+
+
+def parse_timestamp(text: str | None) -> float | None:
+    """Return the seconds of a field; raises `InvalidInputError`."""
+    if text is None or not text.strip():
+        return None
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = float("nan")
+    if not abs(seconds) <= MAX_TIMESTAMP_S:
+        raise InvalidInputError("timestamp must be a finite number of seconds.")
+    return seconds
+
+
+def frame_body(answer: SessionResult) -> FrameBody:
+    """Return the body of an answer."""
+    located = body_of(answer.result).model_dump()
+    # On a floor whose plan has no place in the world there is a point on the plan and no pose.
+    located["located"] = answer.result.reason is None
+    return FrameBody(
+        **located,
+        session=answer.session,
+        frame=answer.frame,
+        tracking=answer.tracking,
+        unaided_m=round(answer.unaided_m, 4),
+        trajectory=[TrajectoryPoint.of(point) for point in answer.trajectory],
+        guidance=answer.guidance,
+    )

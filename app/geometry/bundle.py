@@ -1,0 +1,180 @@
+"""Bundle adjustment of a few views of one camera: all poses and points that fit all pixels best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera
+from app.geometry.reprojection import perturbed
+from app.geometry.se3 import Pose
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+# What a point behind its camera costs: more than any pixel error, yet finite so that steps can be compared.
+BEHIND_CAMERA_PX = 1e3
+# A step that lowers the sum by less than this share changes no answer.
+SMALLEST_GAIN = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """Observations of points by views: observation i is `pixels[i]` (m, 2) of point `rows[i]` (m,) in view
+    `views[i]` (m,), each pair of them once. `is_fixed` (k,) marks views whose poses stay. `prior` (p, 3) is where
+    points are known to be, in world metres, to within `prior_sigma_m` (p,); infinite for points not known."""
+
+    camera: Camera
+    views: Rows
+    rows: Rows
+    pixels: Array
+    is_fixed: NDArray[np.bool_]
+    prior: Array
+    prior_sigma_m: Array
+
+
+def adjust_bundle(
+    bundle: Bundle,
+    poses: Sequence[Pose],
+    points_in_world: Array,
+    *,
+    sigma_px: float = 1.0,
+    loss_scale_px: float = 2.0,
+    max_steps: int = 8,
+) -> tuple[list[Pose], Array]:
+    """Return the `world_from_camera` of all views and the points (p, 3) of least reprojection error.
+
+    Minimizes the sum of Cauchy losses of the pixels' errors and of the squared distances from the priors, each by
+    its sigma: the sum of C eq. 5.1.2 over several frames, with the points free. Levenberg-Marquardt, the points
+    eliminated (Schur complement). Without priors at least two views must be fixed, or the scale is free. Source:
+    Triggs et al., Bundle Adjustment, section 6.1.
+    """
+    problem = _Problem(bundle, sigma_px, loss_scale_px)
+    state = list(poses), np.array(points_in_world, dtype=np.float64)
+    cost, damping = problem.cost(*state), 1e-4
+    equations = problem.equations(*state)
+    for _ in range(max_steps):
+        step = equations.solve(damping)
+        candidate = problem.moved(*state, *step)
+        candidate_cost = problem.cost(*candidate)
+        if not candidate_cost < cost:
+            damping *= 10.0
+            if damping > 1e4:
+                break
+            continue
+        gain, state, cost = cost - candidate_cost, candidate, candidate_cost
+        if gain < SMALLEST_GAIN * cost:
+            break
+        damping = max(0.1 * damping, 1e-8)
+        equations = problem.equations(*state)
+    return state
+
+
+@dataclass(frozen=True, slots=True)
+class _Equations:
+    """Normal equations in blocks: poses (k, 6, 6), points (p, 3, 3), and between them (p, k, 6, 3)."""
+
+    poses: Array
+    points: Array
+    between: Array
+    pose_gradient: Array
+    point_gradient: Array
+    is_fixed: NDArray[np.bool_]
+
+    def solve(self, damping: float) -> tuple[Array, Array]:
+        """Return the steps of the poses (k, 6) and of the points (p, 3)."""
+        points = _damped(self.points, damping)
+        inverse = np.linalg.inv(points)
+        k, p = len(self.poses), len(points)
+        left = (self.between @ inverse[:, None]).transpose(1, 2, 0, 3).reshape(6 * k, 3 * p)
+        right = self.between.transpose(1, 2, 0, 3).reshape(6 * k, 3 * p)
+        reduced = -left @ right.T
+        blocks = _damped(self.poses, damping)
+        for i in range(k):
+            reduced[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += blocks[i]
+        gradient = self.pose_gradient.reshape(-1) - left @ self.point_gradient.reshape(-1)
+        free = np.repeat(~self.is_fixed, 6)
+        pose_steps = np.zeros(6 * k)
+        pose_steps[free] = -np.linalg.solve(reduced[np.ix_(free, free)], gradient[free])
+        rest = self.point_gradient.reshape(-1) + right.T @ pose_steps
+        point_steps = -(inverse @ rest.reshape(p, 3, 1))[:, :, 0]
+        return pose_steps.reshape(k, 6), point_steps
+
+
+def _damped(blocks: Array, damping: float) -> Array:
+    diagonal = np.einsum("nii->ni", blocks)
+    floor = 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
+    return np.asarray(blocks + np.eye(blocks.shape[1]) * (damping * diagonal + floor)[:, :, None])
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    bundle: Bundle
+    sigma_px: float
+    loss_scale_px: float
+
+    def cost(self, poses: list[Pose], points: Array) -> float:
+        errors = np.sum(self._residuals(poses, points)[0] ** 2, axis=1)
+        scale = (self.loss_scale_px / self.sigma_px) ** 2
+        away = (points - self.bundle.prior) / self.bundle.prior_sigma_m[:, None]
+        return float(scale * np.sum(np.log1p(errors / scale)) + np.sum(away**2))
+
+    def moved(
+        self, poses: list[Pose], points: Array, pose_steps: Array, point_steps: Array
+    ) -> tuple[list[Pose], Array]:
+        moved = [
+            pose if fixed else perturbed(pose, step)
+            for pose, step, fixed in zip(poses, pose_steps, self.bundle.is_fixed, strict=True)
+        ]
+        return moved, points + point_steps
+
+    def _residuals(self, poses: list[Pose], points: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residuals (m, 2) in sigmas, and points in their cameras, world rotations, offsets from centres."""
+        bundle = self.bundle
+        rotations = np.stack([pose.rotation for pose in poses])[bundle.views]
+        centres = np.stack([pose.translation for pose in poses])[bundle.views]
+        offsets = points[bundle.rows] - centres
+        in_camera = np.einsum("mji,mj->mi", rotations, offsets)
+        residuals = (bundle.camera.project(in_camera) - bundle.pixels) / self.sigma_px
+        return (
+            np.where(np.isfinite(residuals), residuals, BEHIND_CAMERA_PX / self.sigma_px),
+            in_camera,
+            rotations,
+            offsets,
+        )
+
+    def equations(self, poses: list[Pose], points: Array) -> _Equations:
+        bundle = self.bundle
+        k, p = len(poses), len(points)
+        residuals, in_camera, rotations, offsets = self._residuals(poses, points)
+        by_point = bundle.camera.projection_jacobian(in_camera) @ rotations.transpose(0, 2, 1) / self.sigma_px
+        by_point[~np.isfinite(by_point).all(axis=(1, 2))] = 0.0
+        by_pose = np.concatenate([np.cross(by_point, offsets[:, None, :]), -by_point], axis=2)
+        scale = (self.loss_scale_px / self.sigma_px) ** 2
+        say = 1.0 / (1.0 + np.sum(residuals**2, axis=1) / scale)
+        pose_t, point_t = by_pose.transpose(0, 2, 1) * say[:, None, None], by_point.transpose(0, 2, 1)
+        point_t = point_t * say[:, None, None]
+        confidence = 1.0 / bundle.prior_sigma_m**2
+        points_block = _summed(point_t @ by_point, bundle.rows, p) + confidence[:, None, None] * np.eye(3)
+        between = np.zeros((p, k, 6, 3))
+        between[bundle.rows, bundle.views] = pose_t @ by_point
+        between[:, bundle.is_fixed] = 0.0
+        away = points - bundle.prior
+        return _Equations(
+            _summed(pose_t @ by_pose, bundle.views, k),
+            points_block,
+            between,
+            _summed((pose_t @ residuals[:, :, None])[:, :, 0], bundle.views, k),
+            _summed((point_t @ residuals[:, :, None])[:, :, 0], bundle.rows, p) + confidence[:, None] * away,
+            bundle.is_fixed,
+        )
+
+
+def _summed(values: Array, rows: Rows, count: int) -> Array:
+    """Return the sums of values (m, ...) by row, (count, ...)."""
+    flat = values.reshape(len(values), -1)
+    sums = np.stack([np.bincount(rows, flat[:, i], count) for i in range(flat.shape[1])], axis=1)
+    return np.asarray(sums.reshape(count, *values.shape[1:]))

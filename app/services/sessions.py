@@ -1,0 +1,344 @@
+"""Sessions: each frame of a moving phone goes through its tracker, and what came of it is kept before the answer."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from app.errors import ConflictError, InvalidCameraError, NotFoundError
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+from app.services.build_options import parse_camera
+from app.services.camera_sources import CameraSource, query_camera
+from app.services.floor_features.library import FeatureLibrary
+from app.services.floor_plans import PlanPoint, floor_of, plan_point
+from app.services.localizer import Localizer
+from app.services.locate_result import LocateResult
+from app.services.map_library import MapLibrary
+from app.services.navigation.places import PlanPlace
+from app.services.navigation.service import RouteService
+from app.services.resources import Resources
+from app.services.session_guidance import SessionGuide, Way
+from app.services.tracking.fix import WORLD, FixSource, MapFixes, NoFix, plan_frame
+from app.services.tracking.frame import TrackingFrame
+from app.services.tracking.memory import (
+    camera_from_json,
+    camera_to_json,
+    memory_from_json,
+    memory_to_json,
+    pose_to_json,
+)
+from app.services.tracking.tracker import State, Tracked, Tracker
+from app.storage.floors import Floor, list_floors
+from app.storage.sessions import (
+    Session,
+    SessionPoint,
+    change_session,
+    create_session,
+    delete_expired_sessions,
+    delete_session,
+    get_session,
+    list_points,
+    record_frame,
+)
+from app.storage.venues import get_venue
+from app.vision.images import Rgb, decode_image
+
+# Points of the trajectory that come with every answer; the others with GET.
+RECENT_POINTS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFrame:
+    """A frame of a session. `camera` as in `LocateRequest`, in place of the session's; `motion` is this camera in
+    the axes of the previous frame's; `time_s` when it was taken, by the phone's clock."""
+
+    image: bytes
+    camera: Camera | tuple[float, ...] | None = None
+    motion: Pose | None = None
+    time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SessionResult:
+    """The answer to a frame: that of /locate, the tracking state, the trajectory's last points, guidance."""
+
+    result: LocateResult
+    session: str
+    frame: int
+    tracking: State
+    unaided_m: float
+    trajectory: tuple[SessionPoint, ...]
+    guidance: dict[str, Any] | None
+
+
+@dataclass(slots=True)
+class _Live:
+    """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
+
+    tracker: Tracker = field(default_factory=lambda: Tracker(_NoMap()))
+    frames: int = -1
+    recent: list[SessionPoint] = field(default_factory=list)
+    way: Way = field(default_factory=Way)
+    lock: Lock = field(default_factory=Lock)
+
+
+class _NoMap:
+    """The fixes of a venue without a map."""
+
+    def locate(self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None) -> NoFix:
+        """Return that there is none."""
+        return NoFix("no_map")
+
+    def refresh(self, _frame: TrackingFrame, _camera: Camera, _predicted: Pose) -> None:
+        """Return that there is none."""
+
+    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose) -> None:
+        """Return that there is none."""
+
+
+class SessionService:
+    """Answers the frames of sessions. Safe to share between threads; one frame of a session at a time."""
+
+    def __init__(
+        self, resources: Resources, library: MapLibrary, features: FeatureLibrary, routes: RouteService
+    ) -> None:
+        self._resources = resources
+        self._library = library
+        self._features = features
+        self._guide = SessionGuide(routes)
+        self._lock = Lock()
+        self._live: OrderedDict[str, _Live] = OrderedDict()
+
+    @property
+    def timeout(self) -> timedelta:
+        """How long a session lives without a frame."""
+        return timedelta(seconds=self._resources.settings.session_timeout_s)
+
+    def create(
+        self, venue: str, camera: object = None, destination: str | None = None, language: str | None = None
+    ) -> Session:
+        """Start a session; raises `NotFoundError` for an unknown venue or destination, `InvalidInputError` for a bad
+        camera, destination or language."""
+        values = camera_to_json(parse_camera(camera))
+        with self._resources.database.read() as connection:
+            get_venue(connection, venue)
+        self._guide.check(venue, destination, language)
+        with self._resources.database.write() as connection:
+            delete_expired_sessions(connection, self.timeout)
+            get_venue(connection, venue)
+            return create_session(connection, venue, values, destination, language)
+
+    def get(self, session_id: str) -> Session:
+        """Return a session; raises `NotFoundError`."""
+        with self._resources.database.read() as connection:
+            return get_session(connection, session_id, self.timeout)
+
+    def trajectory(self, session_id: str, count: int) -> list[SessionPoint]:
+        """Return the last points of where a session went; raises `NotFoundError`."""
+        with self._resources.database.read() as connection:
+            get_session(connection, session_id, self.timeout)
+            return list_points(connection, session_id, count)
+
+    def change(self, session_id: str, values: dict[str, Any]) -> Session:
+        """Change destination, language or camera; raises `NotFoundError`, `InvalidInputError`."""
+        self._guide.check(self.get(session_id).venue_id, values.get("destination"), values.get("language"))
+        if "camera" in values:
+            values = {**values, "camera": camera_to_json(parse_camera(values["camera"]))}
+        with self._resources.database.write() as connection:
+            get_session(connection, session_id, self.timeout)
+            change_session(connection, session_id, values)
+            if "camera" in values:
+                # What was followed with the old one is void.
+                self._drop(session_id)
+            return get_session(connection, session_id, self.timeout)
+
+    def place(self, session_id: str) -> PlanPlace:
+        """Return where a session was last; raises `NotFoundError`, and `ConflictError` before it was located."""
+        located = [point for point in self.trajectory(session_id, RECENT_POINTS) if point.plan is not None]
+        if not located or located[-1].floor is None or located[-1].plan is None:
+            raise ConflictError(
+                "The session has not been located on a floor's plan lately: send it frames first."
+            )
+        return PlanPlace(located[-1].floor, located[-1].plan[0], located[-1].plan[1])
+
+    def delete(self, session_id: str) -> None:
+        """Delete a session; raises `NotFoundError`."""
+        with self._resources.database.write() as connection:
+            delete_session(connection, session_id)
+        self._drop(session_id)
+
+    def process(self, session_id: str, frame: SessionFrame) -> SessionResult:
+        """Answer a frame. What it led to is committed when this returns.
+
+        Raises `NotFoundError` for a session that is not there (any more), `ConflictError` while another frame of
+        it is worked on, `InvalidImageError` and `InvalidCameraError` for a frame that can't be used: then nothing
+        has changed.
+        """
+        started = time.perf_counter()
+        live = self._live_of(session_id)
+        if not live.lock.acquire(blocking=False):
+            raise ConflictError(
+                "Another frame of this session is being worked on: wait for its answer, or use the stream."
+            )
+        try:
+            session = self.get(session_id)
+            self._bring_up_to_date(live, session)
+            return self._answer(session, live, frame, started)
+        except NotFoundError:
+            self._drop(session_id)
+            raise
+        finally:
+            live.lock.release()
+
+    def _live_of(self, session_id: str) -> _Live:
+        with self._lock:
+            live = self._live.setdefault(session_id, _Live())
+            self._live.move_to_end(session_id)
+            while len(self._live) > self._resources.settings.session_live_max:
+                self._live.popitem(last=False)
+            return live
+
+    def _drop(self, session_id: str) -> None:
+        with self._lock:
+            self._live.pop(session_id, None)
+
+    def _bring_up_to_date(self, live: _Live, session: Session) -> None:
+        """Read from the database what memory doesn't hold: after a restart, or when another server had frames."""
+        if live.frames == session.frames:
+            return
+        with self._resources.database.read() as connection:
+            live.recent = list_points(connection, session.id, RECENT_POINTS)
+        live.tracker = Tracker(_NoMap(), memory_from_json(session.memory))
+        live.frames = session.frames
+
+    def _answer(self, session: Session, live: _Live, frame: SessionFrame, started: float) -> SessionResult:
+        rgb = decode_image(frame.image, self._resources.settings.max_image_pixels)
+        timings = {"decode": 1e3 * (time.perf_counter() - started)}
+        given = frame.camera if frame.camera is not None else _own_camera(session, live.tracker, rgb)
+        known = query_camera(given, rgb, frame.image).camera
+        # What EXIF says is too rough to follow points by; the first fix searches for the focal length.
+        camera = known if isinstance(known, Camera) else None
+        serving = self._library.active(session.venue_id)
+        with self._resources.database.read() as connection:
+            floors = list_floors(connection, session.venue_id)
+        tracker, before = live.tracker, live.tracker.memory
+        tracker.source = _fix_source(tracker.source, None if serving is None else serving[0])
+        tracker.is_inside = lambda pose: not floors or floor_of(floors, pose) is not None
+        time_s = time.time() if frame.time_s is None else frame.time_s
+        tracked = tracker.process(TrackingFrame.of(rgb, time_s), camera, frame.motion)
+        timings["track"] = 1e3 * (time.perf_counter() - started) - timings["decode"]
+        floor, plan = _place(tracked, floors)
+        if floor is not None and plan is not None:
+            plan = self._features.described(plan, floor)
+        point = _point(session.frames + 1, time_s, tracked, floor, plan)
+        try:
+            self._record(session, tracker, given is None, point)
+        except BaseException:
+            tracker.forget(before)
+            raise
+        live.frames, live.recent = point.frame, [*live.recent, point][-RECENT_POINTS:]
+        timings["total"] = 1e3 * (time.perf_counter() - started)
+        version = None if serving is None else serving[1].version
+        result = _result(session, version, tracked, tracker.camera, floor, plan, timings)
+        guidance = self._guide.guidance(
+            live.way, session.venue_id, session.destination, session.language, floor, plan
+        )
+        return SessionResult(
+            result, session.id, point.frame, tracked.state, tracked.unaided_m, tuple(live.recent), guidance
+        )
+
+    def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:
+        camera = session.camera
+        if searched and tracker.camera is not None:
+            camera = {**camera_to_json(tracker.camera), "source": "search"}
+        keep = self._resources.settings.session_trajectory_points
+        with self._resources.database.write() as connection:
+            record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep)
+
+
+def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> Camera | tuple[float, ...] | None:
+    """Return the session's camera; None for one that was searched for and doesn't fit the image, since the phone
+    was turned: then it is searched for again."""
+    own = camera_from_json(session.camera)
+    if _was_searched(session):
+        try:
+            query_camera(own, rgb, b"")
+        except InvalidCameraError:
+            own = tracker.camera = None
+    return own
+
+
+def _was_searched(session: Session) -> bool:
+    stored = session.camera
+    return stored is None or (isinstance(stored, dict) and stored.get("source") == "search")
+
+
+def _fix_source(present: FixSource, localizer: Localizer | None) -> FixSource:
+    if localizer is None:
+        return _NoMap()
+    return (
+        present if isinstance(present, MapFixes) and present.localizer is localizer else MapFixes(localizer)
+    )
+
+
+def _place(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanPoint | None]:
+    """Return floor and point on its plan of a tracked pose in the world or on a plan."""
+    pose = tracked.world_from_camera
+    if pose is None:
+        return None, None
+    if tracked.frame_id == WORLD:
+        floor = floor_of(floors, pose)
+        return floor, None if floor is None else plan_point(floor, pose)
+    floor = next((floor for floor in floors if tracked.frame_id == plan_frame(floor.id)), None)
+    return floor, None if floor is None else plan_point(replace(floor, plan_from_world=np.eye(4)), pose)
+
+
+def _point(
+    frame: int, time_s: float, tracked: Tracked, floor: Floor | None, plan: PlanPoint | None
+) -> SessionPoint:
+    return SessionPoint(
+        frame,
+        time_s,
+        tracked.state,
+        pose_to_json(tracked.world_from_camera) if tracked.frame_id == WORLD else None,
+        None if floor is None else floor.id,
+        None if plan is None else [plan.x, plan.y, plan.heading_deg],
+        tracked.position_m,
+    )
+
+
+def _result(
+    session: Session,
+    version: int | None,
+    tracked: Tracked,
+    camera: Camera | None,
+    floor: Floor | None,
+    plan: PlanPoint | None,
+    timings_ms: dict[str, float],
+) -> LocateResult:
+    source: CameraSource = "search" if _was_searched(session) else "request"
+    return LocateResult(
+        venue=session.venue_id,
+        method=tracked.method,
+        map_version=version,
+        reason=tracked.reason,
+        world_from_camera=tracked.world_from_camera if tracked.frame_id == WORLD else None,
+        floor=floor,
+        plan=plan,
+        position_m=tracked.position_m,
+        orientation_deg=tracked.orientation_deg,
+        confidence=tracked.confidence,
+        inliers=tracked.inliers,
+        matches=tracked.matches,
+        keyframes=() if tracked.fix is None else tracked.fix.keyframes,
+        camera=camera,
+        camera_source="unknown" if camera is None else source,
+        timings_ms=timings_ms,
+    )

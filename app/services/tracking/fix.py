@@ -1,0 +1,250 @@
+"""Fixes: what tells a tracked camera where it is, be it a map or an anchor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from app.errors import DegenerateGeometryError
+from app.geometry.camera import Camera
+from app.geometry.covariance import pose_accuracy, pose_covariance
+from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.se3 import Pose
+from app.services.localization import KeyframeVote
+from app.services.localizer import Localizer
+from app.services.matches import Matches
+from app.services.tracking.frame import TrackingFrame
+from app.services.tracking.guided_matching import match_near_projections
+from app.services.verification import Reason, confidence_of, coverage, gather_evidence
+from app.vision.local_features import LocalFeatures
+from app.vision.matching import match_unit_vectors, to_unit_vectors
+
+Array = NDArray[np.float64]
+WORLD = "world"
+# Keyframes whose points are looked for around a predicted pose.
+COVISIBLE_KEYFRAMES, NEARBY_KEYFRAMES = 6, 10
+# How far from its prediction a point is looked for, and from a pose that was found already, as a tangent.
+SEARCH_RADIUS, FOUND_RADIUS = 24.0 / 525.0, 8.0 / 525.0
+MAX_ERROR = 6.0 / 525.0
+# Points looked for where they should be agree more easily by chance than those found anywhere.
+GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
+# A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
+PRIOR_RADIUS_M = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A pose with its accuracy, one sigma, and the pixels (n, 2) and world points (n, 3) that odometry goes on
+    from; `point_sigma_m` (n,) is how uncertain a point is across the camera's ray.
+
+    Pixels and `camera` are those of the frame at tracking size. `frame_id` is the frame that pose and points are
+    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise.
+    """
+
+    world_from_camera: Pose
+    position_m: float
+    orientation_deg: float
+    points_px: Array
+    points_in_world: Array
+    point_sigma_m: Array
+    camera: Camera
+    confidence: float
+    inliers: int
+    matches: int
+    method: str = "rgbd"
+    frame_id: str = WORLD
+    keyframes: tuple[KeyframeVote, ...] = ()
+    scale_sigma: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class NoFix:
+    """Why there is none; with the counts of what was looked at."""
+
+    reason: Reason
+    inliers: int = 0
+    matches: int = 0
+
+
+def plan_frame(floor_id: str) -> str:
+    """Return the frame of fixes on a floor whose plan has no place in the world."""
+    return f"plan:{floor_id}"
+
+
+class FixSource(Protocol):
+    """What gives fixes."""
+
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, /) -> Fix | NoFix:
+        """Return where a frame is, looking everywhere; `near` may decide between places that look alike.
+
+        `camera` is the one of the frame at tracking size; without it the focal length is searched for.
+        """
+
+    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose, /) -> Fix | None:
+        """Return where a frame is, looking only where points should be by a pose that is nearly right; None when
+        they are not there."""
+
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, /) -> Fix | None:
+        """Return where a frame is, looking around a place where the camera was a moment ago; None when what is
+        there is not seen."""
+
+
+class MapFixes:
+    """Fixes by a map."""
+
+    def __init__(self, localizer: Localizer) -> None:
+        self.localizer = localizer
+
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+        """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
+        full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
+        found = self.localizer.localize(frame.rgb, full)
+        if found.reason == "ambiguous" and near is not None:
+            positions = self.localizer.artifact.arrays.positions
+            close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
+            found = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+        evidence = found.evidence
+        if found.world_from_camera is None or found.camera is None:
+            return NoFix(found.reason or "no_match", evidence.inliers, evidence.matches)
+        assert found.position_m is not None and found.orientation_deg is not None  # noqa: S101, PT018 - located
+        tracked = frame.scaled(found.camera)
+        matches = self._near(self._features(frame), tracked, found.world_from_camera, FOUND_RADIUS)
+        return Fix(
+            found.world_from_camera,
+            found.position_m,
+            found.orientation_deg,
+            matches.points_px,
+            matches.points_in_world,
+            self._across(matches, found.world_from_camera),
+            tracked,
+            found.confidence,
+            evidence.inliers,
+            evidence.matches,
+            keyframes=found.keyframes,
+        )
+
+    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
+        """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
+        matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
+        return self._concluded(matches, camera, predicted)
+
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
+        """Match all features with the keyframes around a place, estimate the pose, and go on as `refresh` does."""
+        localizer, features = self.localizer, self._features(frame)
+        arrays, extractor = localizer.artifact.arrays, localizer.extractor
+        unit = to_unit_vectors(features.descriptors, extractor.binary)
+        pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
+        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set()):
+            rows = localizer.artifact.rows(keyframe)
+            theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
+            a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
+            pixels.append(features.keypoints_px[a].astype(np.float64))
+            points.append(arrays.points_in_world[rows][b].astype(np.float64))
+        estimate = estimate_pose_lo_ransac(
+            np.concatenate(pixels),
+            np.concatenate(points),
+            camera,
+            max_error_px=MAX_ERROR * camera.focal_px,
+            max_iterations=2000,
+        )
+        if estimate is None or int(estimate.inlier_mask.sum()) < GUIDED_INLIER_FACTOR * extractor.min_inliers:
+            return None
+        pose = estimate.world_from_camera
+        return self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+
+    def _features(self, frame: TrackingFrame) -> LocalFeatures:
+        return self.localizer.extractor.extract(frame.gray)
+
+    def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
+        """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""
+        estimate = estimate_pose_lo_ransac(
+            matches.points_px,
+            matches.points_in_world,
+            camera,
+            max_error_px=MAX_ERROR * camera.focal_px,
+            max_iterations=300,
+            min_iterations=20,
+            prior=predicted,
+        )
+        if estimate is None:
+            return None
+        pose, inliers = estimate.world_from_camera, matches.take(estimate.inlier_mask)
+        needed = GUIDED_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        if len(inliers) < needed or len(inliers) < GUIDED_INLIER_RATIO * len(matches):
+            return None
+        if coverage(inliers.points_px, (camera.width, camera.height)) < GUIDED_COVERAGE:
+            return None
+        across = self._across(inliers, pose)
+        metadata = self.localizer.artifact.metadata
+        position_m, orientation_deg = accuracy(
+            inliers.points_px, inliers.points_in_world, across, camera, pose
+        )
+        # The predicted pose tells what looks alike apart: all that was found near it is distinct.
+        evidence = gather_evidence(
+            matches.query_rows,
+            inliers.query_rows,
+            inliers.points_px,
+            inliers.distinct_count,
+            np.zeros(0, np.intp),
+            (camera.width, camera.height),
+            self.localizer.retrieval.distance_m(pose),
+        )
+        evidence = replace(evidence, position_sigma_m=position_m)
+        return Fix(
+            pose,
+            float(np.hypot(position_m, metadata.position_sigma_m)),
+            float(np.hypot(orientation_deg, metadata.orientation_sigma_deg)),
+            inliers.points_px,
+            inliers.points_in_world,
+            across,
+            camera,
+            confidence_of(evidence),
+            len(inliers),
+            len(matches),
+        )
+
+    def _near(self, features: LocalFeatures, camera: Camera, pose: Pose, radius: float) -> Matches:
+        localizer = self.localizer
+        keyframes = localizer.retrieval.covisible(pose, COVISIBLE_KEYFRAMES, set())
+        return match_near_projections(
+            features,
+            localizer.extractor,
+            localizer.artifact,
+            keyframes,
+            camera,
+            pose,
+            radius * camera.focal_px,
+        )
+
+    def _across(self, matches: Matches, pose: Pose) -> Array:
+        """Return the sigma of points across the camera's ray: a point is uncertain along its keyframe's ray."""
+        centres = self.localizer.artifact.arrays.positions[matches.keyframes]
+        mapped, seen = matches.points_in_world - centres, matches.points_in_world - pose.translation
+        lengths = np.linalg.norm(mapped, axis=1) * np.linalg.norm(seen, axis=1)
+        sines = np.linalg.norm(np.cross(mapped, seen), axis=1) / np.maximum(lengths, 1e-12)
+        return np.asarray(matches.sigma_m * sines)
+
+
+def accuracy(
+    points_px: Array, points_in_world: Array, point_sigma_m: Array, camera: Camera, pose: Pose
+) -> tuple[float, float]:
+    """Return one sigma of position in metres and orientation in degrees; infinite where the points don't tell."""
+    try:
+        covariance = pose_covariance(points_px, points_in_world, camera, pose, point_sigma_m=point_sigma_m)
+    except DegenerateGeometryError:
+        return float("inf"), 180.0
+    return pose_accuracy(covariance)
+
+
+def confidence_of_sigma(position_m: float, orientation_deg: float) -> float:
+    """Return the probability that an error with these sigmas is below 0.5 m and 5 degrees.
+
+    A sigma is that of the error's length: with three equal axes its square is a chi-square of three.
+    """
+    within_m = chi2.cdf(3.0 * (0.5 / max(position_m, 1e-6)) ** 2, 3)
+    within_deg = chi2.cdf(3.0 * (5.0 / max(orientation_deg, 1e-6)) ** 2, 3)
+    return float(within_m * within_deg)

@@ -1,0 +1,78 @@
+"""One frame of a video as tracking uses it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera
+from app.vision.images import Gray, Rgb, shrink, to_gray
+
+# Larger images are tracked at this size: flow on more pixels costs more and finds no more points.
+MAX_SIDE_PX = 640
+WINDOW_PX = (21, 21)
+PYRAMID_LEVELS = 3
+MAX_RETURN_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingFrame:
+    """A frame: the image as it came, its grey copy (height, width) at tracking size, and when it was taken, in
+    seconds of any clock."""
+
+    rgb: Rgb
+    gray: Gray
+    time_s: float
+
+    @staticmethod
+    def of(rgb: Rgb, time_s: float) -> TrackingFrame:
+        """Return the frame of an image (height, width, 3)."""
+        gray = to_gray(shrink(rgb, MAX_SIDE_PX)[0])
+        return TrackingFrame(rgb, gray, time_s)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height at tracking size."""
+        return self.gray.shape[1], self.gray.shape[0]
+
+    def scaled(self, camera: Camera) -> Camera:
+        """Return the camera at tracking size."""
+        return camera.scaled_to(*self.size_px)
+
+
+def follow(
+    previous: Gray, frame: TrackingFrame, points_px: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Follow points (n, 2) into the next frame by pyramidal Lucas-Kanade flow; both frames have one size.
+
+    Returns where they are (n, 2), and which (n,) came back to where they started, within a pixel, when followed
+    the other way round, and are still in the picture.
+    """
+    if len(points_px) == 0:
+        return points_px, np.zeros(0, dtype=bool)
+    start = points_px.astype(np.float32)[:, None]
+    there, found, _ = _flow(previous, frame.gray, start)
+    back, returned, _ = _flow(frame.gray, previous, there)
+    error = np.abs(back - start).max(axis=2)[:, 0]
+    moved = there[:, 0].astype(np.float64)
+    inside = ((moved >= 0) & (moved < np.array(frame.size_px) - 1)).all(axis=1)
+    return moved, (found[:, 0] == 1) & (returned[:, 0] == 1) & (error < MAX_RETURN_PX) & inside
+
+
+def _flow(a: Gray, b: Gray, points: Any) -> Any:
+    return cv2.calcOpticalFlowPyrLK(a, b, points, None, winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS)  # type: ignore[call-overload]
+
+
+def find_corners(
+    gray: Gray, known_px: NDArray[np.float64], count: int, distance_px: int = 12
+) -> NDArray[np.float64]:
+    """Return up to `count` corners (m, 2) of a grey image, none of them near points known already (n, 2)."""
+    mask = np.full(gray.shape, 255, np.uint8)
+    for u, v in np.rint(known_px).astype(int):
+        cv2.circle(mask, (int(u), int(v)), distance_px, 0, -1)
+    corners = cv2.goodFeaturesToTrack(gray, count, 0.01, distance_px, mask=mask, blockSize=5)
+    return np.zeros((0, 2)) if corners is None else corners[:, 0].astype(np.float64)

@@ -1,0 +1,218 @@
+"""Visual odometry: PnP on points that a fix gave or that were triangulated since (C 5.1.1-5.1.2).
+
+All of it is metric from the first frame on: a fix brings points with their places in the world, and new points
+are placed by poses that come of those. No scale is ever assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import DegenerateGeometryError
+from app.geometry.camera import Camera
+from app.geometry.pnp import estimate_pose_lo_ransac, refine_pose
+from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.se3 import Pose
+from app.services.tracking.fix import Fix, accuracy
+from app.services.tracking.frame import TrackingFrame, find_corners, follow
+from app.services.tracking.points import FLOW_SIGMA, TrackedPoints
+from app.services.tracking.window import KeyView, Window
+from app.services.verification import coverage
+
+# Flow localizes a point to a fraction of a pixel: what is further off is no longer the point it was.
+MAX_ERROR = 3.0 / 525.0
+# So many points are followed, and new corners looked for when this share of them is left.
+WANTED_POINTS, REFILL_SHARE = 300, 0.8
+MIN_INLIERS, MIN_INLIER_RATIO, MIN_COVERAGE = 15, 0.5, 0.12
+ENOUGH_FIXED, ENOUGH_COVERAGE, MOST_FIXED = 40, 0.3, 250
+# Every so many frames is a keyframe.
+KEYFRAME_EVERY = 4
+# The least that points of a fix are off by.
+FIX_SIGMA_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryStep:
+    """A pose by odometry: one sigma of it by the points it was estimated from, how many agreed of how many, and
+    which share of the image they cover."""
+
+    world_from_camera: Pose
+    position_m: float
+    orientation_deg: float
+    inliers: int
+    matches: int
+    coverage: float
+    from_fix: int
+
+    @property
+    def can_be_trusted(self) -> bool:
+        """Whether enough points agree, spread over the image."""
+        enough = self.inliers >= MIN_INLIERS and self.inliers >= MIN_INLIER_RATIO * self.matches
+        return enough and self.coverage >= MIN_COVERAGE
+
+
+class Odometry:
+    """Follows points from frame to frame. Knows nothing of maps."""
+
+    def __init__(self, frame: TrackingFrame, fix: Fix) -> None:
+        self._gray = frame.gray
+        self._points = TrackedPoints.none()
+        self._next_id = 0
+        self._pose = fix.world_from_camera
+        self._window = Window()
+        self._since_keyframe = 0
+        self.absorb(fix)
+        self._refill(fix.camera, fix.world_from_camera)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """The size of the frames that can be followed."""
+        return self._gray.shape[1], self._gray.shape[0]
+
+    def absorb(self, fix: Fix) -> None:
+        """Take the points of a fix of the present frame in place of those of earlier fixes.
+
+        What was placed by odometry's own pose of this frame moves along with the correction.
+        """
+        correction = fix.world_from_camera @ self._pose.inverse()
+        own = self._points.take(~self._points.from_fix).moved(correction)
+        rows = np.argsort(fix.point_sigma_m)[:MOST_FIXED]
+        fixed = TrackedPoints.fixed(
+            self._new_ids(len(rows)),
+            fix.points_px[rows],
+            fix.points_in_world[rows],
+            fix.point_sigma_m[rows],
+            fix.world_from_camera,
+        )
+        self._points, self._pose = fixed.joined(own), fix.world_from_camera
+        self._window.move(correction)
+        self._since_keyframe = KEYFRAME_EVERY
+
+    def _new_ids(self, count: int) -> NDArray[np.int64]:
+        self._next_id += count
+        return np.arange(self._next_id - count, self._next_id)
+
+    def step(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> OdometryStep | None:
+        """Follow all points into a frame and return its pose; None when there is none at all."""
+        moved, found = follow(self._gray, frame, self._points.pixels)
+        self._gray = frame.gray
+        points = self._points.take(found)
+        points.pixels = moved[found]
+        self._points = points
+        pose = self._estimate(points, camera, predicted)
+        if pose is None:
+            return None
+        across_m = points.sigma_across_m(pose.translation)
+        agree = self._agreeing(points, across_m, camera, pose)
+        inliers = points.take(agree)
+        if len(inliers) < 4:
+            return None
+        position_m, orientation_deg = accuracy(
+            inliers.pixels, inliers.points_in_world, across_m[agree], camera, pose
+        )
+        self._points, self._pose = inliers, pose
+        return OdometryStep(
+            pose,
+            position_m,
+            orientation_deg,
+            len(inliers),
+            len(points),
+            coverage(inliers.pixels, (camera.width, camera.height)),
+            int(np.count_nonzero(inliers.from_fix)),
+        )
+
+    def _estimate(self, points: TrackedPoints, camera: Camera, predicted: Pose) -> Pose | None:
+        """Return the pose by the points that are placed well, then by all, each as far as it can be trusted."""
+        if self._has_enough_fixed(points, camera):
+            points = points.take(points.from_fix)
+        placed = points.take(points.is_placed)
+        first = estimate_pose_lo_ransac(
+            placed.pixels,
+            placed.points_in_world,
+            camera,
+            max_error_px=MAX_ERROR * camera.focal_px,
+            max_iterations=300,
+            min_iterations=20,
+            prior=predicted,
+        )
+        if first is None:
+            return None
+        pose = first.world_from_camera
+        across_m = points.sigma_across_m(pose.translation)
+        agree = self._agreeing(points, across_m, camera, pose)
+        some = points.take(agree)
+        try:
+            return refine_pose(
+                some.pixels,
+                some.points_in_world,
+                camera,
+                pose,
+                weights=_weights(some, across_m[agree], pose),
+                max_steps=6,
+            )
+        except DegenerateGeometryError:
+            return None
+
+    def _agreeing(
+        self, points: TrackedPoints, across_m: NDArray[np.float64], camera: Camera, pose: Pose
+    ) -> NDArray[np.bool_]:
+        errors = reprojection_errors_px(points.pixels, points.points_in_world, camera, pose)
+        distances = np.maximum(np.linalg.norm(points.points_in_world - pose.translation, axis=1), 1e-6)
+        limits = camera.focal_px * np.hypot(MAX_ERROR, np.minimum(across_m / distances, 4 * MAX_ERROR) * 2)
+        return np.asarray(errors <= limits)
+
+    def learn(self, camera: Camera) -> Pose:
+        """Better the points by the present frame, whose pose is trusted, and look for new ones.
+
+        Every few frames the last keyframes are adjusted together; returns the pose of this frame after that.
+        """
+        self._points.observe(camera, self._pose)
+        self._since_keyframe += 1
+        if self._since_keyframe >= KEYFRAME_EVERY:
+            self._since_keyframe = 0
+            self._add_keyframe(camera)
+        self._refill(camera, self._pose)
+        return self._pose
+
+    def _add_keyframe(self, camera: Camera) -> None:
+        points = self._points
+        prior_sigma_m = np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf)
+        self._window.add(
+            KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior_sigma_m
+        )
+        if self._has_enough_fixed(points, camera):
+            return
+        adjusted = np.intersect1d(self._window.adjust(camera), points.ids)
+        order = np.argsort(points.ids)
+        rows = order[np.searchsorted(points.ids[order], adjusted)]
+        places = self._window.points_in_world[np.searchsorted(self._window.ids, adjusted)]
+        own = ~points.from_fix[rows]
+        points.place(rows[own], places[own])
+        self._pose = self._window.views[-1].world_from_camera
+
+    def _has_enough_fixed(self, points: TrackedPoints, camera: Camera) -> bool:
+        """Whether points of a fix alone tell the pose. They don't drift: then the others say nothing better."""
+        pixels = points.pixels[points.from_fix]
+        spread = coverage(pixels, (camera.width, camera.height))
+        return len(pixels) >= ENOUGH_FIXED and spread >= ENOUGH_COVERAGE
+
+    def _refill(self, camera: Camera, pose: Pose) -> None:
+        if len(self._points) >= REFILL_SHARE * WANTED_POINTS:
+            return
+        corners = find_corners(self._gray, self._points.pixels, WANTED_POINTS - len(self._points))
+        placed = self._points.take(self._points.is_placed)
+        if len(placed) and len(corners):
+            distances = np.linalg.norm(placed.points_in_world - pose.translation, axis=1)
+            fresh = TrackedPoints.new(
+                self._new_ids(len(corners)), corners, camera, pose, float(np.median(distances))
+            )
+            self._points = self._points.joined(fresh)
+
+
+def _weights(points: TrackedPoints, across_m: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
+    """Return one over the variance of each point's pixel, 1 for a point whose place is certain."""
+    distances = np.maximum(np.linalg.norm(points.points_in_world - pose.translation, axis=1), 1e-6)
+    return np.asarray(1.0 / (1.0 + (across_m / distances / FLOW_SIGMA) ** 2))

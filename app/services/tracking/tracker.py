@@ -1,0 +1,365 @@
+"""One moving camera: fixes, odometry between them, and what may be believed of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, confidence_of_sigma
+from app.services.tracking.frame import TrackingFrame
+from app.services.tracking.odometry import Odometry, OdometryStep
+from app.services.verification import Reason
+
+State = Literal["initializing", "tracking", "relocalized", "lost"]
+
+# A person's pace with room for a hand's jerk; what is further off was no motion.
+MAX_SPEED_M_S, JERK_M = 3.0, 0.4
+# However long a camera was not seen, what is further from where it was is believed only when it is seen twice.
+MAX_FREE_M = 4.0
+# A storey: a change of height that no step explains.
+MAX_CLIMB_M = 1.2
+# After so long without a frame nothing can be followed from the one before.
+MAX_GAP_S = 1.0
+# For so long a camera is looked for near where it was before it is looked for everywhere.
+MAX_NEARBY_S = 3.0
+# A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
+MAX_CORRECTION_M = 0.25
+# Two fixes that confirm each other are at most so long apart.
+MAX_CONFIRMATION_S = 5.0
+# What odometry is off by after a metre of path (roomfix track), and where its answers end.
+DRIFT_SHARE, MAX_SIGMA_M = 0.04, 1.0
+# What it is off by after a turn, as a share of the turn, and at what distance a turn looks like a step: a lens that
+# differs from its model a little makes one of the other.
+TURN_DRIFT_SHARE, TURN_DISTANCE_M = 0.08, 1.5
+# A phone's own odometry and ours agree on a step within this and this share of it.
+MOTION_SLACK_M, MOTION_SHARE = 0.15, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSettings:
+    """How often points are looked for in the map around the pose, and, where that shows nothing, everywhere; in
+    frames. Without `use_refresh` the map around the pose is left alone, which is how odometry is measured."""
+
+    refresh_every: int = 4
+    relocalize_every: int = 30
+    use_refresh: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingMemory:
+    """What a session must not forget: enough to go on after a restart.
+
+    `world_from_camera` is the last trusted pose, at `time_s`;
+    `fix_position_m`, `fix_orientation_deg` those of the last fix, `fix_scale_sigma` what its scale is off by, as a
+    share; `unaided_m` and `unaided_rad` the path and the turns since; `pending` a fix that
+    was too far off to be believed at once.
+    """
+
+    state: State = "initializing"
+    world_from_camera: Pose | None = None
+    frame_id: str = WORLD
+    time_s: float = 0.0
+    fix_position_m: float = 0.0
+    fix_orientation_deg: float = 0.0
+    fix_scale_sigma: float = 0.0
+    unaided_m: float = 0.0
+    unaided_rad: float = 0.0
+    pending: Pose | None = None
+    pending_frame_id: str = WORLD
+    pending_time_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """The outcome for one frame; `world_from_camera` is None exactly when `reason` says why."""
+
+    state: State
+    world_from_camera: Pose | None
+    reason: Reason | None
+    method: str
+    frame_id: str
+    position_m: float | None
+    orientation_deg: float | None
+    confidence: float
+    inliers: int
+    matches: int
+    unaided_m: float
+    camera: Camera | None
+    fix: Fix | None = None
+
+
+@dataclass(slots=True)
+class Tracker:
+    """Tracks one camera through its frames, one at a time.
+
+    `memory` may come from an earlier process: without the points of its last frame, the next one is located
+    anew, and believed at once only near where the camera was. `is_inside` says of a pose in the world whether a
+    camera can be there.
+    """
+
+    source: FixSource
+    memory: TrackingMemory = field(default_factory=TrackingMemory)
+    settings: TrackerSettings = field(default_factory=TrackerSettings)
+    camera: Camera | None = None
+    is_inside: Callable[[Pose], bool] = lambda _: True
+    _odometry: Odometry | None = None
+    _since_refresh: int = 0
+    _since_search: int = 0
+
+    def process(self, frame: TrackingFrame, camera: Camera | None, motion: Pose | None = None) -> Tracked:
+        """Answer for a frame. `camera` is the one of the image as it came; without it the one that an earlier
+        frame's search found is used, or it is searched for.
+
+        `motion` is the phone's own odometry: this frame's camera in the axes of the previous one, metres. Raises
+        `InvalidCameraError` for a camera that can't be the frame's.
+        """
+        if camera is not None:
+            self.camera = camera
+        tracked = self._tracking_camera(frame)
+        predicted = self._predicted(motion)
+        step = self._follow(frame, tracked, predicted, motion)
+        self._since_refresh += 1
+        self._since_search += 1
+        if step is None or tracked is None:
+            return self._search(frame, tracked, predicted)
+        return self._go_on(frame, tracked, step)
+
+    def forget(self, memory: TrackingMemory) -> None:
+        """Go back to an earlier memory: the last frame never was."""
+        self.memory, self._odometry = memory, None
+
+    def _tracking_camera(self, frame: TrackingFrame) -> Camera | None:
+        return None if self.camera is None else frame.scaled(self.camera)
+
+    def _predicted(self, motion: Pose | None) -> Pose | None:
+        last = self.memory.world_from_camera
+        return last if last is None or motion is None else last @ motion
+
+    def _follow(
+        self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None, motion: Pose | None
+    ) -> OdometryStep | None:
+        """Return odometry's step to a frame if it can be trusted."""
+        odometry, memory = self._odometry, self.memory
+        if odometry is None or camera is None or predicted is None or memory.world_from_camera is None:
+            return None
+        if odometry.size_px != frame.size_px or abs(frame.time_s - memory.time_s) > MAX_GAP_S:
+            return None
+        step = odometry.step(frame, camera, predicted)
+        if step is None or not step.can_be_trusted or not self._is_inside(step.world_from_camera):
+            return None
+        moved_m = position_difference_m(step.world_from_camera, memory.world_from_camera)
+        if moved_m > JERK_M + MAX_SPEED_M_S * max(frame.time_s - memory.time_s, 0.0):
+            return None
+        if motion is not None:
+            off_m = position_difference_m(step.world_from_camera, predicted)
+            if off_m > MOTION_SLACK_M + MOTION_SHARE * float(np.linalg.norm(motion.translation)):
+                return None
+        return step if self._sigma(step)[0] <= MAX_SIGMA_M else None
+
+    def _is_inside(self, pose: Pose) -> bool:
+        return self.memory.frame_id != WORLD or self.is_inside(pose)
+
+    def _unaided(self, step: OdometryStep) -> tuple[float, float]:
+        """Return the path and the turns since the last fix, with a step."""
+        memory, pose = self.memory, step.world_from_camera
+        assert memory.world_from_camera is not None  # noqa: S101 - followed
+        return (
+            memory.unaided_m + position_difference_m(pose, memory.world_from_camera),
+            memory.unaided_rad + attitude_difference_rad(pose, memory.world_from_camera),
+        )
+
+    def _sigma(self, step: OdometryStep) -> tuple[float, float]:
+        """Return one sigma of a step's position and attitude: it grows with path and turns since the last fix."""
+        memory, (unaided_m, unaided_rad) = self.memory, self._unaided(step)
+        turned_rad = TURN_DRIFT_SHARE * unaided_rad
+        drift_m = float(np.hypot(DRIFT_SHARE, memory.fix_scale_sigma)) * unaided_m
+        position_m = [step.position_m, memory.fix_position_m, drift_m, turned_rad * TURN_DISTANCE_M]
+        orientation_deg = [step.orientation_deg, memory.fix_orientation_deg, float(np.degrees(turned_rad))]
+        return float(np.linalg.norm(position_m)), float(np.linalg.norm(orientation_deg))
+
+    def _go_on(self, frame: TrackingFrame, camera: Camera, step: OdometryStep) -> Tracked:
+        """Answer with odometry's pose, or with a fix near it when one is due and there."""
+        memory, settings = self.memory, self.settings
+        assert memory.world_from_camera is not None and self._odometry is not None  # noqa: S101, PT018 - followed
+        unaided_m, unaided_rad = self._unaided(step)
+        position_m, orientation_deg = self._sigma(step)
+        fix: Fix | None = None
+        if (
+            settings.use_refresh
+            and memory.frame_id == WORLD
+            and self._since_refresh >= settings.refresh_every
+        ):
+            self._since_refresh = 0
+            fix = self.source.refresh(frame, camera, step.world_from_camera)
+        if fix is None and self._since_search >= settings.relocalize_every:
+            self._since_search = 0
+            found = self.source.locate(frame, camera, step.world_from_camera)
+            fix = found if isinstance(found, Fix) else None
+        if fix is None:
+            pose = self._odometry.learn(camera)
+            step = replace(step, world_from_camera=pose)
+            self.memory = replace(
+                memory,
+                state="tracking",
+                world_from_camera=pose,
+                time_s=frame.time_s,
+                unaided_m=unaided_m,
+                unaided_rad=unaided_rad,
+                pending=None,
+            )
+            return self._answer("tracking", step, position_m, orientation_deg)
+        self._since_search = 0
+        off_m = position_difference_m(fix.world_from_camera, step.world_from_camera)
+        if fix.frame_id == memory.frame_id and off_m <= MAX_CORRECTION_M + 3.0 * float(
+            np.hypot(position_m, fix.position_m)
+        ):
+            return self._take(fix, frame, "tracking")
+        # The map says that odometry went astray. Neither is believed until a second fix agrees.
+        self._odometry = None
+        return self._doubt(fix, frame, camera)
+
+    def _search(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Tracked:
+        """Answer by a fix alone."""
+        memory = self.memory
+        self._odometry = None
+        self._since_search = self._since_refresh = 0
+        away_s = abs(frame.time_s - memory.time_s)
+        if (
+            away_s <= MAX_NEARBY_S
+            and camera is not None
+            and predicted is not None
+            and memory.frame_id == WORLD
+        ):
+            near = self.source.nearby(frame, camera, predicted)
+            if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
+                return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
+        found = self.source.locate(frame, camera, predicted if away_s <= MAX_CONFIRMATION_S else None)
+        if isinstance(found, Fix) and not self._can_be(found):
+            found = NoFix("outside_venue", found.inliers, found.matches)
+        if isinstance(found, NoFix):
+            state: State = "initializing" if memory.world_from_camera is None else "lost"
+            expired = abs(frame.time_s - memory.pending_time_s) > MAX_CONFIRMATION_S
+            self.memory = replace(memory, state=state, pending=None if expired else memory.pending)
+            return _nothing(state, found.reason, found.inliers, found.matches, camera, memory)
+        if memory.world_from_camera is None or predicted is None:
+            return self._take(found, frame, "tracking")
+        if self._is_plausible(found, predicted, frame.time_s) or self._is_confirmed(found, frame.time_s):
+            return self._take(found, frame, "relocalized")
+        return self._doubt(found, frame, camera)
+
+    def _can_be(self, fix: Fix) -> bool:
+        return fix.frame_id != WORLD or self.is_inside(fix.world_from_camera)
+
+    def _is_plausible(self, fix: Fix, predicted: Pose, time_s: float) -> bool:
+        """Whether the camera can have come from its last place to a fix in the time between."""
+        memory = self.memory
+        if fix.frame_id != memory.frame_id:
+            return False
+        waited_s = max(time_s - memory.time_s, 0.0)
+        turned_m = TURN_DRIFT_SHARE * TURN_DISTANCE_M * memory.unaided_rad
+        drift_m = float(np.linalg.norm([memory.fix_position_m, DRIFT_SHARE * memory.unaided_m, turned_m]))
+        reach_m = (
+            JERK_M
+            + min(MAX_SPEED_M_S * waited_s, MAX_FREE_M)
+            + 3.0 * float(np.hypot(drift_m, fix.position_m))
+        )
+        offset = fix.world_from_camera.translation - predicted.translation
+        return float(np.linalg.norm(offset)) <= reach_m and abs(float(offset[2])) <= MAX_CLIMB_M
+
+    def _is_confirmed(self, fix: Fix, time_s: float) -> bool:
+        """Whether the fix agrees with the one that waits for confirmation."""
+        memory = self.memory
+        waited_s = time_s - memory.pending_time_s
+        if memory.pending is None or fix.frame_id != memory.pending_frame_id:
+            return False
+        if not 0.0 <= waited_s <= MAX_CONFIRMATION_S:
+            return False
+        apart_m = position_difference_m(fix.world_from_camera, memory.pending)
+        turned_rad = attitude_difference_rad(fix.world_from_camera, memory.pending)
+        return apart_m <= JERK_M + MAX_SPEED_M_S * waited_s and turned_rad <= np.pi / 6 + np.pi * waited_s
+
+    def _doubt(self, fix: Fix, frame: TrackingFrame, camera: Camera | None) -> Tracked:
+        """Remember a fix that nothing leads to, and answer that the camera is lost."""
+        self.memory = replace(
+            self.memory,
+            state="lost",
+            pending=fix.world_from_camera,
+            pending_frame_id=fix.frame_id,
+            pending_time_s=frame.time_s,
+        )
+        return _nothing("lost", "ambiguous", fix.inliers, fix.matches, camera, self.memory)
+
+    def _take(self, fix: Fix, frame: TrackingFrame, state: State) -> Tracked:
+        """Believe a fix, and let odometry go on from it."""
+        if self.camera is None:
+            self.camera = fix.camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
+        if self._odometry is None:
+            self._odometry = Odometry(frame, fix)
+        else:
+            self._odometry.absorb(fix)
+        self._odometry.learn(fix.camera)
+        self._since_refresh = self._since_search = 0
+        self.memory = TrackingMemory(
+            state,
+            fix.world_from_camera,
+            fix.frame_id,
+            frame.time_s,
+            fix.position_m,
+            fix.orientation_deg,
+            fix.scale_sigma,
+        )
+        return Tracked(
+            state,
+            fix.world_from_camera,
+            None,
+            fix.method,
+            fix.frame_id,
+            fix.position_m,
+            fix.orientation_deg,
+            fix.confidence,
+            fix.inliers,
+            fix.matches,
+            0.0,
+            self.camera,
+            fix,
+        )
+
+    def _answer(self, state: State, step: OdometryStep, position_m: float, orientation_deg: float) -> Tracked:
+        return Tracked(
+            state,
+            step.world_from_camera,
+            None,
+            "odometry",
+            self.memory.frame_id,
+            position_m,
+            orientation_deg,
+            confidence_of_sigma(position_m, orientation_deg),
+            step.inliers,
+            step.matches,
+            self.memory.unaided_m,
+            self.camera,
+        )
+
+
+def _nothing(
+    state: State, reason: Reason, inliers: int, matches: int, camera: Camera | None, memory: TrackingMemory
+) -> Tracked:
+    return Tracked(
+        state,
+        None,
+        reason,
+        "rgbd",
+        memory.frame_id,
+        None,
+        None,
+        0.0,
+        inliers,
+        matches,
+        memory.unaided_m,
+        camera,
+    )

@@ -1,0 +1,100 @@
+"""A fix by one other view whose pose is known: what an anchor gives, ready for odometry to go on from.
+
+The relative pose is up to scale (C 4.2.4); a known distance makes it metric (C 4.2.7). The points that both views
+see are triangulated with it, so that odometry starts with the anchor's own scale and needs no second one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera
+from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.se3 import Pose
+from app.geometry.triangulation import triangulate
+from app.services.tracking.fix import WORLD, Fix, accuracy, confidence_of_sigma
+from app.services.verification import coverage
+
+Array = NDArray[np.float64]
+MIN_POINTS, MIN_COVERAGE, MAX_ERROR_PX = 20, 0.1, 3.0
+# Nearer to parallel, rays place a point too badly to start from.
+MIN_PARALLAX_DEG = 1.0
+MATCH_SIGMA_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class KnownView:
+    """The other view: its camera and pose in the world or on a plan (`frame_id`, see `Fix`), and the share by which
+    the scale of the relative pose may be off, one sigma."""
+
+    camera: Camera
+    world_from_camera: Pose
+    scale_sigma: float = 0.0
+    frame_id: str = WORLD
+
+
+def fix_from_two_views(
+    points_px: Array, points_in_known_px: Array, camera: Camera, known: KnownView, known_from_camera: Pose
+) -> Fix | None:
+    """Return the fix of a camera whose metric pose in a known view is given, or None when too few of the matched
+    pixels (n, 2), (n, 2) can be triangulated or they are all in one spot.
+
+    `camera` is the one of the frame at tracking size, and so are `points_px`. The accuracy holds what the pixels
+    leave open and what the scale is off by; all points share the latter, so it is not in their own sigma.
+    """
+    pose = known.world_from_camera @ known_from_camera
+    points = triangulate(
+        points_in_known_px,
+        points_px,
+        known.camera,
+        camera,
+        known_from_camera.inverse(),
+        min_parallax_deg=MIN_PARALLAX_DEG,
+    )
+    placed = np.isfinite(points).all(axis=1)
+    in_world = known.world_from_camera.apply(points)
+    good = np.zeros(len(points), dtype=bool)
+    good[placed] = (
+        reprojection_errors_px(points_px[placed], in_world[placed], camera, pose) < MAX_ERROR_PX
+    ) & (
+        reprojection_errors_px(
+            points_in_known_px[placed], in_world[placed], known.camera, known.world_from_camera
+        )
+        < MAX_ERROR_PX
+    )
+    if good.sum() < MIN_POINTS or coverage(points_px[good], (camera.width, camera.height)) < MIN_COVERAGE:
+        return None
+    sigma_m = _sigma_across(in_world[good], camera, pose)
+    position_m, orientation_deg = accuracy(points_px[good], in_world[good], sigma_m, camera, pose)
+    baseline_m = float(np.linalg.norm(known_from_camera.translation))
+    position_m = float(np.hypot(position_m, known.scale_sigma * baseline_m))
+    return Fix(
+        pose,
+        position_m,
+        orientation_deg,
+        points_px[good],
+        in_world[good],
+        sigma_m,
+        camera,
+        confidence=confidence_of_sigma(position_m, orientation_deg),
+        inliers=int(good.sum()),
+        matches=len(points_px),
+        method="anchor",
+        frame_id=known.frame_id,
+        scale_sigma=known.scale_sigma,
+    )
+
+
+def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
+    """Return a relative pose in metres, of one up to `scale` metres per unit (C eq. 4.2.7)."""
+    return Pose(b_from_a.rotation, scale * b_from_a.translation)
+
+
+def _sigma_across(points_in_world: Array, camera: Camera, pose: Pose) -> Array:
+    """Return how uncertain points are across the camera's ray, by the pixel they were matched with."""
+    return np.asarray(
+        MATCH_SIGMA_PX / camera.focal_px * np.linalg.norm(points_in_world - pose.translation, axis=1)
+    )

@@ -1,0 +1,85 @@
+"""The last keyframes of odometry, adjusted together whenever one is added."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.bundle import Bundle, adjust_bundle
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+# Views that are adjusted together, and how many of the oldest keep their poses: they hold place and scale.
+WINDOW, HELD = 12, 2
+# A point that was seen less often says nothing that the pose doesn't need to explain it.
+MIN_VIEWS = 2
+# Fewer leave poses undetermined.
+MIN_POINTS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class KeyView:
+    """A keyframe of odometry: its pose, and the pixels (n, 2) of points by their ids (n,)."""
+
+    world_from_camera: Pose
+    ids: Ids
+    pixels: Array
+
+
+@dataclass(slots=True)
+class Window:
+    """The last keyframes, and the points that they see: `ids` (n,), places in the world (n, 3), and how well a fix
+    places each in metres (n,), infinite for points of odometry's own."""
+
+    views: list[KeyView] = field(default_factory=list)
+    ids: Ids = field(default_factory=lambda: np.zeros(0, np.int64))
+    points_in_world: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    prior_sigma_m: Array = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, view: KeyView, points_in_world: Array, prior_sigma_m: Array) -> None:
+        """Add a keyframe and where its points are (n, 3), (n,); the oldest one goes, with what only it saw."""
+        self.views = [*self.views, view][-WINDOW:]
+        old = ~np.isin(self.ids, view.ids) & np.isin(self.ids, np.concatenate([v.ids for v in self.views]))
+        ids = np.concatenate([self.ids[old], view.ids])
+        order = np.argsort(ids)
+        self.ids = ids[order]
+        self.points_in_world = np.concatenate([self.points_in_world[old], points_in_world])[order]
+        self.prior_sigma_m = np.concatenate([self.prior_sigma_m[old], prior_sigma_m])[order]
+
+    def move(self, new_from_old: Pose) -> None:
+        """Move views and points by a correction of the frame that they are in; what fixes said of points is void."""
+        self.views = [
+            KeyView(new_from_old @ view.world_from_camera, view.ids, view.pixels) for view in self.views
+        ]
+        self.points_in_world = new_from_old.apply(self.points_in_world)
+        self.prior_sigma_m = np.full(len(self.ids), np.inf)
+
+    def adjust(self, camera: Camera) -> Ids:
+        """Adjust the views and the points that enough of them see; return the ids of these."""
+        seen = np.concatenate([view.ids for view in self.views])
+        unique, counts = np.unique(seen, return_counts=True)
+        used = unique[counts >= MIN_VIEWS]
+        if len(self.views) <= HELD or len(used) < MIN_POINTS:
+            return np.zeros(0, np.int64)
+        chosen, keep = np.searchsorted(self.ids, used), np.isin(seen, used)
+        views = np.repeat(np.arange(len(self.views)), [len(view.ids) for view in self.views])[keep]
+        bundle = Bundle(
+            camera,
+            views.astype(np.intp),
+            np.searchsorted(used, seen[keep]).astype(np.intp),
+            np.concatenate([view.pixels for view in self.views])[keep],
+            np.arange(len(self.views)) < HELD,
+            self.points_in_world[chosen],
+            self.prior_sigma_m[chosen],
+        )
+        poses = [view.world_from_camera for view in self.views]
+        adjusted, self.points_in_world[chosen] = adjust_bundle(bundle, poses, self.points_in_world[chosen])
+        self.views = [
+            KeyView(pose, view.ids, view.pixels) for pose, view in zip(adjusted, self.views, strict=True)
+        ]
+        return used

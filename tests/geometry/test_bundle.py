@@ -1,0 +1,81 @@
+"""Bundle adjustment: it finds back what noise-free pixels were made of, and keeps what it must."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.geometry.bundle import Bundle, adjust_bundle
+from app.geometry.camera import Camera
+from app.geometry.reprojection import perturbed, project_from_world
+from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+
+CAMERAS = [
+    Camera("PINHOLE", 640, 480, (525.0, 525.0, 319.5, 239.5)),
+    Camera("OPENCV", 640, 480, (525.0, 520.0, 319.5, 239.5, 0.1, -0.1, 0.001, 0.001)),
+]
+VIEWS, POINTS = 6, 60
+
+
+def scene(camera: Camera, seed: int) -> tuple[list[Pose], np.ndarray, Bundle]:
+    """Return poses along a line, points before them, and the bundle of their noise-free pixels."""
+    rng = np.random.default_rng(seed)
+    poses = [
+        perturbed(Pose.identity(), [*rng.normal(0, 0.02, 3), 0.15 * i, 0.02 * i, 0.0]) for i in range(VIEWS)
+    ]
+    points = rng.uniform([-1.0, -0.8, 2.5], [1.5, 0.8, 5.0], (POINTS, 3))
+    pixels = np.stack([project_from_world(points, camera, pose) for pose in poses])
+    inside = np.stack([camera.contains(p) for p in pixels])
+    # Each point is missing from some views.
+    seen = inside & (rng.uniform(size=inside.shape) < 0.8)
+    seen[:2] = inside[:2]
+    views, rows = np.nonzero(seen)
+    fixed = np.arange(VIEWS) < 2
+    none = np.full(POINTS, np.inf)
+    return poses, points, Bundle(camera, views, rows, pixels[views, rows], fixed, points, none)
+
+
+def disturbed(poses: list[Pose], points: np.ndarray, seed: int) -> tuple[list[Pose], np.ndarray]:
+    rng = np.random.default_rng(seed)
+    moved = [
+        pose if i < 2 else perturbed(pose, np.concatenate([rng.normal(0, 0.01, 3), rng.normal(0, 0.03, 3)]))
+        for i, pose in enumerate(poses)
+    ]
+    return moved, points + rng.normal(0, 0.05, points.shape)
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
+@pytest.mark.parametrize("seed", range(3))
+def test_poses_and_points_are_found_back(camera: Camera, seed: int) -> None:
+    poses, points, bundle = scene(camera, seed)
+    found, placed = adjust_bundle(bundle, *disturbed(poses, points, seed + 10), max_steps=30)
+    assert all(a is b for a, b in zip(found[:2], poses[:2], strict=True))
+    for a, b in zip(found, poses, strict=True):
+        assert position_difference_m(a, b) < 1e-3
+        assert attitude_difference_rad(a, b) < 1e-3
+    assert np.median(np.linalg.norm(placed - points, axis=1)) < 2e-3
+
+
+def test_wrong_pixels_hardly_move_the_poses() -> None:
+    poses, points, bundle = scene(CAMERAS[0], 1)
+    rng = np.random.default_rng(2)
+    pixels = bundle.pixels.copy()
+    wrong = rng.uniform(size=len(pixels)) < 0.05
+    pixels[wrong] += rng.uniform(-60, 60, (int(wrong.sum()), 2))
+    spoilt = Bundle(
+        bundle.camera, bundle.views, bundle.rows, pixels, bundle.is_fixed, bundle.prior, bundle.prior_sigma_m
+    )
+    found, _ = adjust_bundle(spoilt, *disturbed(poses, points, 11), max_steps=30)
+    assert max(position_difference_m(a, b) for a, b in zip(found, poses, strict=True)) < 0.01
+
+
+def test_points_that_are_known_hold_the_scale_without_fixed_views() -> None:
+    poses, points, bundle = scene(CAMERAS[0], 3)
+    known = np.where(np.arange(POINTS) < 20, 0.001, np.inf)
+    free = Bundle(
+        bundle.camera, bundle.views, bundle.rows, bundle.pixels, np.zeros(VIEWS, dtype=bool), points, known
+    )
+    start, away = disturbed(poses, points, 12)
+    away[:20] = points[:20]
+    found, _ = adjust_bundle(free, start, away, max_steps=40)
+    assert max(position_difference_m(a, b) for a, b in zip(found, poses, strict=True)) < 5e-3
