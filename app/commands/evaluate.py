@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,6 +46,15 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Write all figures
 ReportDir = Annotated[Path | None, typer.Option("--report", help="Write a page with plots into this folder.")]
 
 
+class PipelineName(StrEnum):
+    """The pipelines, as an option that can be repeated needs them."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+    VDM = "vdm"
+    EPIPOLAR = "epipolar"
+
+
 @dataclass(frozen=True, slots=True)
 class _Configuration:
     """One map to build and how to localize in it; `name` tells it apart from the others."""
@@ -62,7 +72,7 @@ def evaluate(
     queries: Queries = "1::2",
     features: Annotated[list[str] | None, typer.Option(help="Feature method; repeat it to compare.")] = None,
     pipeline: Annotated[
-        list[Pipeline] | None,
+        list[PipelineName] | None,
         typer.Option(
             help="default; paper: ORB, F-RANSAC, EPnP + LM, one keyframe; vdm, epipolar: lines on the plan; repeat it "
             "to compare."
@@ -109,7 +119,8 @@ def evaluate(
             )
         results = list(_evaluate_there(server, datasets, database, queries, parsed, variations))
     else:
-        settings = {name: _settings(name, keyframes) for name in pipeline or ["default"]}
+        chosen: list[Pipeline] = [name.value for name in pipeline or [PipelineName.DEFAULT]]
+        settings = {name: _settings(name, keyframes) for name in chosen}
         configurations = list(_configurations(datasets, database, queries, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
     _print(results, variations)
