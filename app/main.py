@@ -65,21 +65,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         library = MapLibrary(resources)
-        describer = AnchorDescriber()
         executor = BoundedExecutor(settings.workers, settings.queue_size)
-        features = FeatureLibrary(resources.database)
-        route_service = RouteService(resources.database, features)
-        app.state.roomfix = AppState(
-            resources,
-            LocateService(resources, library, features, AnchorLocator(resources, describer)),
-            executor,
-            builds,
-            metrics,
-            features,
-            route_service,
-            AnchorService(resources, library, describer),
-            SessionService(resources, library, features, route_service),
-        )
+        app.state.roomfix = _wire(resources, library, executor, builds, metrics)
         with resources.database.read() as connection:
             warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
         # Kept, since a task that nothing refers to may be collected before it has run.
@@ -112,3 +99,26 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)
     return app
+
+
+def _wire(
+    resources: Resources,
+    library: MapLibrary,
+    executor: BoundedExecutor,
+    builds: BuildRunner,
+    metrics: Metrics,
+) -> AppState:
+    features = FeatureLibrary(resources.database)
+    routes_of = RouteService(resources.database, features)
+    describer = AnchorDescriber()
+    return AppState(
+        resources,
+        LocateService(resources, library, features, AnchorLocator(resources, describer)),
+        executor,
+        builds,
+        metrics,
+        features,
+        routes_of,
+        AnchorService(resources, library, describer),
+        SessionService(resources, library, features, routes_of),
+    )

@@ -97,5 +97,5 @@ def test_geometry_needs_numbers_only() -> None:
 
 def test_the_check_sees_what_it_should() -> None:
     assert ("app.main", "fastapi.FastAPI") in IMPORTS
-    assert ("app.services.locate", "app.geometry.se3.Pose") in IMPORTS
+    assert ("app.services.locate_result", "app.geometry.se3.Pose") in IMPORTS
     assert {"api", "geometry", "jobs", "services", "storage", "vision"} <= set(PARTS)

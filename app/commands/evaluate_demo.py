@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.table import Table
 
 from app.commands.console import console, progress_bars, settings_from
@@ -19,7 +21,7 @@ from app.evaluation.pose_errors import summarize
 from app.evaluation.report import Report, ReportTable, Section
 from app.evaluation.run import Evaluation, map_figures, median_stages
 from app.evaluation.sections import cell, evaluation_sections
-from app.evaluation.variations import PLAIN
+from app.evaluation.variations import PLAIN, VARIATIONS, Variation, parse_variations
 from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
 from app.services.progress import Progress
@@ -33,6 +35,19 @@ if TYPE_CHECKING:
 def evaluate_demo(
     count: Annotated[int, typer.Option(min=1, help="Pictures of each region.")] = 80,
     data_dir: Annotated[Path, typer.Option(help="The folder of `roomfix demo`.")] = DEFAULT_DIR,
+    degrade: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"Ask with pictures made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
+        ),
+    ] = None,
+    without_upper_floor: Annotated[
+        bool,
+        typer.Option(
+            "--without-upper-floor",
+            help="Ask for the upper floor's pictures with that floor out of the map too.",
+        ),
+    ] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
     report: Annotated[
         Path | None, typer.Option("--report", help="Write a page with plots into this folder.")
@@ -42,6 +57,7 @@ def evaluate_demo(
     from app.demonstration import REGIONS, VENUE, render_queries
 
     page = None if report is None else Report(f"Evaluation of {VENUE.name}", report)
+    variations = parse_variations(degrade or [])
     resources = Resources.open(settings_from(data_dir=data_dir))
     regions: list[RegionFigures] = []
     try:
@@ -51,7 +67,12 @@ def evaluate_demo(
         with progress_bars() as progress:
             for region in REGIONS:
                 queries = render_queries(data_dir / f"queries-{region}", count, region=region)
-                regions.append(evaluate_region(region, serving[0], queries, progress))
+                regions += [
+                    evaluate_region(region, serving[0], queries, progress, variation)
+                    for variation in variations
+                ]
+                if region == "upper" and without_upper_floor:
+                    regions.append(evaluate_absent_floor(serving[0], queries, progress))
     finally:
         resources.close()
     console.print(_table(regions))
@@ -74,24 +95,51 @@ class RegionFigures:
     wrong_floor: int
 
 
-def evaluate_region(
-    region: str, localizer: Localizer, queries: Sequence[DemoQuery], progress: Progress
+def evaluate_absent_floor(
+    localizer: Localizer, queries: Sequence[DemoQuery], progress: Progress
 ) -> RegionFigures:
-    """Locate the pictures of a region and compare with the truth, the floor too."""
+    """Locate pictures of the upper floor by the keyframes of the ground floor alone: none may be located."""
+    from app.demonstration import floor_of
+
+    artifact = localizer.artifact
+    below = [i for i in range(artifact.keyframe_count) if floor_of(artifact.pose(i)) == 0]
+    upper = [query for query in queries if query.floor == 1]
+    name = "upper, not in the map"
+    return evaluate_region(name, localizer, upper, progress, allowed=np.array(below, dtype=np.int64))
+
+
+def evaluate_region(
+    region: str,
+    localizer: Localizer,
+    queries: Sequence[DemoQuery],
+    progress: Progress,
+    variation: Variation = PLAIN,
+    allowed: NDArray[np.int64] | None = None,
+) -> RegionFigures:
+    """Locate the pictures of a region, as the variation has them, and compare with the truth, the floor too.
+
+    `allowed` are the keyframes that the map has; without it all of them.
+    """
     from app.demonstration import floor_of
 
     outcomes, timings, wrong_floor = [], [], 0
     for done, query in enumerate(queries):
         progress.report(region, done + 1, len(queries))
-        found = localizer.localize(decode_image(query.path.read_bytes()), query.camera)
+        asked = variation.apply(done, query.name, decode_image(query.path.read_bytes()), query.camera)
+        camera = asked.camera if variation.camera_given else None
+        found = localizer.localize(asked.rgb, camera, allowed)
         milliseconds = sum(found.timings_ms.values())
-        outcomes.append(outcome_of(query.name, found, query.world_from_camera, milliseconds))
+        truth = query.world_from_camera @ asked.original_from_degraded
+        outcomes.append(outcome_of(query.name, found, truth, milliseconds))
         if found.world_from_camera is not None:
             timings.append(found.timings_ms)
             wrong_floor += floor_of(found.world_from_camera) != query.floor
     figures = map_figures(region, localizer.artifact, int(localizer.index.descriptors.nbytes))
-    evaluation = Evaluation(figures, PLAIN.name, summarize(outcomes), median_stages(timings), tuple(outcomes))
-    return RegionFigures(region, evaluation, wrong_floor)
+    evaluation = Evaluation(
+        figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
+    )
+    name = region if variation == PLAIN else f"{region}, {variation.name}"
+    return RegionFigures(name, evaluation, wrong_floor)
 
 
 def _table(regions: Sequence[RegionFigures]) -> Table:

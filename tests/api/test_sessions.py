@@ -98,13 +98,30 @@ def test_a_video_is_tracked_and_its_trajectory_kept(museum: Server, tower: str, 
 
 
 def test_a_session_is_changed_and_ended(museum: Server) -> None:
-    session = start(museum, destination="entrance", language="en")
+    venue = museum.add_venue("gallery")
+    floor = {"name": "Ground", "level": 0, "z_min_m": 0, "z_max_m": 3, "plan_from_world": np.eye(4).tolist()}
+    assert museum.client.put(f"/venues/{venue}/floors/0", json=floor).status_code == 200
+    landmarks = [
+        {
+            "type": "Feature",
+            "id": name,
+            "geometry": {"type": "Point", "coordinates": [x, 1.0]},
+            "properties": {"type": "landmark", "name": name.title()},
+        }
+        for name, x in (("entrance", 1.0), ("cafe", 3.0))
+    ]
+    features = {"type": "FeatureCollection", "features": landmarks}
+    assert museum.client.put(f"/venues/{venue}/floors/0/features", json=features).status_code == 200
+    session = start(museum, venue, destination="entrance", language="en")
     path = f"/sessions/{session}"
     body = museum.client.get(path).json()
     assert (body["destination"], body["language"], body["tracking"]) == ("entrance", "en", "initializing")
     changed = museum.client.patch(path, json={"destination": "cafe", "camera": list(CAMERA.params)}).json()
     assert (changed["destination"], changed["language"]) == ("cafe", "en")
     assert changed["camera"] == list(CAMERA.params)
+    unknown = museum.client.patch(path, json={"destination": "nowhere"})
+    assert_problem(unknown, 404, "not_found")
+    assert_problem(museum.client.patch(path, json={"language": "tlh"}), 422)
     cleared = museum.client.patch(path, json={"destination": None, "camera": None}).json()
     assert (cleared["destination"], cleared["camera"]) == (None, None)
     assert museum.client.delete(path).status_code == 204
