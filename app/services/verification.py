@@ -55,10 +55,10 @@ class Limits:
     """What a pose must pass; measured on places that are in the map and on places that are not
     (docs/features.md)."""
 
-    min_inliers: int = 14
+    min_inliers: int = 12
     min_inlier_ratio: float = 0.06
     min_coverage: float = 0.15
-    min_distinct_share: float = 0.35
+    min_distinct_share: float = 0.55
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
     max_keyframe_distance_m: float = 12.0

@@ -49,7 +49,7 @@ class LocalFeatures:
 class LocalFeatureExtractor(Protocol):
     """What finds and describes keypoints.
 
-    `name` is what a map records, `ratio` its matching threshold, `min_inliers` nearly twice what images of
+    `name` is what a map records, `ratio` its matching threshold, `min_inliers` well above what images of
     places that are not in a map reach by chance (docs/features.md).
     """
 
@@ -79,7 +79,7 @@ class RootSift:
 
     binary = False
     ratio = 0.85
-    min_inliers = 14
+    min_inliers = 12
     descriptor_size = 128
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 

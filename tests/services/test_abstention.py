@@ -39,7 +39,7 @@ def test_good_evidence_is_trusted() -> None:
         ({}, float("inf"), "too_few_inliers"),
         ({"rival": 140}, SIGMA_M, "ambiguous"),
         ({"distinct": 10}, SIGMA_M, "ambiguous"),
-        ({"distinct": 60, "coverage": 0.16, "position_sigma_m": 0.2}, SIGMA_M, "too_few_inliers"),
+        ({"distinct": 85, "coverage": 0.16, "position_sigma_m": 0.3}, SIGMA_M, "too_few_inliers"),
         ({"keyframe_distance_m": 100.0}, SIGMA_M, "outside_venue"),
     ],
     ids=str,
