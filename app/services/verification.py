@@ -149,7 +149,7 @@ def features_of(evidence: Evidence) -> NDArray[np.float64]:
     )
 
 
-CONFIDENCE = ConfidenceModel(-4.91, (0.59, 1.65, 1.75, 6.12, -2.11))
+CONFIDENCE = ConfidenceModel(-2.87, (0.71, 2.5, 1.17, 3.92, -2.79))
 
 
 def confidence_of(evidence: Evidence) -> float:
