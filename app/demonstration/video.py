@@ -1,4 +1,4 @@
-"""A scan like a video, whose frames overlap nearly whole: two rooms and the way between them, with phone pictures of both.
+"""A scan like a video, whose frames overlap nearly whole: two rooms and the way between, with phone pictures.
 
 `python -m app.demonstration.video DIRECTORY` renders it.
 """
