@@ -78,7 +78,9 @@ def test_the_papers_tables_and_what_suits_the_scene(scan: Path, tmp_path: Path) 
     assert 'Suggested for this scene: {"rule": ' in text
     found = json.loads(figures.read_text())
     pairs = {(row["alpha"], row["beta"]) for row in found["sweep"]}
-    assert pairs == {(a, round(a - b, 3)) for a in (0.45, 0.4, 0.35, 0.3, 0.25) for b in (0.05, 0.1, 0.15, 0.2)}
+    assert pairs == {
+        (a, round(a - b, 3)) for a in (0.45, 0.4, 0.35, 0.3, 0.25) for b in (0.05, 0.1, 0.15, 0.2)
+    }
     for row in found["sweep"]:
         assert 1 <= row["keyframes"] <= 14
         assert 0 <= row["mean"] <= 1

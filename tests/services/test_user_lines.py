@@ -20,7 +20,9 @@ def matches(seed: int, count: int = 120, noise_px: float = 0.5, wrong: int = 20)
     points = USER.apply(CAMERA.unproject(pixels, rng.uniform(1.0, 4.0, count)))
     pixels = pixels + rng.normal(size=pixels.shape) * noise_px
     pixels[:wrong] = rng.uniform([0, 0], [CAMERA.width - 1, CAMERA.height - 1], (wrong, 2))
-    return KeyframeMatches(seed, np.arange(count), pixels, pixels, points, np.full(count, 0.005), np.ones(count, bool))
+    return KeyframeMatches(
+        seed, np.arange(count), pixels, pixels, points, np.full(count, 0.005), np.ones(count, bool)
+    )
 
 
 def fix(seed: int, x: float, y: float, **options: float) -> KeyframeFix:
