@@ -20,7 +20,14 @@ from app.errors import InvalidInputError
 from app.evaluation.cumulative_plot import draw_cumulative
 from app.evaluation.dataset import parse_range
 from app.evaluation.keyframe_bursts import count_bursts
-from app.evaluation.keyframe_rules import RuleFigures, SweepRow, measure_rule, suggest, sweep_content
+from app.evaluation.keyframe_rules import (
+    RuleFigures,
+    SweepRow,
+    frame_similarity,
+    measure_rule,
+    suggest,
+    sweep_content,
+)
 from app.evaluation.pipelines import PIPELINES, options_for
 from app.evaluation.pose_errors import QueryOutcome
 from app.evaluation.queries import Query, open_queries
@@ -33,7 +40,8 @@ from app.services.resources import cap_threads, open_models
 from app.services.select_keyframes import frame_contents
 from app.services.vision_models import VisionModels
 from app.settings import Settings
-from app.vision.content_keyframes import ALPHA, BETA
+from app.vision.content_keyframes import ALPHA, BETA, FrameContent
+from app.vision.local_features import LocalFeatureExtractor
 
 RULES = ("pose", "content", "distance", "interval", "dense")
 
@@ -53,7 +61,10 @@ SparseToo = Annotated[bool, typer.Option("--sparse", help="Each rule without pic
 ByPipelines = Annotated[
     bool, typer.Option("--pipelines", help="Locate by every pipeline, in the first rule's map.")
 ]
-Sweep = Annotated[bool, typer.Option("--sweep", help="Tables over alpha and beta, and what suits.")]
+Sweep = Annotated[
+    bool,
+    typer.Option("--sweep", help="Tables over alpha and beta, and what suits; with --queries, how well."),
+]
 Bursts = Annotated[bool, typer.Option("--bursts", help="Keyframes from blurred, repeated stretches.")]
 
 
@@ -95,6 +106,8 @@ def keyframes(
         if pipelines:
             measured = bench.pipelines(next(iter(named.values())))
         elif asked or not (sweep or bursts):
+            if sweep:
+                named["suggested"] = parse_keyframe_rule(figures["suggested"])
             measured = bench.rules(named, sparse)
     if measured:
         console.print(_table(measured))
@@ -166,15 +179,7 @@ class _Bench:
         frames = list(frame_contents(self._scan, poses, extractor, self._executor, self._progress))
         figures: dict[str, Any] = {}
         if sweep:
-            # The paper's tables are those of eq. 6 as it stands.
-            rows = sweep_content(frames, extractor, replace(rule.content, seen="join"))
-            best = suggest(rows, float(np.mean([len(frame.descriptors) for frame in frames])))
-            console.print(_sweep_table(rows, rule.content.combine))
-            console.print(
-                f'Suggested for this scene: {{"rule": "content", "alpha": {best.alpha:g}, "beta": {best.beta:g}}}'
-            )
-            figures["sweep"] = [asdict(row) for row in rows]
-            figures["suggested"] = asdict(best)
+            figures.update(_sweep(frames, extractor, rule))
         if bursts:
             counted = count_bursts(
                 self._scan, frames, rule.content, extractor, self._executor, self._progress
@@ -189,6 +194,23 @@ def _json(text: str) -> object:
         return json.loads(text)
     except ValueError as error:
         raise InvalidInputError(f"options is not JSON: {error}.") from None
+
+
+def _sweep(
+    frames: Sequence[FrameContent], extractor: LocalFeatureExtractor, rule: KeyframeRule
+) -> dict[str, Any]:
+    """Print the paper's tables, those of eq. 6 as it stands, and the rule that suits; return both."""
+    rows = sweep_content(frames, extractor, replace(rule.content, seen="join"))
+    neighbours = frame_similarity(frames, extractor)
+    best = suggest(rows, neighbours)
+    console.print(_sweep_table(rows, rule.content.combine))
+    console.print(f"Similarity of the scan's own neighbours: {neighbours:.3f}")
+    suggested: dict[str, Any] = {"rule": "pose"}
+    if best is not None:
+        limits = {"alpha": best.alpha, "beta": best.beta, "combine": rule.content.combine}
+        suggested = {"rule": "content", **limits}
+    console.print(f"Suggested for this scene: {json.dumps(suggested)}")
+    return {"sweep": [asdict(row) for row in rows], "neighbours": neighbours, "suggested": suggested}
 
 
 def _sweep_table(rows: Sequence[SweepRow], combine: str) -> Table:

@@ -56,7 +56,23 @@ def render_queries(
     """
     if region not in REGIONS:
         raise InvalidInputError(f"Region {region!r} is not known; use one of {', '.join(REGIONS)}.")
-    poses = query_poses(_region_poses(region), count, seed)
+    return render_queries_near(
+        _region_poses(region), directory, count, region, camera, seed, workers, progress
+    )
+
+
+def render_queries_near(
+    scan: list[Pose],
+    directory: Path,
+    count: int,
+    region: str,
+    camera: Camera = PHONE_CAMERA,
+    seed: int = 1,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[DemoQuery]:
+    """Render pictures near the poses of any scan, which `region` names; otherwise as `render_queries`."""
+    poses = query_poses(scan, count, seed)
     queries = [_query(directory, k, camera, pose) for k, pose in enumerate(poses)]
     recipe = {
         "queries": region,

@@ -53,19 +53,20 @@ def render_wing(
     `progress(done, total)` is called as frames are written. Raises `InvalidInputError` when the directory
     holds something else.
     """
-    return _render("wing", WING_WALK, directory, frames, workers, progress)
+    return render_scan("wing", WING_WALK, directory, frames, workers, progress)
 
 
 def render_venue(
     directory: Path, *, frames: int = VENUE_FRAMES, workers: int = 2, progress: Progress | None = None
 ) -> DemoScan:
     """Render the scan of both floors with all look-alike corridors; otherwise as `render_wing`."""
-    return _render("venue", VENUE_WALK, directory, frames, workers, progress)
+    return render_scan("venue", VENUE_WALK, directory, frames, workers, progress)
 
 
-def _render(
+def render_scan(
     name: str, walks: tuple[Walk, ...], directory: Path, frames: int, workers: int, progress: Progress | None
 ) -> DemoScan:
+    """Render the scan of some walks, `name` seeding its noise; otherwise as `render_wing`."""
     poses = tuple(scan_poses(walks, frames))
     times = tuple(START_S + FRAME_INTERVAL_S * k for k in range(frames))
     scan = DemoScan(directory, SCAN_CAMERA, DEPTH_SCALE, times, poses)

@@ -26,11 +26,12 @@ from app.vision.local_features import LocalFeatureExtractor
 from app.vision.matching import to_unit_vectors
 from app.vision.similarity import content_similarity
 
-ALPHAS = (0.40, 0.35, 0.30, 0.25)
+# The paper's tables end at 0.40.
+ALPHAS = (0.45, 0.40, 0.35, 0.30, 0.25)
 BETA_STEPS = (0.05, 0.10, 0.15, 0.20)
-# Matches that neighbouring keyframes should share: three times what A asks of one, for a query lies between two and
-# was taken on another day.
-WANTED_MATCHES = 150.0
+# Neighbouring keyframes should share this much of what the scan's own neighbours share: with less, the map is
+# measurably less accurate than one of all frames (docs/visual-depth-map.md).
+WANTED_SHARE = 0.62
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,15 +173,27 @@ def sweep_content(
     return rows
 
 
-def suggest(rows: Sequence[SweepRow], features_per_frame: float) -> SweepRow:
-    """Return the pair of limits for a scene.
+def suggest(rows: Sequence[SweepRow], neighbours: float) -> SweepRow | None:
+    """Return the pair of limits for a scene whose frames have that similarity to the one before them, on average.
 
-    Of those that leave neighbours enough matches the one with few keyframes and little variance, each relative to
-    the table's mean, as the paper weighs them; where none does, the one that leaves most.
+    Of those that leave neighbours enough in common the one with few keyframes and little variance, each relative
+    to the table's mean, as the paper weighs them; where none does, the one that leaves most. None where the
+    frames themselves are less alike than a limit: the scan is no video, and what a frame left out shows is lost.
     """
-    enough = [row for row in rows if row.mean * features_per_frame >= WANTED_MATCHES]
+    if neighbours < max(ALPHAS):
+        return None
+    enough = [row for row in rows if row.mean >= WANTED_SHARE * neighbours]
     if not enough:
-        return max(rows, key=lambda row: row.mean)
+        return max(rows, key=lambda row: (row.mean, -row.keyframes))
     count = float(np.mean([row.keyframes for row in rows]))
     variance = max(float(np.mean([row.variance for row in rows])), 1e-12)
     return min(enough, key=lambda row: row.keyframes / count + row.variance / variance)
+
+
+def frame_similarity(frames: Sequence[FrameContent], extractor: LocalFeatureExtractor) -> float:
+    """Return the mean similarity of a scan's frames to the one before them (B eq. 5)."""
+    units = [to_unit_vectors(frame.descriptors, extractor.binary) for frame in frames]
+    pairs = itertools.pairwise(units)
+    return float(
+        np.mean([content_similarity(a, b, extractor.ratio, extractor.binary) for a, b in pairs] or [1.0])
+    )

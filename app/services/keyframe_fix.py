@@ -15,6 +15,7 @@ from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.services.keyframe_matches import KeyframeMatches
+from app.services.map_accuracy import sigma_across
 
 # Below this EPnP follows the noise of single points.
 MIN_INLIERS = 8
@@ -65,8 +66,14 @@ def fix_by_keyframe(
         inliers = matches.take(errors <= max_error_px)
         if len(inliers) < MIN_INLIERS:
             return None
+        across = sigma_across(
+            inliers.sigma_m,
+            inliers.points_in_world,
+            world_from_keyframe.translation,
+            world_from_user.translation,
+        )
         covariance = pose_covariance(
-            inliers.query_px, inliers.points_in_world, camera, world_from_user, point_sigma_m=inliers.sigma_m
+            inliers.query_px, inliers.points_in_world, camera, world_from_user, point_sigma_m=across
         )
     except DegenerateGeometryError:
         return None

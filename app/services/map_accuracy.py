@@ -23,14 +23,8 @@ def accuracy_in_map(
     focal_sigma: float,
 ) -> tuple[float, float]:
     """Return one sigma of position in metres and orientation in degrees of a pose, by what its inliers and the
-    centres (n, 3) of their keyframes tell; infinity for what they leave open.
-
-    A point is uncertain along its keyframe's ray, which a camera beside the keyframe hardly sees: what counts is
-    the part of it across the camera's own ray.
-    """
-    across = inliers.sigma_m * _sines(
-        inliers.points_in_world - keyframe_centres, inliers.points_in_world - pose.translation
-    )
+    centres (n, 3) of their keyframes tell; infinity for what they leave open."""
+    across = sigma_across(inliers.sigma_m, inliers.points_in_world, keyframe_centres, pose.translation)
     try:
         covariance = pose_covariance(
             inliers.points_px,
@@ -43,6 +37,21 @@ def accuracy_in_map(
     except DegenerateGeometryError:
         return float("inf"), 180.0
     return pose_accuracy(covariance)
+
+
+def sigma_across(
+    sigma_m: NDArray[np.floating],
+    points: NDArray[np.float64],
+    keyframe_centres: NDArray[np.float64],
+    centre: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the noise (n,) in metres of points (n, 3) as a camera at `centre` (3,) sees it, from that along the rays
+    of their keyframes at (n, 3) or (3,).
+
+    A point is uncertain along its keyframe's ray, which a camera beside the keyframe hardly sees: what counts is
+    the part of it across the camera's own ray.
+    """
+    return np.asarray(sigma_m * _sines(points - keyframe_centres, points - centre))
 
 
 def seen_from_one_side(

@@ -16,7 +16,7 @@ from app.services.keyframe_fix import KeyframeFix
 Array = NDArray[np.float64]
 
 # Lines whose crossing is known less well than this are as good as parallel.
-MAX_CROSSING_SIGMA_M = 0.1
+MAX_CROSSING_SIGMA_M = 0.03
 # A crossing this many sigmas from where the keyframes' own points put the user is none of theirs.
 MAX_SIGMAS = 4.0
 # The point with the least sum of distances, like a median, is less sharp than the mean of good lines.

@@ -167,8 +167,10 @@ class VdmLocalizer:
         )
         votes = tuple(KeyframeVote(f.matches.keyframe, len(f.matches), len(f.inliers)) for f in fixes)
         plan = user_on_plan(fixes)
-        position_m, orientation_deg = self._accuracy(plan, best)
-        evidence = replace(evidence, position_sigma_m=position_m)
+        own_m, orientation_deg = self._accuracy(plan, best)
+        evidence = replace(evidence, position_sigma_m=own_m)
+        # What all points share, the map's own error, is not in the covariance.
+        position_m = float(np.hypot(own_m, self.artifact.metadata.position_sigma_m))
         reason = judge(evidence, position_m, self._limits)
         timer.lap("pose")
         if reason is not None:
@@ -182,11 +184,9 @@ class VdmLocalizer:
         )
 
     def _accuracy(self, plan: PlanPosition, best: KeyframeFix) -> tuple[float, float]:
-        metadata = self.artifact.metadata
-        own = np.sqrt(plan.sigma_m**2 + best.covariance[5, 5])
+        own_m = float(np.sqrt(plan.sigma_m**2 + best.covariance[5, 5]))
         turned = np.degrees(np.sqrt(np.trace(best.covariance[:3, :3])))
-        position_m = float(np.hypot(own, metadata.position_sigma_m))
-        return position_m, float(np.hypot(turned, metadata.orientation_sigma_deg))
+        return own_m, float(np.hypot(turned, self.artifact.metadata.orientation_sigma_deg))
 
     def _nothing(
         self,

@@ -75,17 +75,23 @@ def test_rules_are_compared_in_one_table(scan: Path, pictures: Path, tmp_path: P
 def test_the_papers_tables_and_what_suits_the_scene(scan: Path, tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
     text = run("keyframes", scan, "--sweep", "--bursts", "--options", OPTIONS, "--json", figures)
-    assert '"rule": "content", "alpha": ' in text
+    assert 'Suggested for this scene: {"rule": ' in text
     found = json.loads(figures.read_text())
     pairs = {(row["alpha"], row["beta"]) for row in found["sweep"]}
-    assert pairs == {(a, round(a - b, 3)) for a in (0.4, 0.35, 0.3, 0.25) for b in (0.05, 0.1, 0.15, 0.2)}
+    assert pairs == {
+        (a, round(a - b, 3)) for a in (0.45, 0.4, 0.35, 0.3, 0.25) for b in (0.05, 0.1, 0.15, 0.2)
+    }
     for row in found["sweep"]:
         assert 1 <= row["keyframes"] <= 14
         assert 0 <= row["mean"] <= 1
         assert row["variance"] >= 0
     by_pair = {(row["alpha"], row["beta"]): row["keyframes"] for row in found["sweep"]}
-    assert by_pair[0.4, 0.35] >= by_pair[0.25, 0.05]
-    assert found["suggested"] in found["sweep"]
+    assert by_pair[0.45, 0.4] >= by_pair[0.25, 0.05]
+    suggested = found["suggested"]
+    if found["neighbours"] < 0.45:
+        assert suggested == {"rule": "pose"}
+    else:
+        assert (suggested["alpha"], suggested["beta"]) in pairs
     counts = {row["stretch"]: row["keyframes"] for row in found["bursts"]}
     assert counts["played twice"] == counts["as scanned"]
 

@@ -1,0 +1,29 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.demonstration import frames
+from app.demonstration.scan import WING_FRAMES
+from app.demonstration.scene import Scene
+from app.demonstration.trajectory import WING_WALK, scan_poses
+from app.demonstration.video import VIDEO_FRAMES, VIDEO_WALK, render_video
+
+
+def test_neighbours_are_a_fourth_as_far_apart_as_the_wings():
+    def step_m(poses):
+        return np.max(np.linalg.norm(np.diff([pose.translation for pose in poses], axis=0), axis=1))
+
+    assert step_m(scan_poses(VIDEO_WALK, VIDEO_FRAMES)) < 0.3 * step_m(scan_poses(WING_WALK, WING_FRAMES))
+
+
+def test_scan_and_pictures_are_rendered(
+    tmp_path: Path, gallery: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frames, "demo_scene", lambda: gallery)
+    scan, queries = render_video(tmp_path, frames=2, queries=1, workers=1)
+    assert len(scan) == 2
+    assert scan.colour_path(1).is_file()
+    listed = json.loads((tmp_path / "queries" / "queries.json").read_text())
+    assert [listed["region"], len(listed["queries"])] == ["video", len(queries)]
