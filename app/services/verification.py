@@ -57,7 +57,7 @@ class Limits:
 
     min_inliers: int = 12
     min_inlier_ratio: float = 0.06
-    min_coverage: float = 0.15
+    min_coverage: float = 0.14
     min_distinct_share: float = 0.55
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
