@@ -9,11 +9,12 @@ from app.demonstration.scan import WING_FRAMES
 from app.demonstration.scene import Scene
 from app.demonstration.trajectory import WING_WALK, scan_poses
 from app.demonstration.video import VIDEO_FRAMES, VIDEO_WALK, render_video
+from app.geometry.se3 import Pose
 
 
-def test_neighbours_are_a_fourth_as_far_apart_as_the_wings():
-    def step_m(poses):
-        return np.max(np.linalg.norm(np.diff([pose.translation for pose in poses], axis=0), axis=1))
+def test_neighbours_are_a_fourth_as_far_apart_as_the_wings() -> None:
+    def step_m(poses: list[Pose]) -> float:
+        return float(np.max(np.linalg.norm(np.diff([pose.translation for pose in poses], axis=0), axis=1)))
 
     assert step_m(scan_poses(VIDEO_WALK, VIDEO_FRAMES)) < 0.3 * step_m(scan_poses(WING_WALK, WING_FRAMES))
 
