@@ -34,7 +34,7 @@ from app.services.tracking.memory import (
     memory_to_json,
     pose_to_json,
 )
-from app.services.tracking.tracker import State, Tracked, Tracker
+from app.services.tracking.tracker import State, Tracked, Tracker, TrackerSettings
 from app.storage.floors import Floor, list_floors
 from app.storage.sessions import (
     Session,
@@ -107,12 +107,18 @@ class SessionService:
     """Answers the frames of sessions. Safe to share between threads; one frame of a session at a time."""
 
     def __init__(
-        self, resources: Resources, library: MapLibrary, features: FeatureLibrary, routes: RouteService
+        self,
+        resources: Resources,
+        library: MapLibrary,
+        features: FeatureLibrary,
+        routes: RouteService,
+        tracking: TrackerSettings | None = None,
     ) -> None:
         self._resources = resources
         self._library = library
         self._features = features
         self._guide = SessionGuide(routes)
+        self._tracking = tracking or TrackerSettings()
         self._lock = Lock()
         self._live: OrderedDict[str, _Live] = OrderedDict()
 
@@ -215,7 +221,7 @@ class SessionService:
             return
         with self._resources.database.read() as connection:
             live.recent = list_points(connection, session.id, RECENT_POINTS)
-        live.tracker = Tracker(_NoMap(), memory_from_json(session.memory))
+        live.tracker = Tracker(_NoMap(), memory_from_json(session.memory), self._tracking)
         live.frames = session.frames
 
     def _answer(self, session: Session, live: _Live, frame: SessionFrame, started: float) -> SessionResult:

@@ -43,11 +43,13 @@ MOTION_SLACK_M, MOTION_SHARE = 0.15, 0.5
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
     """How often points are looked for in the map around the pose, and, where that shows nothing, everywhere; in
-    frames. Without `use_refresh` the map around the pose is left alone, which is how odometry is measured."""
+    frames. Without `use_refresh` the map around the pose is left alone, which is how odometry is measured; without
+    `use_relocation` the map isn't used at all after the first fix."""
 
     refresh_every: int = 4
     relocalize_every: int = 30
     use_refresh: bool = True
+    use_relocation: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,12 +193,13 @@ class Tracker:
         fix: Fix | None = None
         if (
             settings.use_refresh
+            and settings.use_relocation
             and memory.frame_id == WORLD
             and self._since_refresh >= settings.refresh_every
         ):
             self._since_refresh = 0
             fix = self.source.refresh(frame, camera, step.world_from_camera)
-        if fix is None and self._since_search >= settings.relocalize_every:
+        if fix is None and settings.use_relocation and self._since_search >= settings.relocalize_every:
             self._since_search = 0
             found = self.source.locate(frame, camera, step.world_from_camera)
             fix = found if isinstance(found, Fix) else None
@@ -228,6 +231,9 @@ class Tracker:
         memory = self.memory
         self._odometry = None
         self._since_search = self._since_refresh = 0
+        if memory.world_from_camera is not None and not self.settings.use_relocation:
+            self.memory = replace(memory, state="lost")
+            return _nothing("lost", "no_match", 0, 0, camera, memory)
         away_s = abs(frame.time_s - memory.time_s)
         if (
             away_s <= MAX_NEARBY_S
