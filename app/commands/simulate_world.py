@@ -30,7 +30,7 @@ BODY_M = 0.2
 STAIR_TOP_Y_M = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
 # The lens of the demonstration's phone, a horizontal field of view of 65 degrees.
 FOCAL_SHARE = 498.0 / 640.0
-EXPOSURE_S = 1.0 / 60.0
+EXPOSURE_S = 1.0 / 100.0
 # One passer-by after so many seconds in the mean; how near they come by, and how tall and wide they are.
 PASSER_EVERY_S, PASSER_WALKS_S = 15.0, 4.0
 PASSER_HEIGHT_M, PASSER_WIDTH_M, PASSER_SPEED_M_S = 1.7, 0.5, 1.1

@@ -14,6 +14,8 @@ from app.geometry.se3 import Pose
 SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 50.0, 40.0
 # Somebody who has to turn further than this stands while turning.
 STAND_DEG = 40.0
+# Nobody corrects so small a turn of an arrow.
+UNSEEN_DEG = 8.0
 # Without a word they walk on for so long, then stand and look around once, then try another place.
 WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 10.0, 1.5
 STEP_S = 0.1
@@ -38,12 +40,11 @@ class Building(Protocol):
 @dataclass(frozen=True, slots=True)
 class Gait:
     """How inexact a walker is: step length from person to person and from step to step, as shares; turns, as a
-    share and in degrees; how far the direction drifts in a second."""
+    share; how far the direction drifts in a second."""
 
     person: float = 0.07
     step: float = 0.08
     turn: float = 0.1
-    turn_deg: float = 4.0
     drift_deg_s: float = 3.0
 
 
@@ -86,7 +87,7 @@ class Walker:
                 reach_m -= self._walk(min(SPEED_M_S * step_s, max(reach_m, 0.0)))
             self.time_s += step_s
             passed.append((self.x, self.y, self.floor))
-        self.turned_deg_s = (self.heading_deg - before_deg) / seconds
+        self.turned_deg_s = ((self.heading_deg - before_deg + 180.0) % 360.0 - 180.0) / seconds
         return passed
 
     def _told(self, told: Mapping[str, Any]) -> tuple[float, float]:
@@ -94,8 +95,10 @@ class Walker:
         if told["off_route"] or told["arrived"]:
             return 0.0, 0.0
         bearing_deg = told["bearing_deg"] or 0.0
+        if abs(bearing_deg) < UNSEEN_DEG:
+            bearing_deg = 0.0
         exact = 1.0 + self.gait.turn * float(self.rng.standard_normal())
-        turn_deg = bearing_deg * exact + self.gait.turn_deg * float(self.rng.standard_normal())
+        turn_deg = bearing_deg * exact
         remaining_m = told["remaining_m"]
         return turn_deg, np.inf if remaining_m is None else remaining_m
 

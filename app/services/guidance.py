@@ -20,7 +20,7 @@ LOOK_AHEAD_M = 1.5
 # Of several stretches of the way as near as this to each other, the one not walked yet is meant.
 SAME_M = 0.5
 # An arrow points at the way so far ahead: through a door, not through the wall beside it.
-ARROW_AHEAD_M = 1.0
+ARROW_AHEAD_M = 1.2
 
 
 @dataclass(frozen=True, slots=True)

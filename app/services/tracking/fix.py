@@ -33,7 +33,7 @@ MAX_ERROR = 6.0 / 525.0
 # Points looked for where they should be agree more easily by chance than those found anywhere.
 GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
 # A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
-PRIOR_RADIUS_M = 6.0
+PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +75,14 @@ def plan_frame(floor_id: str) -> str:
     return f"plan:{floor_id}"
 
 
+def _is_far(pose: Pose | None, near: Pose) -> bool:
+    """Whether a pose is out of the prior's reach: another place, or another floor."""
+    if pose is None:
+        return False
+    offset = pose.translation - near.translation
+    return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
+
+
 class FixSource(Protocol):
     """What gives fixes."""
 
@@ -103,10 +111,13 @@ class MapFixes:
         """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
         full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         found = self.localizer.localize(frame.rgb, full)
-        if found.reason == "ambiguous" and near is not None:
+        if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
             positions = self.localizer.artifact.arrays.positions
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
-            found = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
+            nearer = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            if found.reason == "ambiguous" or nearer.world_from_camera is not None:
+                found = nearer
         evidence = found.evidence
         if found.world_from_camera is None or found.camera is None:
             return NoFix(found.reason or "no_match", evidence.inliers, evidence.matches)
