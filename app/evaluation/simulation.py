@@ -16,6 +16,8 @@ from app.storage.floors import Floor
 
 # A walker gives up after so long, and so much longer for each metre of the route.
 PATIENCE_S, PATIENCE_S_PER_M = 60.0, 3.0
+# Told nothing for so long, looking around twice, the walker puts the phone away.
+SILENCE_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,8 @@ class Navigator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark` or `gave up`; errors are
+    """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark`, `lost` or
+    `gave up`; errors are
     those of the place on the plan, metres, of the frames with one on the right floor."""
 
     trip: int
@@ -92,11 +95,13 @@ class _Log:
     told: int = 0
     off_route: int = 0
     wrong_floor: int = 0
+    was_told: bool = False
 
     def note(self, told: Told, truth: PlanPlace) -> None:
         """Note an answer."""
         self.frames += 1
         self.milliseconds.append(told.milliseconds)
+        self.was_told = told.guidance is not None
         if told.place is None:
             return
         self.told += 1
@@ -125,11 +130,14 @@ def walk_trip(
     progress, log, arrived = Progress(trip, floors), _Log(), False
     navigator.begin(trip.destination)
     try:
-        while not arrived and walker.time_s < PATIENCE_S + PATIENCE_S_PER_M * trip.route_m:
+        told_s = 0.0
+        until_s = PATIENCE_S + PATIENCE_S_PER_M * trip.route_m
+        while not arrived and walker.time_s < min(until_s, told_s + SILENCE_S):
             pose = walker.camera_pose()
             shot = Shot(pose, walker.floor, walker.time_s, walker.turned_deg_s, light)
             told = navigator.ask(shot, pictures)
             log.note(told, progress.place(walker.x, walker.y, walker.floor))
+            told_s = walker.time_s if told.guidance is not None else told_s
             arrived = told.guidance is not None and bool(told.guidance["arrived"])
             for place in [] if arrived else walker.follow(told.guidance, 1.0 / fps):
                 progress.come_to(*place)
@@ -140,7 +148,7 @@ def walk_trip(
 
 def _outcome(trip: Trip, walker: Walker, progress: Progress, log: _Log, arrived: bool) -> Outcome:
     here = (walker.x, walker.y, walker.floor)
-    end = "gave up"
+    end = "gave up" if log.was_told else "lost"
     if arrived and not progress.is_there(*here):
         end = "arrived elsewhere"
     elif arrived:

@@ -11,13 +11,13 @@ import numpy as np
 from app.geometry.se3 import Pose
 
 # A person who follows a phone: strolls, turns slowly enough for pictures, looks around when told nothing.
-SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 50.0, 40.0
+SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 40.0, 30.0
 # Somebody who has to turn further than this stands while turning.
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
 # Without a word they walk on for so long, then stand and look around once, then try another place.
-WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 10.0, 1.5
+WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 13.0, 1.5
 STEP_S = 0.1
 # A person sees what stands in the way, and goes around it: how far to the side they try.
 DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)

@@ -14,7 +14,7 @@ from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.localization import KeyframeVote
+from app.services.localization import KeyframeVote, Localization
 from app.services.localizer import Localizer
 from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
@@ -116,6 +116,9 @@ class MapFixes:
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
             close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
             nearer = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
+            if told_apart is not None:
+                return told_apart
             if found.reason == "ambiguous" or nearer.world_from_camera is not None:
                 found = nearer
         evidence = found.evidence
@@ -138,6 +141,15 @@ class MapFixes:
             keyframes=found.keyframes,
         )
 
+    def _by_prior(
+        self, frame: TrackingFrame, camera: Camera, nearer: Localization, near: Pose
+    ) -> Fix | None:
+        """Return the fix of a pose near the prior that alone is ambiguous: the prior tells it from its look-alikes."""
+        pose = nearer.candidate
+        if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
+            return None
+        return self._concluded(self._near(self._features(frame), camera, pose, FOUND_RADIUS), camera, pose)
+
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
         matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
@@ -149,7 +161,8 @@ class MapFixes:
         arrays, extractor = localizer.artifact.arrays, localizer.extractor
         unit = to_unit_vectors(features.descriptors, extractor.binary)
         pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
-        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set()):
+        same_floor = np.flatnonzero(np.abs(arrays.positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M)
+        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), same_floor):
             rows = localizer.artifact.rows(keyframe)
             theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
             a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
