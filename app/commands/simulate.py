@@ -35,7 +35,9 @@ def simulate(
     lengths: Annotated[str, typer.Option(help="Lengths of the routes, metres, with commas.")] = "20,40,60,80",
     relocation: Annotated[
         str,
-        typer.Option(help="Use of the map after the first fix: on, lost (only when odometry is), off; commas."),
+        typer.Option(
+            help="Use of the map after the first fix: on, lost (only when odometry is), off; commas."
+        ),
     ] = "on,off",
     fps: Annotated[str, typer.Option(help="Frames a second, with commas.")] = "2",
     light: Annotated[str, typer.Option(help="Light as a share of the day's, with commas.")] = "1",
@@ -59,9 +61,7 @@ def simulate(
     if report is not None:
         console.print(f"Report: {write_report(report, figures, outcomes)}")
     if json_file is not None:
-        trips = [
-            {**asdict(setting), **asdict(one)} for setting in settings_of for one in outcomes[setting]
-        ]
+        trips = [{**asdict(setting), **asdict(one)} for setting in settings_of for one in outcomes[setting]]
         values = {"figures": [row.as_dict() for row in figures], "trips": trips}
         json_file.write_text(json.dumps(values, indent=1), encoding="utf-8")
 

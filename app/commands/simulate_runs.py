@@ -96,8 +96,8 @@ def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -
     }
     starts = [name for name in marks if not name.startswith("door-") and not any(w in name for w in NO_START)]
     routes = {
-        pair: place.routes.route(VENUE.id, *(f"{marks[name][0]}:{name}" for name in pair))
-        for pair in candidates(starts, list(marks))
+        (start, end): place.routes.route(VENUE.id, f"{marks[start][0]}:{start}", f"{marks[end][0]}:{end}")
+        for start, end in candidates(starts, list(marks))
     }
     building, trips = DemoBuilding(), []
     for number, (length_m, (start, end)) in enumerate(shuffled(pairs_by_length(routes, lengths), runs, seed)):

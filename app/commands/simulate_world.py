@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.demonstration.scene import Scene
 from app.demonstration.layout import (
     STAIR_RISERS,
     STAIR_START_Y_M,
@@ -18,6 +17,7 @@ from app.demonstration.layout import (
     room_by_id,
 )
 from app.demonstration.raycast import render
+from app.demonstration.scene import Scene
 from app.demonstration.sensor import JPEG_QUALITY, ColourSensor, colour_picture
 from app.demonstration.walkable import CELL_M, grid_of, ground_z_m
 from app.evaluation.simulation import Shot, Told

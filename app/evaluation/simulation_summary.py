@@ -84,13 +84,17 @@ def _cell(value: float | None) -> str:
 def figures_of(setting: Setting, outcomes: Sequence[Outcome]) -> list[Figures]:
     """Return the figures of a setting's trips for each length, then for all."""
     lengths = sorted({one.length_m for one in outcomes})
-    rows = [_figures(setting, length, [one for one in outcomes if one.length_m == length]) for length in lengths]
+    rows = [
+        _figures(setting, length, [one for one in outcomes if one.length_m == length]) for length in lengths
+    ]
     return [*rows, _figures(setting, None, outcomes)]
 
 
 def _figures(setting: Setting, length_m: float | None, outcomes: Sequence[Outcome]) -> Figures:
     count, successes = len(outcomes), sum(one.is_success for one in outcomes)
-    errors = [(one.mean_error_m, one.frames * one.told_percent) for one in outcomes if one.mean_error_m is not None]
+    errors = [
+        (one.mean_error_m, one.frames * one.told_percent) for one in outcomes if one.mean_error_m is not None
+    ]
     weights = [weight for _, weight in errors]
     p90 = [one.p90_error_m for one in outcomes if one.p90_error_m is not None]
     walked = [one.walked_m / one.route_m for one in outcomes if one.is_success]

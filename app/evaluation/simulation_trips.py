@@ -50,7 +50,11 @@ def spots_of(route: Route) -> tuple[Spot, ...]:
     found = [
         (step.along_m, step.turn, PlanPlace(step.floor, step.x, step.y)) for step in route.steps[:-1]
     ] + [
-        (passage.along_m, passage.landmark.id, PlanPlace(passage.floor, passage.landmark.x, passage.landmark.y))
+        (
+            passage.along_m,
+            passage.landmark.id,
+            PlanPlace(passage.floor, passage.landmark.x, passage.landmark.y),
+        )
         for passage in route.passages
     ]
     return tuple(Spot(name, place) for along_m, name, place in sorted(found, key=_along) if along_m > START_M)
@@ -133,7 +137,7 @@ class Progress:
 
 def place_on(floor: Floor, x: float, y: float) -> PlanPlace:
     """Return a point of the world on a floor's plan."""
-    point = plan_position(floor.plan_from_world, Pose(np.eye(3), np.array([x, y, 0.0])))
+    point = plan_position(np.asarray(floor.plan_from_world), Pose(np.eye(3), np.array([x, y, 0.0])))
     return PlanPlace(floor.id, point.x, point.y)
 
 

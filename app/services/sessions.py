@@ -165,8 +165,11 @@ class SessionService:
                 self._drop(session_id)
             return get_session(connection, session_id, self.timeout)
 
-    def place(self, session_id: str) -> PlanPlace:
-        """Return where a session was last; raises `NotFoundError`, and `ConflictError` before it was located."""
+    def place(self, session_id: str, venue_id: str) -> PlanPlace:
+        """Return where a session of a venue was last; raises `NotFoundError`, and `ConflictError` before it was
+        located."""
+        if self.get(session_id).venue_id != venue_id:
+            raise NotFoundError(f"There is no such session in venue {venue_id!r}.")
         located = [point for point in self.trajectory(session_id, RECENT_POINTS) if point.plan is not None]
         if not located or located[-1].floor is None or located[-1].plan is None:
             raise ConflictError(

@@ -97,13 +97,15 @@ def test_a_video_is_tracked_and_its_trajectory_kept(museum: Server, tower: str, 
     assert short["trajectory"] == body["trajectory"][-3:]
 
 
-def test_a_session_is_changed_and_ended(museum: Server) -> None:
-    session = start(museum, destination="entrance", language="en")
+def test_a_session_is_changed_and_ended(museum: Server, tower: str) -> None:
+    session = start(museum, tower, destination="ground:1,1", language="en")
     path = f"/sessions/{session}"
     body = museum.client.get(path).json()
-    assert (body["destination"], body["language"], body["tracking"]) == ("entrance", "en", "initializing")
-    changed = museum.client.patch(path, json={"destination": "cafe", "camera": list(CAMERA.params)}).json()
-    assert (changed["destination"], changed["language"]) == ("cafe", "en")
+    assert (body["destination"], body["language"], body["tracking"]) == ("ground:1,1", "en", "initializing")
+    changed = museum.client.patch(
+        path, json={"destination": "first:2,1", "camera": list(CAMERA.params)}
+    ).json()
+    assert (changed["destination"], changed["language"]) == ("first:2,1", "en")
     assert changed["camera"] == list(CAMERA.params)
     cleared = museum.client.patch(path, json={"destination": None, "camera": None}).json()
     assert (cleared["destination"], cleared["camera"]) == (None, None)

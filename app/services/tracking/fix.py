@@ -141,9 +141,7 @@ class MapFixes:
             keyframes=found.keyframes,
         )
 
-    def _by_prior(
-        self, frame: TrackingFrame, camera: Camera, nearer: Localization, near: Pose
-    ) -> Fix | None:
+    def _by_prior(self, frame: TrackingFrame, camera: Camera, nearer: Localization, near: Pose) -> Fix | None:
         """Return the fix of a pose near the prior that alone is ambiguous: the prior tells it from its look-alikes."""
         pose = nearer.candidate
         if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
