@@ -24,6 +24,7 @@ from app.commands import (
     push_frames,
     reliability,
     serve,
+    simulate,
     stream,
     track,
 )
@@ -41,7 +42,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     import_plan.import_plan,
     evaluate_walk.evaluate_walk, keyframes.keyframes,
     evaluate_anchors.evaluate_anchors, push_frames.push_frames,
-    track.track, stream.stream, stream.stream_bench,
+    track.track, stream.stream, stream.stream_bench, simulate.simulate,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

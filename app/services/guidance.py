@@ -19,12 +19,16 @@ WRONG_WAY_DEG = 60.0
 LOOK_AHEAD_M = 1.5
 # Of several stretches of the way as near as this to each other, the one not walked yet is meant.
 SAME_M = 0.5
+# An arrow points at the way so far ahead: through a door, not through the wall beside it.
+ARROW_AHEAD_M = 1.2
 
 
 @dataclass(frozen=True, slots=True)
 class Guidance:
     """What to do next. `turn` and `landmark` are those of the next step, `distance_m` leads to it; all distances
-    are along the route. Off the route, distances are from the route's nearest point, None on another floor."""
+    are along the route. Off the route, distances are from the route's nearest point, None on another floor.
+    `bearing_deg` is for an arrow: how far to the left of where the walker looks the way goes on; None when it is not
+    known where they look, or nothing of the way is on their floor."""
 
     instruction: str
     turn: Turn
@@ -34,6 +38,7 @@ class Guidance:
     arrived: bool
     landmark: str | None
     along_m: float | None
+    bearing_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +87,10 @@ def guide(
         instruction, turn = _way_to(speaker, current, following, ahead_m, facing)
     mark = following.at or following.towards
     landmark = None if mark is None else mark.id
-    return Guidance(instruction, turn, ahead_m, remaining_m, off_route, arrived, landmark, nearest.along_m)
+    bearing_deg = None if heading_deg is None else _bearing_deg(route, nearest, floor, x, y, heading_deg)
+    return Guidance(
+        instruction, turn, ahead_m, remaining_m, off_route, arrived, landmark, nearest.along_m, bearing_deg
+    )
 
 
 def _way_to(
@@ -174,6 +182,25 @@ def _facing(route: Route, nearest: _Nearest, heading_deg: float) -> Turn | None:
     way_deg = math.degrees(math.atan2(target.y - here.y, target.x - here.x))
     angle_deg = angle_between_deg(heading_deg, way_deg)
     return turn_of(angle_deg) if abs(angle_deg) > WRONG_WAY_DEG else None
+
+
+def _bearing_deg(
+    route: Route, nearest: _Nearest, floor: str, x: float, y: float, heading_deg: float
+) -> float | None:
+    """Return how far to the left of a heading the way goes on, seen from (x, y); None where it ends."""
+    target = _on_way(route, nearest)
+    for row in range(nearest.row + 1, len(route.points)):
+        end = route.points[row]
+        if end.floor != floor:
+            break
+        wanted_m = nearest.along_m + ARROW_AHEAD_M
+        if end.along_m >= wanted_m:
+            target = _on_way(route, _Nearest(row - 1, max(wanted_m, target.along_m), 0.0))
+            break
+        target = end
+    if math.hypot(target.x - x, target.y - y) < 0.05:
+        return None
+    return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
 
 
 def _on_way(route: Route, nearest: _Nearest) -> RoutePoint:

@@ -55,8 +55,8 @@ class SessionGuide:
         """
         if destination is None or floor is None or plan is None:
             return None
-        planned = way.route is None or way.destination != destination
-        if planned or way.off_route >= OFF_ROUTE_FRAMES:
+        planned = way.route is None or way.destination != destination or way.off_route >= OFF_ROUTE_FRAMES
+        if planned:
             problem = self._plan(way, venue_id, destination, floor, plan)
             if problem is not None:
                 return problem

@@ -34,7 +34,7 @@ from app.services.tracking.memory import (
     memory_to_json,
     pose_to_json,
 )
-from app.services.tracking.tracker import State, Tracked, Tracker
+from app.services.tracking.tracker import State, Tracked, Tracker, TrackerSettings
 from app.storage.floors import Floor, list_floors
 from app.storage.sessions import (
     Session,
@@ -107,12 +107,18 @@ class SessionService:
     """Answers the frames of sessions. Safe to share between threads; one frame of a session at a time."""
 
     def __init__(
-        self, resources: Resources, library: MapLibrary, features: FeatureLibrary, routes: RouteService
+        self,
+        resources: Resources,
+        library: MapLibrary,
+        features: FeatureLibrary,
+        routes: RouteService,
+        tracking: TrackerSettings | None = None,
     ) -> None:
         self._resources = resources
         self._library = library
         self._features = features
         self._guide = SessionGuide(routes)
+        self._tracking = tracking or TrackerSettings()
         self._lock = Lock()
         self._live: OrderedDict[str, _Live] = OrderedDict()
 
@@ -159,8 +165,11 @@ class SessionService:
                 self._drop(session_id)
             return get_session(connection, session_id, self.timeout)
 
-    def place(self, session_id: str) -> PlanPlace:
-        """Return where a session was last; raises `NotFoundError`, and `ConflictError` before it was located."""
+    def place(self, session_id: str, venue_id: str) -> PlanPlace:
+        """Return where a session of a venue was last; raises `NotFoundError`, and `ConflictError` before it was
+        located."""
+        if self.get(session_id).venue_id != venue_id:
+            raise NotFoundError(f"There is no such session in venue {venue_id!r}.")
         located = [point for point in self.trajectory(session_id, RECENT_POINTS) if point.plan is not None]
         if not located or located[-1].floor is None or located[-1].plan is None:
             raise ConflictError(
@@ -215,7 +224,7 @@ class SessionService:
             return
         with self._resources.database.read() as connection:
             live.recent = list_points(connection, session.id, RECENT_POINTS)
-        live.tracker = Tracker(_NoMap(), memory_from_json(session.memory))
+        live.tracker = Tracker(_NoMap(), memory_from_json(session.memory), self._tracking)
         live.frames = session.frames
 
     def _answer(self, session: Session, live: _Live, frame: SessionFrame, started: float) -> SessionResult:

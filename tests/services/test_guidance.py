@@ -42,6 +42,14 @@ def test_facing_the_wrong_way(way: Route) -> None:
     assert guide(way, "ground", 12, 1, heading_deg=40).turn == "up"
 
 
+def test_an_arrow_points_at_the_way_ahead(way: Route) -> None:
+    assert guide(way, "ground", 12, 1, heading_deg=30).bearing_deg == pytest.approx(-30)
+    assert guide(way, "ground", 12, 1.5, heading_deg=0).bearing_deg == pytest.approx(-22.6, abs=0.1)
+    assert guide(way, "ground", 8, 1.5, heading_deg=-90).bearing_deg == pytest.approx(54.5, abs=0.1)
+    assert guide(way, "ground", 12, 1).bearing_deg is None
+    assert guide(way, "cellar", 12, 1, heading_deg=0).bearing_deg is None
+
+
 def test_before_on_and_after_the_stairs(way: Route) -> None:
     assert says(guide(way, "ground", 17, 1)) == (
         "up",

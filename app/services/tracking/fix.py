@@ -14,7 +14,7 @@ from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.localization import KeyframeVote
+from app.services.localization import KeyframeVote, Localization
 from app.services.localizer import Localizer
 from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
@@ -33,7 +33,7 @@ MAX_ERROR = 6.0 / 525.0
 # Points looked for where they should be agree more easily by chance than those found anywhere.
 GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
 # A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
-PRIOR_RADIUS_M = 6.0
+PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +75,14 @@ def plan_frame(floor_id: str) -> str:
     return f"plan:{floor_id}"
 
 
+def _is_far(pose: Pose | None, near: Pose) -> bool:
+    """Whether a pose is out of the prior's reach: another place, or another floor."""
+    if pose is None:
+        return False
+    offset = pose.translation - near.translation
+    return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
+
+
 class FixSource(Protocol):
     """What gives fixes."""
 
@@ -103,10 +111,16 @@ class MapFixes:
         """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
         full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         found = self.localizer.localize(frame.rgb, full)
-        if found.reason == "ambiguous" and near is not None:
+        if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
             positions = self.localizer.artifact.arrays.positions
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
-            found = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
+            nearer = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
+            if told_apart is not None:
+                return told_apart
+            if found.reason == "ambiguous" or nearer.world_from_camera is not None:
+                found = nearer
         evidence = found.evidence
         if found.world_from_camera is None or found.camera is None:
             return NoFix(found.reason or "no_match", evidence.inliers, evidence.matches)
@@ -127,6 +141,13 @@ class MapFixes:
             keyframes=found.keyframes,
         )
 
+    def _by_prior(self, frame: TrackingFrame, camera: Camera, nearer: Localization, near: Pose) -> Fix | None:
+        """Return the fix of a pose near the prior that alone is ambiguous: the prior tells it from its look-alikes."""
+        pose = nearer.candidate
+        if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
+            return None
+        return self._concluded(self._near(self._features(frame), camera, pose, FOUND_RADIUS), camera, pose)
+
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
         matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
@@ -138,7 +159,8 @@ class MapFixes:
         arrays, extractor = localizer.artifact.arrays, localizer.extractor
         unit = to_unit_vectors(features.descriptors, extractor.binary)
         pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
-        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set()):
+        same_floor = np.flatnonzero(np.abs(arrays.positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M)
+        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), same_floor):
             rows = localizer.artifact.rows(keyframe)
             theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
             a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)

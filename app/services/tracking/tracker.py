@@ -31,6 +31,9 @@ MAX_NEARBY_S = 3.0
 MAX_CORRECTION_M = 0.25
 # Two fixes that confirm each other are at most so long apart.
 MAX_CONFIRMATION_S = 5.0
+# Where places look alike, so long after a camera was seen the one nearer to it is meant; and so long another place,
+# out of reach or on another floor, isn't believed at all: from one look-alike all frames confirm each other.
+MAX_PRIOR_S, MIN_AWAY_S = 30.0, 10.0
 # What odometry is off by after a metre of path (roomfix track), and where its answers end.
 DRIFT_SHARE, MAX_SIGMA_M = 0.04, 1.0
 # What it is off by after a turn, as a share of the turn, and at what distance a turn looks like a step: a lens that
@@ -43,11 +46,13 @@ MOTION_SLACK_M, MOTION_SHARE = 0.15, 0.5
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
     """How often points are looked for in the map around the pose, and, where that shows nothing, everywhere; in
-    frames. Without `use_refresh` the map around the pose is left alone, which is how odometry is measured."""
+    frames. Without `use_refresh` the map around the pose is left alone, which is how odometry is measured; without
+    `use_relocation` the map isn't used at all after the first fix."""
 
     refresh_every: int = 4
     relocalize_every: int = 30
     use_refresh: bool = True
+    use_relocation: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,12 +196,13 @@ class Tracker:
         fix: Fix | None = None
         if (
             settings.use_refresh
+            and settings.use_relocation
             and memory.frame_id == WORLD
             and self._since_refresh >= settings.refresh_every
         ):
             self._since_refresh = 0
             fix = self.source.refresh(frame, camera, step.world_from_camera)
-        if fix is None and self._since_search >= settings.relocalize_every:
+        if fix is None and settings.use_relocation and self._since_search >= settings.relocalize_every:
             self._since_search = 0
             found = self.source.locate(frame, camera, step.world_from_camera)
             fix = found if isinstance(found, Fix) else None
@@ -228,6 +234,9 @@ class Tracker:
         memory = self.memory
         self._odometry = None
         self._since_search = self._since_refresh = 0
+        if memory.world_from_camera is not None and not self.settings.use_relocation:
+            self.memory = replace(memory, state="lost")
+            return _nothing("lost", "no_match", 0, 0, camera, memory)
         away_s = abs(frame.time_s - memory.time_s)
         if (
             away_s <= MAX_NEARBY_S
@@ -238,7 +247,7 @@ class Tracker:
             near = self.source.nearby(frame, camera, predicted)
             if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
                 return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
-        found = self.source.locate(frame, camera, predicted if away_s <= MAX_CONFIRMATION_S else None)
+        found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
         if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
         if isinstance(found, NoFix):
@@ -281,7 +290,16 @@ class Tracker:
             return False
         apart_m = position_difference_m(fix.world_from_camera, memory.pending)
         turned_rad = attitude_difference_rad(fix.world_from_camera, memory.pending)
-        return apart_m <= JERK_M + MAX_SPEED_M_S * waited_s and turned_rad <= np.pi / 6 + np.pi * waited_s
+        agrees = apart_m <= JERK_M + MAX_SPEED_M_S * waited_s and turned_rad <= np.pi / 6 + np.pi * waited_s
+        return agrees and (self._is_near(fix) or abs(time_s - memory.time_s) >= MIN_AWAY_S)
+
+    def _is_near(self, fix: Fix) -> bool:
+        """Whether a fix is on the floor where the camera was last, and no look-alike place elsewhere."""
+        memory = self.memory
+        if memory.world_from_camera is None or fix.frame_id != memory.frame_id:
+            return True
+        offset = fix.world_from_camera.translation - memory.world_from_camera.translation
+        return float(np.linalg.norm(offset)) <= MAX_FREE_M and abs(float(offset[2])) <= MAX_CLIMB_M
 
     def _doubt(self, fix: Fix, frame: TrackingFrame, camera: Camera | None) -> Tracked:
         """Remember a fix that nothing leads to, and answer that the camera is lost."""

@@ -1,0 +1,143 @@
+"""A walker who knows nothing but what guidance says, in a building whose walls and furniture stop them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from app.geometry.se3 import Pose
+
+# A person who follows a phone: strolls, turns slowly enough for pictures, looks around when told nothing.
+SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 40.0, 30.0
+# Somebody who has to turn further than this stands while turning.
+STAND_DEG = 40.0
+# Nobody corrects so small a turn of an arrow.
+UNSEEN_DEG = 8.0
+# Without a word they walk on for so long, then stand and look around once, then try another place.
+WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 13.0, 1.5
+STEP_S = 0.1
+# A person sees what stands in the way, and goes around it: how far to the side they try.
+DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)
+EYE_HEIGHT_M, BOB_M, BOB_HZ = 1.5, 0.02, 1.8
+
+
+class Building(Protocol):
+    """What stops walkers, and carries them from floor to floor."""
+
+    def is_free(self, x: float, y: float, floor: int, /) -> bool:
+        """Return whether a person can stand at a point of the world, metres."""
+
+    def floor_at(self, x: float, y: float, floor: int, /) -> int:
+        """Return the floor that a walker is on who came from `floor`; it changes on stairs."""
+
+    def ground_m(self, x: float, y: float, floor: int, /) -> float:
+        """Return the world z underfoot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gait:
+    """How inexact a walker is: step length from person to person and from step to step, as shares; turns, as a
+    share; how far the direction drifts in a second."""
+
+    person: float = 0.07
+    step: float = 0.08
+    turn: float = 0.1
+    drift_deg_s: float = 3.0
+
+
+@dataclass(slots=True)
+class Walker:
+    """A person in a building, at world (x, y) of a floor, facing `heading_deg` counter-clockwise from world x.
+
+    `follow` takes what guidance said and moves for a while; the true place is never asked for what to do.
+    """
+
+    building: Building
+    x: float
+    y: float
+    floor: int
+    heading_deg: float
+    rng: np.random.Generator
+    gait: Gait = Gait()
+    time_s: float = 0.0
+    walked_m: float = 0.0
+    turned_deg_s: float = 0.0
+    _stride: float = 1.0
+    _untold_s: float = WALK_ON_S
+
+    def __post_init__(self) -> None:
+        self._stride = 1.0 + self.gait.person * float(np.clip(self.rng.standard_normal(), -2, 2))
+
+    def follow(self, told: Mapping[str, Any] | None, seconds: float) -> list[tuple[float, float, int]]:
+        """Walk for a while as told and return the places (x, y, floor) that were passed."""
+        if told is None or told.get("problem") is not None:
+            self._untold_s += seconds
+            turn_deg, reach_m = self._untold(seconds)
+        else:
+            self._untold_s = 0.0
+            turn_deg, reach_m = self._told(told)
+        passed, before_deg = [], self.heading_deg
+        for _ in range(max(round(seconds / STEP_S), 1)):
+            step_s = seconds / max(round(seconds / STEP_S), 1)
+            turn_deg -= self._turn(turn_deg, step_s)
+            if abs(turn_deg) <= STAND_DEG:
+                reach_m -= self._walk(min(SPEED_M_S * step_s, max(reach_m, 0.0)))
+            self.time_s += step_s
+            passed.append((self.x, self.y, self.floor))
+        self.turned_deg_s = ((self.heading_deg - before_deg + 180.0) % 360.0 - 180.0) / seconds
+        return passed
+
+    def _told(self, told: Mapping[str, Any]) -> tuple[float, float]:
+        """Return how far to turn and to walk by guidance, as this person does it."""
+        if told["off_route"] or told["arrived"]:
+            return 0.0, 0.0
+        bearing_deg = told["bearing_deg"] or 0.0
+        if abs(bearing_deg) < UNSEEN_DEG:
+            bearing_deg = 0.0
+        exact = 1.0 + self.gait.turn * float(self.rng.standard_normal())
+        turn_deg = bearing_deg * exact
+        remaining_m = told["remaining_m"]
+        return turn_deg, np.inf if remaining_m is None else remaining_m
+
+    def _untold(self, seconds: float) -> tuple[float, float]:
+        """Return how far to turn and to walk when nothing is said: on, then around, then elsewhere, and so on."""
+        if self._untold_s <= WALK_ON_S:
+            return 0.0, np.inf
+        phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + WANDER_S)
+        return (LOOK_DEG_S * seconds, 0.0) if phase_s <= LOOK_AROUND_S else (0.0, np.inf)
+
+    def _turn(self, wanted_deg: float, seconds: float) -> float:
+        turned = float(np.clip(wanted_deg, -TURN_DEG_S * seconds, TURN_DEG_S * seconds))
+        drift = self.gait.drift_deg_s * float(np.sqrt(seconds) * self.rng.standard_normal())
+        self.heading_deg = (self.heading_deg + turned + drift + 180.0) % 360.0 - 180.0
+        return turned
+
+    def _walk(self, wanted_m: float) -> float:
+        """Step ahead, around what stands there; stay when there is no way around. Return how far it went."""
+        length_m = wanted_m * self._stride * (1.0 + self.gait.step * float(self.rng.standard_normal()))
+        if length_m <= 0.0:
+            return 0.0
+        for detour_deg in DETOURS_DEG:
+            angle = np.radians(self.heading_deg + detour_deg)
+            x, y = self.x + length_m * float(np.cos(angle)), self.y + length_m * float(np.sin(angle))
+            if self.building.is_free(x, y, self.floor):
+                self.x, self.y, self.floor = x, y, self.building.floor_at(x, y, self.floor)
+                self.walked_m += length_m
+                return length_m
+        return 0.0
+
+    def camera_pose(self) -> Pose:
+        """Return world_from_camera of the phone in the walker's hand, which sways and bobs with the steps."""
+        swing = 2 * np.pi * BOB_HZ * self.time_s
+        wobble = self.rng.standard_normal(3)
+        yaw = np.radians(self.heading_deg + 1.0 * np.sin(swing / 2) + 0.5 * wobble[0])
+        pitch, roll = np.radians(-3.0 + 0.8 * wobble[1]), np.radians(0.8 * wobble[2])
+        height = self.building.ground_m(self.x, self.y, self.floor) + EYE_HEIGHT_M + BOB_M * np.sin(swing)
+        forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
+        right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+        down = np.cross(forward, right)
+        axes = (np.cos(roll) * right + np.sin(roll) * down, np.cos(roll) * down - np.sin(roll) * right)
+        return Pose(np.column_stack([*axes, forward]), np.array([self.x, self.y, height]))

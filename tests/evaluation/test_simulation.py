@@ -1,0 +1,134 @@
+"""Simulated navigation: the walker's own doing, judged with guidance that knows the true place."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from app.errors import InvalidInputError
+from app.evaluation.simulation import Outcome, Shot, Told, walk_trip
+from app.evaluation.simulation_summary import Setting, figures_of, interval_percent
+from app.evaluation.simulation_trips import Trip, pairs_by_length, shuffled, spots_of
+from app.evaluation.simulation_walker import Walker
+from app.geometry.plan import plan_position
+from app.services.guidance import guide
+from app.services.navigation.model import Route
+from app.services.navigation.places import PlanPlace
+from app.storage.floors import Floor
+from tests.plans import GROUND, UPPER
+from tests.services.test_navigation import network_of, route
+
+FLOOR = Floor("site", "ground", "Ground floor", 0, -0.5, 3.0, np.eye(4), None, None, None)
+
+
+class Yard:
+    """A place without walls but one, at x = `wall_m`, and without stairs."""
+
+    def __init__(self, wall_m: float = 100.0) -> None:
+        self.wall_m = wall_m
+
+    def is_free(self, x: float, _y: float, _floor: int) -> bool:
+        return x < self.wall_m
+
+    def floor_at(self, _x: float, _y: float, floor: int) -> int:
+        return floor
+
+    def ground_m(self, _x: float, _y: float, _floor: int) -> float:
+        return 0.0
+
+
+class KnowsAll:
+    """Guidance by the true pose, `ahead_m` off along x; silent without a route."""
+
+    def __init__(self, way: Route | None, ahead_m: float = 0.0) -> None:
+        self.way = way
+        self.ahead_m = ahead_m
+        self.along_m = 0.0
+
+    def begin(self, _destination: str) -> None:
+        self.along_m = 0.0
+
+    def ask(self, shot: Shot, _rng: np.random.Generator) -> Told:
+        if self.way is None:
+            return Told(None, None)
+        x, y, heading_deg = plan_position(np.eye(4), shot.world_from_camera)
+        told = guide(self.way, "ground", x + self.ahead_m, y, heading_deg, "en", self.along_m)
+        if told.along_m is not None and not told.off_route:
+            self.along_m = told.along_m
+        return Told({**asdict(told), "problem": None}, PlanPlace("ground", x + self.ahead_m, y))
+
+    def end(self) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def way() -> Route:
+    """From the desk (8, 5) by the office door (8, 1) to the kitchen door (2, 1)."""
+    return route(network_of(GROUND, UPPER), "desk", "kitchen-door")
+
+
+@pytest.fixture(scope="module")
+def trip(way: Route) -> Trip:
+    end = PlanPlace("ground", 2.0, 1.0)
+    return Trip(0, 10.0, (8.0, 5.0, 0), 90.0, "kitchen-door", way.distance_m, spots_of(way), end)
+
+
+def walked(trip: Trip, navigator: KnowsAll, wall_m: float = 100.0) -> Outcome:
+    return walk_trip(trip, Yard(wall_m), {0: FLOOR}, navigator, fps=4, seed=3)
+
+
+def test_a_walker_who_is_told_right_arrives(way: Route, trip: Trip) -> None:
+    found = walked(trip, KnowsAll(way))
+    assert (found.end, found.passed, found.is_success) == ("arrived", len(trip.spots), True)
+    assert [spot.name for spot in trip.spots].count("office-door") == 1
+    assert 0.7 * way.distance_m < found.walked_m < 1.5 * way.distance_m
+    assert (found.mean_error_m, found.told_percent) == (0.0, 100.0)
+    assert found == walked(trip, KnowsAll(way))
+
+
+def test_who_is_told_wrong_does_not_count_as_arrived(way: Route, trip: Trip) -> None:
+    assert walked(trip, KnowsAll(way, ahead_m=-5.0)).end in ("arrived elsewhere", "gave up")
+    unmet = replace(trip, spots=(*trip.spots, replace(trip.spots[0], place=PlanPlace("ground", 30.0, 30.0))))
+    assert walked(unmet, KnowsAll(way)).end == "missed a landmark"
+
+
+def test_who_is_told_nothing_looks_around_and_gives_up(trip: Trip) -> None:
+    found = walked(trip, KnowsAll(None))
+    assert (found.end, found.told_percent, found.mean_error_m) == ("lost", 0.0, None)
+    assert found.walked_m < 4.0
+
+
+def test_walls_stop_walkers(way: Route, trip: Trip) -> None:
+    walker = Walker(Yard(wall_m=8.5), 8.0, 5.0, 0, 0.0, np.random.default_rng(0))
+    ahead = {**asdict(guide(way, "ground", 8.0, 5.0, 0.0)), "bearing_deg": 0.0}
+    places = [place for _ in range(10) for place in walker.follow(ahead, 0.5)]
+    assert max(x for x, _, _ in places) < 8.5
+    assert walked(trip, KnowsAll(way), wall_m=8.5).is_success
+
+
+def test_routes_are_chosen_by_length_and_seed(way: Route) -> None:
+    routes = {("a", "b"): way, ("b", "c"): way}
+    pairs = pairs_by_length(routes, [10.0])
+    assert pairs == {10.0: [("a", "b"), ("b", "c")]}
+    chosen = shuffled(pairs, 4, 1)
+    assert chosen == shuffled(pairs, 4, 1)
+    assert {pair for _, pair in chosen[:2]} == set(routes)
+    with pytest.raises(InvalidInputError, match="the longest is 10 m"):
+        pairs_by_length(routes, [10.0, 500.0])
+
+
+def test_figures(way: Route, trip: Trip) -> None:
+    good = walked(trip, KnowsAll(way))
+    bad = dataclasses.replace(good, length_m=20.0, end="gave up")
+    by_length = figures_of(Setting("on", 4, 1.0), [good, good, bad])
+    assert [(one.length_m, one.runs, one.success_percent) for one in by_length] == [
+        (10.0, 2, 100.0),
+        (20.0, 1, 0.0),
+        (None, 3, 66.7),
+    ]
+    assert by_length[-1].ends == {"arrived": 2, "gave up": 1}
+    # Clopper and Pearson's interval in closed form for no failure: (alpha / 2)^(1 / n).
+    assert interval_percent(20, 20) == (round(100 * 0.025 ** (1 / 20), 1), 100.0)
