@@ -26,7 +26,7 @@ GOOD_M, WRONG_M = 0.46, 1.0
 @dataclass(frozen=True, slots=True)
 class AnchorPair:
     """Two pictures of one POI and the truth: the phone's place on the plan (2,), down in its axes (3,), the angle
-    between the lines of sight at the POI, and the POI's distance from the phone."""
+    between the lines of sight at the POI, the POI's distance from the phone, and the names of the POIs it sees."""
 
     name: str
     spec: AnchorSpec
@@ -38,6 +38,7 @@ class AnchorPair:
     gravity_in_phone: Array
     angle_deg: float
     distance_m: float
+    seen: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
