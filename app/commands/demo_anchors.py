@@ -56,7 +56,9 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
 def _poi(view: PrintView, plan: PlanTransform, camera_on_plan: Floats) -> Poi:
     point = plan.apply(view.in_world)
     region = tuple((float(u), float(v)) for u, v in view.corners_px)
-    return Poi(view.id, region, float(point[0]), float(point[1]), float(np.linalg.norm(point - camera_on_plan)))
+    return Poi(
+        view.id, region, float(point[0]), float(point[1]), float(np.linalg.norm(point - camera_on_plan))
+    )
 
 
 def map_pair(pair: MonitorPair) -> MapPair:

@@ -57,6 +57,9 @@ def evaluate_anchors(
     count: Annotated[int, typer.Option(min=20, help="Pairs.")] = 200,
     seed: Annotated[int, typer.Option(help="Which pairs are drawn.")] = 11,
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    hard: Annotated[
+        int, typer.Option(min=0, help="Pairs of roll, light, blur, resolution and people; 0 leaves them out.")
+    ] = HARD_CONDITIONS_PAIRS,
     data_dir: Annotated[
         Path | None,
         typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
@@ -68,6 +71,7 @@ def evaluate_anchors(
     """Locate phones by monitoring cameras, against angle, distance, light, blur, resolution and people in the way."""
     cap_threads()
     describer = AnchorDescriber()
+    evaluator = PairEvaluator(describer)
     if (scan is None) == (demo is None):
         raise InvalidInputError(
             "Name either a scan or, with --demo, a folder for the demonstration venue's pairs."
@@ -82,19 +86,19 @@ def evaluate_anchors(
         assert demo is not None  # noqa: S101 - checked above
         pairs, title = _demo_pairs(demo, count, seed, workers), "demonstration venue"
         if data_dir is not None:
-            figures["map"] = _in_map(PairEvaluator(describer), demo, count, seed, data_dir)
-        figures["retrieval"] = _retrieval(describer, pairs)
+            figures["map"] = _in_map(evaluator, demo, count, seed, data_dir)
+        figures["retrieval"] = _retrieval(evaluator, pairs)
         figures["timings"] = _timings(describer, demo, seed, workers)
-    figures |= _located(PairEvaluator(describer), pairs, title, out)
+    figures |= _located(evaluator, pairs, hard, title, out)
     if out is not None:
         (out / "anchors.json").write_text(json.dumps(figures, indent=1))
 
 
 def _located(
-    evaluator: PairEvaluator, pairs: list[AnchorPair], title: str, out: Path | None
+    evaluator: PairEvaluator, pairs: list[AnchorPair], hard: int, title: str, out: Path | None
 ) -> dict[str, Any]:
     plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
-    few = pairs[:HARD_CONDITIONS_PAIRS]
+    few = pairs[:hard]
     turned = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted")
     assumed = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted, assumed", with_gravity=False)
     ways = {
@@ -197,10 +201,13 @@ def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
     return folder / f"pairs-{seed}-{count}"
 
 
-def _retrieval(describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> dict[str, int]:
-    right, asked = choose_first(describer, pairs)
-    console.print(f"The right one of 20 anchors is first by bag of words for {right} of {asked} phones.")
-    return {"right": right, "asked": asked}
+def _retrieval(evaluator: PairEvaluator, pairs: Sequence[AnchorPair]) -> dict[str, int]:
+    found = choose_first(evaluator, pairs)
+    console.print(
+        f"A right one of 20 anchors is first by bag of words for {found.by_words} of {found.asked} phones, by matches "
+        f"for {found.by_matches}."
+    )
+    return asdict(found)
 
 
 def _timings(describer: AnchorDescriber, folder: Path, seed: int, workers: int) -> dict[str, Any]:

@@ -114,12 +114,18 @@ def visible_prints(
         corners = np.stack([corner, corner + right, corner + right + down, corner + down])
         corners_px = camera.project(world_from_camera.inverse().apply(corners))
         high = np.array([camera.width, camera.height]) - 1 - BORDER_PX
-        if not (np.isfinite(corners_px).all() and (corners_px >= BORDER_PX).all() and (corners_px <= high).all()):
+        if not (
+            np.isfinite(corners_px).all() and (corners_px >= BORDER_PX).all() and (corners_px <= high).all()
+        ):
             continue
         grid = corner + GRID[:, :1] * right + GRID[:, 1:] * down
-        if _smaller_side_px(corners_px) < min_side_px or _is_hidden(scene, world_from_camera.translation, grid):
+        if _smaller_side_px(corners_px) < min_side_px or _is_hidden(
+            scene, world_from_camera.translation, grid
+        ):
             continue
-        found[name] = PrintView(name, corners_px, _on_plane(camera, world_from_camera, corners_px, corner, normal))
+        found[name] = PrintView(
+            name, corners_px, _on_plane(camera, world_from_camera, corners_px, corner, normal)
+        )
     return found
 
 
@@ -208,7 +214,9 @@ def _phone_pose(
     along = np.sqrt(max(distance**2 - (height - poi[2]) ** 2, 0.01))
     at = np.array([poi[0] + along * np.cos(direction), poi[1] + along * np.sin(direction), height])
     x0, y0, x1, y1 = room.interior
-    if not (x0 < at[0] < x1 and y0 < at[1] < y1 and shapely.contains_xy(free_space(room.floor), at[0], at[1])):
+    if not (
+        x0 < at[0] < x1 and y0 < at[1] < y1 and shapely.contains_xy(free_space(room.floor), at[0], at[1])
+    ):
         return None
     # People look ahead, not at a point: up to a few degrees beside and only half way up or down to it.
     towards = poi + np.array([*rng.uniform(-0.08, 0.08, 2) * distance, 0.0])

@@ -17,6 +17,11 @@ from app.vision.vocabulary import Vocabulary
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
 XFEAT_FEATURES = 2000
+# A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
+# phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
+MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
+# Pictures are alike by the matches among so many of their strongest XFeat features that are at least so similar.
+STRONGEST, ALIKE = 400, 0.82
 AKAZE_FEATURES = 1000
 AKAZE_RATIO = 0.85
 # A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
@@ -80,13 +85,14 @@ class AnchorDescriber:
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
         self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
+        self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
         self.vocabulary = vocabulary or Vocabulary.open()
 
     def describe(self, rgb: Rgb) -> AnchorFeatures:
-        """Return all features of an RGB image (height, width, 3)."""
+        """Return all features of a monitoring camera's RGB image (height, width, 3)."""
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
-        return AnchorFeatures(akaze, self.xfeat.extract(gray), self.word_vector(akaze))
+        return AnchorFeatures(akaze, self.monitor_xfeat.extract(gray), self.word_vector(akaze))
 
     def word_vector(self, akaze: LocalFeatures) -> NDArray[np.float32]:
         """Return the bag-of-words vector (w,) of A-KAZE features."""
@@ -142,6 +148,16 @@ def match_xfeat(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
     """Return the XFeat features of two pictures that are each other's nearest."""
     a, b, _ = match_unit_vectors(monitor.xfeat_unit, phone.xfeat_unit, 1.0, False)
     return _matches(monitor.xfeat, phone.xfeat, a, b, monitor.xfeat_length_m)
+
+
+def likeness(monitor: AnchorFeatures, phone: AnchorFeatures) -> int:
+    """Return how many of the strongest XFeat features of two pictures are each other's nearest and similar."""
+    similarity = monitor.xfeat_unit[:STRONGEST] @ phone.xfeat_unit[:STRONGEST].T
+    if similarity.size == 0:
+        return 0
+    rows, nearest = np.arange(len(similarity)), similarity.argmax(axis=1)
+    mutual = similarity.argmax(axis=0)[nearest] == rows
+    return int(np.count_nonzero(mutual & (similarity[rows, nearest] > ALIKE)))
 
 
 def _matches(
