@@ -98,25 +98,23 @@ def _located(
     evaluator: PairEvaluator, pairs: list[AnchorPair], hard: int, title: str, out: Path | None
 ) -> dict[str, Any]:
     plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
-    few = pairs[:hard]
-    turned = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted")
-    assumed = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted, assumed", with_gravity=False)
-    ways = {
-        "gravity": plain,
-        "upright assumed": upright,
-        "gravity, first pairs": plain[: len(few)],
-        "30 deg roll, gravity": turned,
-        "30 deg roll, upright assumed": assumed,
-    }
-    conditions = {
-        name: [evaluator.evaluate(pair, change) for pair in few] for name, change in CONDITIONS.items()
-    }
+    ways = {"gravity": plain, "upright assumed": upright}
+    few, conditions = pairs[:hard], {}
+    if few:
+        ways["gravity, first pairs"] = plain[: len(few)]
+        turned = [tilted(pair, 30.0) for pair in few]
+        ways["30 deg roll, gravity"] = _all(evaluator, turned, "tilted")
+        ways["30 deg roll, upright assumed"] = _all(evaluator, turned, "tilted, assumed", with_gravity=False)
+        conditions = {
+            name: [evaluator.evaluate(pair, change) for pair in few] for name, change in CONDITIONS.items()
+        }
     tables = {
         "vertical": _summaries(ways),
         "angle at the POI (deg)": _summaries(_binned(plain, ANGLES_DEG, "angle_deg")),
         "distance of the POI (m)": _summaries(_binned(plain, DISTANCES_M, "distance_m")),
-        "condition": _summaries(conditions),
     }
+    if conditions:
+        tables["condition"] = _summaries(conditions)
     for name, rows in tables.items():
         console.print(_table(name, rows))
     if out is not None:

@@ -20,8 +20,9 @@ XFEAT_FEATURES = 2000
 # A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
 # phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
 MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
-# Pictures are alike by the matches among so many of their strongest XFeat features that are at least so similar.
-STRONGEST, ALIKE = 400, 0.82
+# Pictures are alike by the matches among so many of their strongest XFeat features, the monitoring camera's and the
+# phone's, that are at least so similar.
+STRONGEST_OF_MONITOR, STRONGEST_OF_PHONE, ALIKE = 600, 400, 0.82
 AKAZE_FEATURES = 1000
 AKAZE_RATIO = 0.85
 # A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
@@ -152,7 +153,7 @@ def match_xfeat(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
 
 def likeness(monitor: AnchorFeatures, phone: AnchorFeatures) -> int:
     """Return how many of the strongest XFeat features of two pictures are each other's nearest and similar."""
-    similarity = monitor.xfeat_unit[:STRONGEST] @ phone.xfeat_unit[:STRONGEST].T
+    similarity = monitor.xfeat_unit[:STRONGEST_OF_MONITOR] @ phone.xfeat_unit[:STRONGEST_OF_PHONE].T
     if similarity.size == 0:
         return 0
     rows, nearest = np.arange(len(similarity)), similarity.argmax(axis=1)
