@@ -15,6 +15,7 @@ from app.evaluation.anchor_maps import MapPair
 from app.evaluation.anchors import AnchorPair
 from app.geometry.camera import Camera
 from app.geometry.plan import PlanTransform
+from app.geometry.se3 import Pose
 from app.storage.anchors import AnchorSpec, Poi
 from app.vision.images import Rgb, decode_image
 
@@ -53,7 +54,7 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
     )
 
 
-def _poi(view: PrintView, plan: PlanTransform, camera_on_plan: Floats) -> Poi:
+def _poi(view: PrintView, plan: Pose, camera_on_plan: Floats) -> Poi:
     point = plan.apply(view.in_world)
     region = tuple((float(u), float(v)) for u, v in view.corners_px)
     return Poi(

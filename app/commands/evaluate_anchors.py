@@ -20,6 +20,7 @@ from app.evaluation.anchor_features import compared_methods, match_quality
 from app.evaluation.anchor_maps import evaluate_in_map, summarize_corners
 from app.evaluation.anchor_plot import draw_errors, draw_summaries
 from app.evaluation.anchor_queries import choose_first, time_queries
+from app.evaluation.anchor_report import anchor_section, query_section, write_report
 from app.evaluation.anchor_sequences import posed_pictures, sample_pairs
 from app.evaluation.anchors import (
     CONDITIONS,
@@ -42,6 +43,10 @@ DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
 HARD_CONDITIONS_PAIRS = 60
 MATCH_PAIRS = 40
 MAP_PAIRS = 30
+PLOTS = {
+    "anchors.png": "Located share (bars) and mean error (dots)",
+    "anchor-errors.png": "Share of all pairs by error",
+}
 ANGLE_RANGE, DISTANCE_RANGE = (3.0, 45.0), (2.0, 10.0)
 
 
@@ -89,14 +94,20 @@ def evaluate_anchors(
             figures["map"] = _in_map(evaluator, demo, count, seed, data_dir)
         figures["retrieval"] = _retrieval(evaluator, pairs)
         figures["timings"] = _timings(describer, demo, seed, workers)
-    figures |= _located(evaluator, pairs, hard, title, out)
+    besides = dict(figures)
+    tables = _located(evaluator, pairs, hard, title, out)
+    figures |= {
+        name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()
+    }
     if out is not None:
         (out / "anchors.json").write_text(json.dumps(figures, indent=1))
+        sections = [anchor_section(title, tables, out, PLOTS), query_section(besides)]
+        console.print(f"Wrote {write_report(sections, out)}.")
 
 
 def _located(
     evaluator: PairEvaluator, pairs: list[AnchorPair], hard: int, title: str, out: Path | None
-) -> dict[str, Any]:
+) -> dict[str, dict[str, AnchorSummary]]:
     plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
     ways = {"gravity": plain, "upright assumed": upright}
     few, conditions = pairs[:hard], {}
@@ -123,7 +134,7 @@ def _located(
             {name: tables[name] for name in list(tables)[1:]}, f"Anchors: {title}", out / "anchors.png"
         )
         draw_errors(ways, f"Anchors: {title}", out / "anchor-errors.png")
-    return {name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()}
+    return tables
 
 
 def _all(
