@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
 from app.services.anchor_features import AnchorFeatures, match_akaze, match_xfeat
-from app.services.anchor_fix import SURE_INLIERS, AnchorFix, MountedCamera, fix_by_anchor
-from app.services.anchor_verification import judge_fix
+from app.services.anchor_fix import AnchorFix, MountedCamera, fix_by_anchor
 from app.services.localization import StageTimer
 from app.storage.anchors import AnchorSpec
 
@@ -21,19 +20,9 @@ def look_closely(
     mounted: MountedCamera | None,
     timer: StageTimer,
 ) -> tuple[AnchorFix | None, int]:
-    """Return an anchor's answer, or None, and the number of matches.
-
-    XFeat alone decides when so many of its matches agree that no more are needed; otherwise A-KAZE's are added.
-    """
-    cameras = monitor[1], phone[1]
-    matches = match_xfeat(monitor[0], phone[0])
+    """Return an anchor's answer, or None, and the number of matches."""
+    matches = match_akaze(monitor[0], phone[0]).with_more(match_xfeat(monitor[0], phone[0]))
     timer.lap("match")
-    fix = fix_by_anchor(spec, *cameras, matches, gravity, mounted)
-    timer.lap("pose")
-    if fix is not None and fix.evidence.inliers >= SURE_INLIERS and judge_fix(fix) is None:
-        return fix, len(matches)
-    matches = match_akaze(monitor[0], phone[0]).with_more(matches)
-    timer.lap("match")
-    fix = fix_by_anchor(spec, *cameras, matches, gravity, mounted)
+    fix = fix_by_anchor(spec, monitor[1], phone[1], matches, gravity, mounted)
     timer.lap("pose")
     return fix, len(matches)
