@@ -141,10 +141,10 @@ def match_akaze(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
     if len(ours) == 0 or len(theirs) < 2:
         return _matches(monitor.akaze, phone.akaze, NO_ROWS, NO_ROWS, monitor.akaze_length_m)
     # Counting bits takes a fraction of the time of a matrix product of so many signs.
-    distances, _ = cv2.batchDistance(ours, theirs, cv2.CV_32S, normType=cv2.NORM_HAMMING)
-    rows, nearest = np.arange(len(ours)), distances.argmin(axis=1)
-    second = np.partition(distances, 1, axis=1)[:, 1]
-    keep = (distances.argmin(axis=0)[nearest] == rows) & (distances[rows, nearest] < AKAZE_RATIO * second)
+    distances, two = cv2.batchDistance(ours, theirs, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
+    _, back = cv2.batchDistance(theirs, ours, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)
+    rows, nearest = np.arange(len(ours)), two[:, 0].astype(np.intp)
+    keep = (back[nearest, 0] == rows) & (distances[:, 0] < AKAZE_RATIO * distances[:, 1])
     a, b = rows[keep], nearest[keep]
     return _matches(monitor.akaze, phone.akaze, a, b, monitor.akaze_length_m)
 
