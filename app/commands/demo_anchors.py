@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from app.demonstration.monitors import MONITOR_CAMERA, REGION_HALF_PX, MonitorPair
+from app.demonstration.monitor_views import Floats, PrintView
+from app.demonstration.monitors import MONITOR_CAMERA, MonitorPair
 from app.demonstration.plan_image import plan_from_world
 from app.demonstration.queries import PHONE_CAMERA
 from app.evaluation.anchor_maps import MapPair
 from app.evaluation.anchors import AnchorPair
 from app.geometry.camera import Camera
 from app.geometry.plan import PlanTransform
+from app.geometry.se3 import Pose
 from app.storage.anchors import AnchorSpec, Poi
 from app.vision.images import Rgb, decode_image
 
@@ -25,14 +27,8 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
     """Return a rendered pair with its anchor as an administrator would enter it."""
     plan = plan_from_world(pair.floor)
     camera = plan.apply(pair.world_from_monitor.translation)
-    point = plan.apply(np.array(pair.poi_in_world))
     phone = plan.apply(pair.world_from_phone.translation)
-    (u, v), half = pair.poi_px, REGION_HALF_PX
-    low = max(u - half, 0.0), max(v - half, 0.0)
-    high = min(u + half, MONITOR_CAMERA.width - 1.0), min(v + half, MONITOR_CAMERA.height - 1.0)
-    region = (low, (high[0], low[1]), high, (low[0], high[1]))
-    distance_m = float(np.linalg.norm(point - camera))
-    poi = Poi("poi", region, float(point[0]), float(point[1]), distance_m)
+    pois = tuple(_poi(view, plan, camera) for view in pair.pois)
     spec = AnchorSpec(
         "demo",
         str(pair.floor),
@@ -41,7 +37,7 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
         float(camera[2]),
         None,
         MONITOR_CAMERA,
-        (poi,),
+        pois,
     )
     return AnchorPair(
         pair.name,
@@ -54,13 +50,22 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
         pair.world_from_phone.rotation.T @ np.array([0.0, 0.0, -1.0]),
         pair.angle_deg,
         pair.distance_m,
+        frozenset(pair.seen),
+    )
+
+
+def _poi(view: PrintView, plan: Pose, camera_on_plan: Floats) -> Poi:
+    point = plan.apply(view.in_world)
+    region = tuple((float(u), float(v)) for u, v in view.corners_px)
+    return Poi(
+        view.id, region, float(point[0]), float(point[1]), float(np.linalg.norm(point - camera_on_plan))
     )
 
 
 def map_pair(pair: MonitorPair) -> MapPair:
     """Return a rendered pair as one in the venue's map."""
     plan = PlanTransform(plan_from_world(pair.floor).matrix)
-    return MapPair(anchor_pair(pair), pair.world_from_monitor, np.array(pair.poi_in_world), plan)
+    return MapPair(anchor_pair(pair), pair.world_from_monitor, pair.pois[0].in_world, plan)
 
 
 def _loader(path: Path) -> Callable[[], Rgb]:

@@ -20,6 +20,7 @@ from app.evaluation.anchor_features import compared_methods, match_quality
 from app.evaluation.anchor_maps import evaluate_in_map, summarize_corners
 from app.evaluation.anchor_plot import draw_errors, draw_summaries
 from app.evaluation.anchor_queries import choose_first, time_queries
+from app.evaluation.anchor_report import anchor_section, query_section, write_report
 from app.evaluation.anchor_sequences import posed_pictures, sample_pairs
 from app.evaluation.anchors import (
     CONDITIONS,
@@ -42,6 +43,10 @@ DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
 HARD_CONDITIONS_PAIRS = 60
 MATCH_PAIRS = 40
 MAP_PAIRS = 30
+PLOTS = {
+    "anchors.png": "Located share (bars) and mean error (dots)",
+    "anchor-errors.png": "Share of all pairs by error",
+}
 ANGLE_RANGE, DISTANCE_RANGE = (3.0, 45.0), (2.0, 10.0)
 
 
@@ -57,6 +62,9 @@ def evaluate_anchors(
     count: Annotated[int, typer.Option(min=20, help="Pairs.")] = 200,
     seed: Annotated[int, typer.Option(help="Which pairs are drawn.")] = 11,
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    hard: Annotated[
+        int, typer.Option(min=0, help="Pairs of roll, light, blur, resolution and people; 0 leaves them out.")
+    ] = HARD_CONDITIONS_PAIRS,
     data_dir: Annotated[
         Path | None,
         typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
@@ -68,6 +76,7 @@ def evaluate_anchors(
     """Locate phones by monitoring cameras, against angle, distance, light, blur, resolution and people in the way."""
     cap_threads()
     describer = AnchorDescriber()
+    evaluator = PairEvaluator(describer)
     if (scan is None) == (demo is None):
         raise InvalidInputError(
             "Name either a scan or, with --demo, a folder for the demonstration venue's pairs."
@@ -82,37 +91,41 @@ def evaluate_anchors(
         assert demo is not None  # noqa: S101 - checked above
         pairs, title = _demo_pairs(demo, count, seed, workers), "demonstration venue"
         if data_dir is not None:
-            figures["map"] = _in_map(PairEvaluator(describer), demo, count, seed, data_dir)
-        figures["retrieval"] = _retrieval(describer, pairs)
+            figures["map"] = _in_map(evaluator, demo, count, seed, data_dir)
+        figures["retrieval"] = _retrieval(evaluator, pairs)
         figures["timings"] = _timings(describer, demo, seed, workers)
-    figures |= _located(PairEvaluator(describer), pairs, title, out)
+    besides = dict(figures)
+    tables = _located(evaluator, pairs, hard, title, out)
+    figures |= {
+        name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()
+    }
     if out is not None:
         (out / "anchors.json").write_text(json.dumps(figures, indent=1))
+        sections = [anchor_section(title, tables, out, PLOTS), query_section(besides)]
+        console.print(f"Wrote {write_report(sections, out)}.")
 
 
 def _located(
-    evaluator: PairEvaluator, pairs: list[AnchorPair], title: str, out: Path | None
-) -> dict[str, Any]:
+    evaluator: PairEvaluator, pairs: list[AnchorPair], hard: int, title: str, out: Path | None
+) -> dict[str, dict[str, AnchorSummary]]:
     plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
-    few = pairs[:HARD_CONDITIONS_PAIRS]
-    turned = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted")
-    assumed = _all(evaluator, [tilted(pair, 30.0) for pair in few], "tilted, assumed", with_gravity=False)
-    ways = {
-        "gravity": plain,
-        "upright assumed": upright,
-        "gravity, first pairs": plain[: len(few)],
-        "30 deg roll, gravity": turned,
-        "30 deg roll, upright assumed": assumed,
-    }
-    conditions = {
-        name: [evaluator.evaluate(pair, change) for pair in few] for name, change in CONDITIONS.items()
-    }
+    ways = {"gravity": plain, "upright assumed": upright}
+    few, conditions = pairs[:hard], {}
+    if few:
+        ways["gravity, first pairs"] = plain[: len(few)]
+        turned = [tilted(pair, 30.0) for pair in few]
+        ways["30 deg roll, gravity"] = _all(evaluator, turned, "tilted")
+        ways["30 deg roll, upright assumed"] = _all(evaluator, turned, "tilted, assumed", with_gravity=False)
+        conditions = {
+            name: [evaluator.evaluate(pair, change) for pair in few] for name, change in CONDITIONS.items()
+        }
     tables = {
         "vertical": _summaries(ways),
         "angle at the POI (deg)": _summaries(_binned(plain, ANGLES_DEG, "angle_deg")),
         "distance of the POI (m)": _summaries(_binned(plain, DISTANCES_M, "distance_m")),
-        "condition": _summaries(conditions),
     }
+    if conditions:
+        tables["condition"] = _summaries(conditions)
     for name, rows in tables.items():
         console.print(_table(name, rows))
     if out is not None:
@@ -121,7 +134,7 @@ def _located(
             {name: tables[name] for name in list(tables)[1:]}, f"Anchors: {title}", out / "anchors.png"
         )
         draw_errors(ways, f"Anchors: {title}", out / "anchor-errors.png")
-    return {name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()}
+    return tables
 
 
 def _all(
@@ -197,10 +210,13 @@ def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
     return folder / f"pairs-{seed}-{count}"
 
 
-def _retrieval(describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> dict[str, int]:
-    right, asked = choose_first(describer, pairs)
-    console.print(f"The right one of 20 anchors is first by bag of words for {right} of {asked} phones.")
-    return {"right": right, "asked": asked}
+def _retrieval(evaluator: PairEvaluator, pairs: Sequence[AnchorPair]) -> dict[str, int]:
+    found = choose_first(evaluator, pairs)
+    console.print(
+        f"A right one of 20 anchors is first by bag of words for {found.by_words} of {found.asked} phones, by matches "
+        f"for {found.by_matches}."
+    )
+    return asdict(found)
 
 
 def _timings(describer: AnchorDescriber, folder: Path, seed: int, workers: int) -> dict[str, Any]:

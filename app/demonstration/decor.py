@@ -39,6 +39,7 @@ SIZES_M: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
     "noticeboard": ((1.0, 1.5), (0.8, 1.0)),
     "whiteboard": ((1.5, 2.0), (1.0, 1.1)),
 }
+PRINTS = ("painting", "poster", "noticeboard")
 MIDDLE_HEIGHT_M = 1.55
 # In each corridor the piece of this number is another one: who knows where to look can tell them apart.
 ODD_POSTER = 4
@@ -62,6 +63,12 @@ def decoration() -> list[Surface]:
         for k, box in enumerate(_hung(room)):
             found += box.surfaces(room.id, f"{room.seed_key}/h{k}")
     return found
+
+
+def wall_prints(room: Room) -> dict[str, Box]:
+    """Return the pictures, posters and notice boards on a room's walls by name; each shows its `front`."""
+    hung = (box for box in _hung(room) if box.front is not None and box.front.kind in PRINTS)
+    return {f"{room.id}/{number}": box for number, box in enumerate(hung)}
 
 
 def _hung(room: Room) -> Iterator[Box]:

@@ -12,9 +12,11 @@ from app.evaluation.anchors import AnchorPair, PairEvaluator
 from app.evaluation.pose_errors import pose_error
 from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
-from app.services.anchor_features import AnchorFeatures, match_akaze, match_xfeat
-from app.services.anchor_fix import MountedCamera, fix_by_anchor
+from app.services.anchor_features import AnchorFeatures
+from app.services.anchor_fix import MountedCamera
+from app.services.anchor_look import look_closely
 from app.services.anchor_verification import judge_fix
+from app.services.localization import StageTimer
 from app.services.localizer import Localizer
 from app.services.map_depth import SeenPoints, points_seen
 from app.storage.map_artifact import MapArtifact
@@ -130,8 +132,14 @@ def _anchor_error_m(
         seen.lengths_at(plain.xfeat.keypoints_px.astype(np.float64), camera).astype(np.float32),
     )
     phone = evaluator.phone_features(pair.phone(), pair.gravity_in_phone)
-    matches = match_akaze(monitor, phone).with_more(match_xfeat(monitor, phone))
-    fix = fix_by_anchor(pair.spec, camera, pair.phone_camera, matches, pair.gravity_in_phone, mounted)
+    fix, _ = look_closely(
+        pair.spec,
+        (monitor, camera),
+        (phone, pair.phone_camera),
+        pair.gravity_in_phone,
+        mounted,
+        StageTimer(),
+    )
     if fix is None or judge_fix(fix) is not None:
         return float("inf")
     return float(np.linalg.norm(fix.solution.plan_from_phone.translation[:2] - pair.phone_on_plan))

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.evaluation.anchors import AnchorPair
-from app.services.anchor_features import AnchorDescriber
-from app.services.anchor_locator import AnchorLocator
+from app.evaluation.anchors import AnchorPair, PairEvaluator
+from app.services.anchor_features import AnchorDescriber, likeness
+from app.services.anchor_locator import AnchorLocator, ranked
 from app.services.anchors import AnchorService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -32,18 +32,29 @@ class QueryTimes:
     akaze_share: float
 
 
-def choose_first(
-    describer: AnchorDescriber, pairs: Sequence[AnchorPair], anchors: int = 20
-) -> tuple[int, int]:
-    """Return how often a phone's own anchor is the most alike of `anchors` by bag of words, and out of how many."""
-    right = asked = 0
+@dataclass(frozen=True, slots=True)
+class FirstChoices:
+    """Of how many phones a right anchor comes first: by bag of words, and after looking at matches."""
+
+    asked: int
+    by_words: int
+    by_matches: int
+
+
+def choose_first(evaluator: PairEvaluator, pairs: Sequence[AnchorPair], anchors: int = 20) -> FirstChoices:
+    """Return how often the first of `anchors` is a right one: it has a POI that the phone sees."""
+    by_words = by_matches = asked = 0
     for start in range(0, len(pairs) - anchors + 1, anchors):
         group = pairs[start : start + anchors]
-        monitors = np.stack([describer.describe(pair.monitor()).words for pair in group])
-        for row, pair in enumerate(group):
-            right += int(np.argmax(monitors @ describer.describe(pair.phone()).words) == row)
+        monitors = [evaluator.monitor_features(pair) for pair in group]
+        for pair in group:
+            phone = evaluator.phone_features(pair.phone(), pair.gravity_in_phone)
+            words = [float(monitor.words @ phone.words) for monitor in monitors]
+            right = [not pair.seen.isdisjoint(poi.id for poi in other.spec.pois) for other in group]
+            by_words += right[int(np.argmax(words))]
+            by_matches += right[ranked([likeness(monitor, phone) for monitor in monitors])[0]]
             asked += 1
-    return right, asked
+    return FirstChoices(asked, by_words, by_matches)
 
 
 def time_queries(resources: Resources, describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> QueryTimes:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.services.anchor_features import AnchorDescriber, AnchorFeatures, match_akaze, match_xfeat
-from app.services.anchor_fix import fix_by_anchor
+from app.services.anchor_features import AnchorDescriber, AnchorFeatures
 from app.services.anchor_locator import roll_deg
+from app.services.anchor_look import look_closely
 from app.services.anchor_verification import confidence_of_fix, judge_fix
+from app.services.localization import StageTimer
 from app.storage.anchors import AnchorSpec
 from app.vision.images import Rgb, to_gray
 
@@ -26,7 +27,7 @@ GOOD_M, WRONG_M = 0.46, 1.0
 @dataclass(frozen=True, slots=True)
 class AnchorPair:
     """Two pictures of one POI and the truth: the phone's place on the plan (2,), down in its axes (3,), the angle
-    between the lines of sight at the POI, and the POI's distance from the phone."""
+    between the lines of sight at the POI, the POI's distance from the phone, and the names of the POIs it sees."""
 
     name: str
     spec: AnchorSpec
@@ -38,6 +39,7 @@ class AnchorPair:
     gravity_in_phone: Array
     angle_deg: float
     distance_m: float
+    seen: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +137,9 @@ class PairEvaluator:
         camera = pair.phone_camera.scaled_to(rgb.shape[1], rgb.shape[0])
         gravity = pair.gravity_in_phone if with_gravity else None
         monitor, phone = self.monitor_features(pair), self.phone_features(rgb, gravity)
-        matches = match_akaze(monitor, phone).with_more(match_xfeat(monitor, phone))
-        fix = fix_by_anchor(pair.spec, pair.monitor_camera, camera, matches, gravity)
+        fix, _ = look_closely(
+            pair.spec, (monitor, pair.monitor_camera), (phone, camera), gravity, None, StageTimer()
+        )
         reason = "no_match" if fix is None else judge_fix(fix)
         if fix is None:
             return AnchorOutcome(pair, float("inf"), reason, 0.0, 0.0, 0)

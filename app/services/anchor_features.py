@@ -12,15 +12,22 @@ from numpy.typing import NDArray
 
 from app.vision.images import Gray, Rgb, to_gray
 from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
-from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
+from app.vision.matching import Unit, to_unit_vectors
 from app.vision.vocabulary import Vocabulary
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
 XFEAT_FEATURES = 2000
+# A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
+# phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
+MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
+# Pictures are alike by the matches among so many of their strongest XFeat features, the monitoring camera's and the
+# phone's, that are at least so similar.
+STRONGEST_OF_MONITOR, STRONGEST_OF_PHONE, ALIKE = 600, 400, 0.82
 AKAZE_FEATURES = 1000
 AKAZE_RATIO = 0.85
 # A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
 MIN_ROLL_DEG, BORDER_PX = 12.0, 6.0
+NO_ROWS = np.zeros(0, np.intp)
 NO_LENGTHS = np.zeros(0, np.float32)
 
 
@@ -35,11 +42,6 @@ class AnchorFeatures:
     words: NDArray[np.float32]
     akaze_length_m: NDArray[np.float32] | None = None
     xfeat_length_m: NDArray[np.float32] | None = None
-
-    @cached_property
-    def akaze_unit(self) -> Unit:
-        """The A-KAZE descriptors as unit vectors."""
-        return to_unit_vectors(self.akaze.descriptors, True)
 
     @cached_property
     def xfeat_unit(self) -> Unit:
@@ -80,13 +82,14 @@ class AnchorDescriber:
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
         self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
+        self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
         self.vocabulary = vocabulary or Vocabulary.open()
 
     def describe(self, rgb: Rgb) -> AnchorFeatures:
-        """Return all features of an RGB image (height, width, 3)."""
+        """Return all features of a monitoring camera's RGB image (height, width, 3)."""
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
-        return AnchorFeatures(akaze, self.xfeat.extract(gray), self.word_vector(akaze))
+        return AnchorFeatures(akaze, self.monitor_xfeat.extract(gray), self.word_vector(akaze))
 
     def word_vector(self, akaze: LocalFeatures) -> NDArray[np.float32]:
         """Return the bag-of-words vector (w,) of A-KAZE features."""
@@ -134,14 +137,42 @@ class PixelMatches:
 
 def match_akaze(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
     """Return the A-KAZE features of two pictures that are each other's nearest and pass the ratio test."""
-    a, b, _ = match_unit_vectors(monitor.akaze_unit, phone.akaze_unit, AKAZE_RATIO, True)
+    ours, theirs = monitor.akaze.descriptors, phone.akaze.descriptors
+    if len(ours) == 0 or len(theirs) < 2:
+        return _matches(monitor.akaze, phone.akaze, NO_ROWS, NO_ROWS, monitor.akaze_length_m)
+    # Counting bits takes a fraction of the time of a matrix product of so many signs.
+    distances, two = cv2.batchDistance(ours, theirs, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
+    _, back = cv2.batchDistance(theirs, ours, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)
+    rows, nearest = np.arange(len(ours)), two[:, 0].astype(np.intp)
+    keep = (back[nearest, 0] == rows) & (distances[:, 0] < AKAZE_RATIO * distances[:, 1])
+    a, b = rows[keep], nearest[keep]
     return _matches(monitor.akaze, phone.akaze, a, b, monitor.akaze_length_m)
 
 
 def match_xfeat(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
     """Return the XFeat features of two pictures that are each other's nearest."""
-    a, b, _ = match_unit_vectors(monitor.xfeat_unit, phone.xfeat_unit, 1.0, False)
+    if min(len(monitor.xfeat_unit), len(phone.xfeat_unit)) == 0:
+        return _matches(monitor.xfeat, phone.xfeat, NO_ROWS, NO_ROWS, monitor.xfeat_length_m)
+    similarity = monitor.xfeat_unit @ phone.xfeat_unit.T
+    a, b, _ = _mutual(similarity)
     return _matches(monitor.xfeat, phone.xfeat, a, b, monitor.xfeat_length_m)
+
+
+def likeness(monitor: AnchorFeatures, phone: AnchorFeatures) -> int:
+    """Return how many of the strongest XFeat features of two pictures are each other's nearest and similar."""
+    similarity = monitor.xfeat_unit[:STRONGEST_OF_MONITOR] @ phone.xfeat_unit[:STRONGEST_OF_PHONE].T
+    if similarity.size == 0:
+        return 0
+    return int(np.count_nonzero(_mutual(similarity)[2] > ALIKE))
+
+
+def _mutual(similarity: Unit) -> tuple[NDArray[np.intp], NDArray[np.intp], Unit]:
+    """Return rows, columns and values of a matrix (n, m) that are the largest of their row and of their column."""
+    nearest = similarity.argmax(axis=1)
+    values = similarity[np.arange(len(nearest)), nearest]
+    # Comparing with the columns' maxima is many times faster than finding where these are.
+    rows = np.flatnonzero(values >= similarity.max(axis=0)[nearest])
+    return rows, nearest[rows], values[rows]
 
 
 def _matches(

@@ -43,8 +43,8 @@ class AnchorEvidence:
 
     `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
     `region_matches`, inliers inside POI regions; `parallax_deg`, the median parallax; `poi_error_share`, how far the
-    worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, the
-    largest disagreement of the POIs' scales (logarithm); `log_scale_sigma`, one sigma of their common one;
+    worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, how far
+    (logarithm) the scales of most POIs lie from their common one; `log_scale_sigma`, one sigma of their common one;
     `instability_deg`, how far off direction or attitude are when either half of the matches decides alone.
     """
 
@@ -133,7 +133,7 @@ def fix_by_anchor(
         region_matches=sum(count for _, count in sights),
         parallax_deg=relative.parallax_deg,
         poi_error_share=_poi_error_share(solution, [sight for sight, _ in sights]),
-        scale_error=float(np.abs(solution.scale_errors).max(initial=0.0)),
+        scale_error=_scale_error(solution.scale_errors),
         log_scale_sigma=solution.log_scale_sigma,
         instability_deg=_instability_deg(
             matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px
@@ -164,6 +164,11 @@ def _solution(
     return solve_calibrated(
         mounted.plan_from_monitor, mounted.orientation_sigma_rad, phone_from_monitor, known_lengths_m, lengths
     )
+
+
+def _scale_error(errors: Array) -> float:
+    """Return what all but a minority of POIs agree within: two of two, two of three, three of four."""
+    return float(np.sort(np.abs(errors))[len(errors) // 2]) if len(errors) else 0.0
 
 
 def _poi_error_share(solution: AnchorSolution, pois: list[PoiSight]) -> float:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.services.anchor_features import AnchorDescriber, AnchorFeatures, match_akaze, match_xfeat
-from app.services.anchor_fix import AnchorFix, fix_by_anchor
+from app.services.anchor_features import AnchorDescriber, AnchorFeatures, likeness
+from app.services.anchor_fix import AnchorFix
 from app.services.anchor_library import AnchorLibrary, LiveAnchor
+from app.services.anchor_look import look_closely
 from app.services.anchor_verification import confidence_of_fix, judge_fix
 from app.services.localization import StageTimer
 from app.services.resources import Resources
@@ -23,10 +24,10 @@ from app.vision.images import Rgb, measure_quality, to_gray
 
 Array = NDArray[np.float64]
 
-# So many anchors are matched by A-KAZE, and of these so many by XFeat too.
-CANDIDATES, CLOSE_LOOKS = 3, 2
-# After a good answer another anchor gets a close look only with so many A-KAZE matches.
-MORE_MATCHES = 25
+# So many anchors, by bag of words, are compared with the picture; of these the most alike get a close look.
+CANDIDATES, CLOSE_LOOKS = 20, 2
+# After a good answer another anchor gets a close look only when it is this share as alike as the first.
+NEARLY_AS_ALIKE = 0.6
 # Two anchors agree when their answers differ by no more than this many sigma, or this many metres.
 AGREEMENT_SIGMAS, AGREEMENT_M = 4.0, 0.3
 
@@ -104,25 +105,32 @@ class AnchorLocator:
         timer: StageTimer,
     ) -> tuple[list[tuple[LiveAnchor, AnchorFix]], int]:
         """Return the answers of the anchors that look most like the picture, and the most matches of any."""
-        by_akaze = [match_akaze(anchor.features, phone) for anchor in candidates]
-        timer.lap("match")
-        # Retrieval's first stays a candidate; the second look goes to the one with the most matches.
-        order = sorted(range(len(candidates)), key=lambda row: -len(by_akaze[row]))
-        chosen = list(dict.fromkeys([0, *order]))[:CLOSE_LOOKS]
+        alike = [likeness(anchor.features, phone) for anchor in candidates]
+        timer.lap("rerank")
         found: list[tuple[LiveAnchor, AnchorFix]] = []
         most = 0
-        for row in chosen:
-            if any(judge_fix(fix) is None for _, fix in found) and len(by_akaze[row]) < MORE_MATCHES:
+        for row in ranked(alike)[:CLOSE_LOOKS]:
+            good = any(judge_fix(fix) is None for _, fix in found)
+            if good and alike[row] < NEARLY_AS_ALIKE * max(alike):
                 break
-            matches = by_akaze[row].with_more(match_xfeat(candidates[row].features, phone))
-            most = max(most, len(matches))
-            timer.lap("match")
-            anchor = candidates[row]
-            fix = fix_by_anchor(anchor.anchor.spec, anchor.camera, camera, matches, gravity, anchor.mounted)
-            timer.lap("pose")
+            live = candidates[row]
+            fix, matched = look_closely(
+                live.anchor.spec,
+                (live.features, live.camera),
+                (phone, camera),
+                gravity,
+                live.mounted,
+                timer,
+            )
+            most = max(most, matched)
             if fix is not None:
-                found.append((anchor, fix))
+                found.append((live, fix))
         return found, most
+
+
+def ranked(alike: Sequence[int]) -> list[int]:
+    """Return the anchors' numbers, most alike first, those equally alike in the order given."""
+    return sorted(range(len(alike)), key=lambda row: -alike[row])
 
 
 def roll_deg(gravity: Sequence[float] | None) -> float:

@@ -13,6 +13,8 @@ MAX_INSTABILITY_DEG, STEADY_INLIERS = 20.0, 200
 MIN_PARALLAX_DEG = 1.0
 MAX_POSITION_SIGMA_M = 0.4
 MAX_LOG_SCALE_SIGMA = 0.25
+# POIs in two directions see different lengths of the same wrong pose.
+MAX_SCALE_ERROR = 0.15
 
 
 def judge_fix(fix: AnchorFix) -> Reason | None:
@@ -25,7 +27,9 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
     if evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA or fix.position_sigma_m > MAX_POSITION_SIGMA_M:
         return "too_few_inliers"
     steady = min(1.0, evidence.inliers / STEADY_INLIERS)
-    if evidence.instability_deg > steady * MAX_INSTABILITY_DEG or evidence.poi_error_share > 1.0:
+    if evidence.scale_error > MAX_SCALE_ERROR or evidence.poi_error_share > 1.0:
+        return "ambiguous"
+    if evidence.instability_deg > steady * MAX_INSTABILITY_DEG:
         return "ambiguous"
     return None
 
