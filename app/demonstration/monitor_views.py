@@ -1,7 +1,7 @@
 """Where monitoring cameras hang in the demonstration venue, which prints they see, and phones that see one of them.
 
-The protocol is the thesis's (C section 4): camera and phone both see the POI, from the same room, with a given angle
-between their lines of sight at the POI and a given distance from it.
+The protocol follows the thesis (C section 4), with limits of its own below: camera and phone both see the POI, from the
+same room, with a given angle between their lines of sight at the POI and a given distance from it.
 """
 
 from __future__ import annotations
