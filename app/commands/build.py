@@ -13,10 +13,21 @@ import typer
 from rich.table import Table
 
 from app.api.locate import body_of
-from app.commands.console import BarProgress, DataDir, JsonFlag, console, progress_bars, settings_from
-from app.errors import ConflictError, InvalidInputError, RoomfixError
+from app.commands.console import (
+    BarProgress,
+    DataDir,
+    JsonFlag,
+    console,
+    json_object,
+    progress_bars,
+    settings_from,
+)
+from app.errors import ConflictError, RoomfixError
 from app.jobs.local import finish_build_here
+from app.services.anchor_features import AnchorDescriber
+from app.services.anchor_locator import AnchorLocator
 from app.services.build_options import parse_camera
+from app.services.floor_features.library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.locate_result import LocateRequest
 from app.services.map_library import MapLibrary
@@ -41,7 +52,7 @@ def build(
     try:
         ensure_venue(resources, venue, venue)
         with progress_bars() as progress:
-            ended = build_scan(resources, venue, scan, _json_object(options), progress)
+            ended = build_scan(resources, venue, scan, json_object(options), progress)
     finally:
         resources.close()
     if as_json:
@@ -96,7 +107,9 @@ def locate(
         request = LocateRequest(
             image.read_bytes(), venue=venue, floor=floor, camera=parse_camera(camera), area=area
         )
-        result = LocateService(resources, MapLibrary(resources)).locate(request)
+        features = FeatureLibrary(resources.database)
+        anchors = AnchorLocator(resources, AnchorDescriber())
+        result = LocateService(resources, MapLibrary(resources), features, anchors).locate(request)
     finally:
         resources.close()
     console.print_json(body_of(result).model_dump_json())
@@ -124,16 +137,6 @@ def ensure_venue(resources: Resources, venue: str, name: str) -> None:
             create_venue(connection, venue, name)
     except ConflictError:
         return
-
-
-def _json_object(text: str) -> dict[str, Any]:
-    try:
-        value = json.loads(text)
-    except ValueError as error:
-        raise InvalidInputError(f"--options is not JSON: {error}.") from None
-    if not isinstance(value, dict):
-        raise InvalidInputError("--options must be a JSON object.")
-    return value
 
 
 def _report_table(report: dict[str, Any]) -> Table:

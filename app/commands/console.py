@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
+from app.errors import InvalidInputError
 from app.settings import Settings
 
 console = Console()
@@ -61,3 +63,14 @@ def progress_bars() -> Iterator[BarProgress]:
     )  # fmt: skip
     with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
         yield BarProgress(bars)
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """Return the JSON object of an option; raises `InvalidInputError`."""
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(f"--options is not JSON: {error}.") from None
+    if not isinstance(value, dict):
+        raise InvalidInputError("--options must be a JSON object.")
+    return value

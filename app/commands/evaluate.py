@@ -14,7 +14,7 @@ import httpx
 import typer
 from rich.table import Table
 
-from app.commands.console import console, progress_bars
+from app.commands.console import console, json_object, progress_bars
 from app.commands.evaluation_tables import absent_lines, maps_table, variations_table
 from app.errors import InvalidInputError
 from app.evaluation.absent import check_places, locate_absent
@@ -110,7 +110,7 @@ def evaluate(
     cap_threads()
     variations = parse_variations([*(degrade or []), *(["no-camera"] if no_camera else [])])
     check_places(absent or [])
-    parsed = [_json(each) for each in options or ["{}"]]
+    parsed = [json_object(each) for each in options or ["{}"]]
     page = None if report is None else Report(_title(datasets), report)
     if server is not None:
         if features or pipeline or keyframes is not None or absent:
@@ -239,16 +239,6 @@ def _title(datasets: Sequence[Path]) -> str:
     return f"Evaluation of {', '.join(dataset.resolve().name for dataset in datasets)}"
 
 
-def _json(text: str) -> dict[str, Any]:
-    try:
-        parsed = json.loads(text)
-    except ValueError as error:
-        raise InvalidInputError(f"options is not JSON: {error}.") from None
-    if not isinstance(parsed, dict):
-        raise InvalidInputError("options must be a JSON object.")
-    return parsed
-
-
 def benchmark(
     dataset: Dataset,
     database: Database = "0::2",
@@ -263,7 +253,7 @@ def benchmark(
 ) -> None:
     """Time a located query on one thread: medians by stage, and the sum of its kernels."""
     cap_threads()
-    base = replace(parse_build_options(_json(options)), features=features)
+    base = replace(parse_build_options(json_object(options)), features=features)
     split = split_scan(dataset, database, queries, base.format, base.scan)
     with ThreadPoolExecutor(1) as executor, progress_bars() as progress:
         figures = run_benchmark(split, base, open_models(Settings()), executor, progress, repeats, compare)

@@ -15,7 +15,7 @@ from app.demonstration.frames import FrameJob, Progress, make_frames
 from app.demonstration.layout import ROOMS
 from app.demonstration.monitor_views import PrintView, sample_view
 from app.demonstration.noise import seeded
-from app.demonstration.queries import PHONE_CAMERA
+from app.demonstration.queries import PHONE_CAMERA, phone_sensor
 from app.demonstration.scene import SCENE_VERSION, demo_scene
 from app.demonstration.sensor import ColourSensor
 from app.errors import InvalidInputError
@@ -94,14 +94,7 @@ def _jobs(directory: Path, pair: MonitorPair, seed: int, phone_camera: Camera) -
     fixed = ColourSensor(
         read_noise=2.2, shot_noise=0.2, vignetting=0.2, exposure=float(rng.uniform(0.8, 1.1))
     )
-    held = ColourSensor(
-        read_noise=1.6,
-        shot_noise=0.18,
-        vignetting=0.1,
-        exposure=float(rng.uniform(0.85, 1.1)),
-        blur_px=float(max(0.0, rng.normal(0, 1.2))),
-        blur_angle_deg=float(rng.uniform(0, 180)),
-    )
+    held = phone_sensor(rng)
     number = int(pair.name.split("_")[1])
     return [
         FrameJob(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from app.demonstration.cache import make_directory, write_whole
 from app.demonstration.frames import FrameJob, Progress, make_frames
 from app.demonstration.layout import CORRIDORS, FLOOR_HEIGHT_M, WING_ROOMS, Room, room_at
@@ -85,7 +87,12 @@ def render_queries_near(
     def fill(partial: Path) -> None:
         jobs = [
             FrameJob(
-                camera, q.world_from_camera, partial / q.path.name, None, (f"query{seed}", k), _phone(seed, k)
+                camera,
+                q.world_from_camera,
+                partial / q.path.name,
+                None,
+                (f"query{seed}", k),
+                phone_sensor(seeded("phone sensor", seed, k)),
             )
             for k, q in enumerate(queries)
         ]
@@ -132,9 +139,8 @@ def _query(directory: Path, number: int, camera: Camera, pose: Pose) -> DemoQuer
     return DemoQuery(name, directory / f"{name}.jpg", camera, pose, room.id if room else "", floor_of(pose))
 
 
-def _phone(seed: int, number: int) -> ColourSensor:
+def phone_sensor(rng: np.random.Generator) -> ColourSensor:
     """Return a phone's sensor, exposing each picture a little differently and moving in some."""
-    rng = seeded("phone sensor", seed, number)
     return ColourSensor(
         read_noise=1.6,
         shot_noise=0.18,

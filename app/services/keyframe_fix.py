@@ -15,7 +15,7 @@ from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.services.keyframe_matches import KeyframeMatches
-from app.services.map_accuracy import sigma_across
+from app.services.map_accuracy import seen_from_one_side, sigma_across
 
 # Below this EPnP follows the noise of single points.
 MIN_INLIERS = 8
@@ -23,8 +23,6 @@ MIN_INLIERS = 8
 MAX_SAMPLES = 1000
 # EPnP weighs equations, not pixels: its error is this many times that of least squares (synthetic points, 1 px).
 EPNP_EXCESS = 1.6
-# Two poses nearer than this, in both respects, are one place.
-SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,11 @@ def fix_by_keyframe(
         keyframe_from_user = solve_epnp(inliers.query_px, in_keyframe, camera)
         world_from_user = world_from_keyframe @ keyframe_from_user
         errors = reprojection_errors_px(matches.query_px, matches.points_in_world, camera, world_from_user)
-        inliers = matches.take(errors <= max_error_px)
+        # A wall in a mirror is the wall seen from behind.
+        front = seen_from_one_side(
+            matches.points_in_world, world_from_keyframe.translation, world_from_user.translation
+        )
+        inliers = matches.take((errors <= max_error_px) & front)
         if len(inliers) < MIN_INLIERS:
             return None
         across = sigma_across(
@@ -78,9 +80,3 @@ def fix_by_keyframe(
     except DegenerateGeometryError:
         return None
     return KeyframeFix(matches, inliers, world_from_keyframe, world_from_user, EPNP_EXCESS**2 * covariance)
-
-
-def same_place(a: Pose, b: Pose) -> bool:
-    """Return whether two poses are near in place and direction."""
-    apart_m = float(np.linalg.norm(a.translation - b.translation))
-    return apart_m < SAME_PLACE_M and float(a.rotation[:, 2] @ b.rotation[:, 2]) > SAME_PLACE_COSINE

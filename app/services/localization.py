@@ -12,6 +12,9 @@ from app.geometry.se3 import Pose
 from app.services.matches import Matches
 from app.services.verification import Evidence, Reason
 
+# Two poses nearer than this, in both respects, are one place.
+SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
+
 
 @dataclass(frozen=True, slots=True)
 class KeyframeVote:
@@ -40,6 +43,12 @@ class Localization:
     camera: Camera | None
     timings_ms: dict[str, float]
     candidate: Pose | None = None
+
+
+def same_place(a: Pose, b: Pose) -> bool:
+    """Return whether two `world_from_camera` are near in place and direction."""
+    apart_m = float(np.linalg.norm(a.translation - b.translation))
+    return apart_m < SAME_PLACE_M and float(a.rotation[:, 2] @ b.rotation[:, 2]) > SAME_PLACE_COSINE
 
 
 class StageTimer:

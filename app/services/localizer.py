@@ -12,7 +12,7 @@ from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of, refine_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.localization import Localization, StageTimer, nothing_found, votes_of
+from app.services.localization import Localization, StageTimer, nothing_found, same_place, votes_of
 from app.services.map_accuracy import accuracy_in_map, seen_from_one_side
 from app.services.matches import Matches, QueryMatcher
 from app.services.retrieval import Retrieval
@@ -29,8 +29,6 @@ from app.vision.images import Rgb, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.local_features import LocalFeatureExtractor
 
-# Two poses nearer than this, in both respects, are one place.
-SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
 # A rival below this share of the best pose's features is not worth a closer look.
 RIVAL_SHARE = 0.1
 # A pose with fewer inliers is none: three points fit any.
@@ -288,12 +286,15 @@ class Localizer:
             return None
         # A rival that matters holds a third of what is left or more: 300 samples of three find it.
         first = self._estimate(rest, camera, max_iterations=300)
-        if first is None or _same_place(first, best.estimate):
+        if first is None or same_place(first.world_from_camera, best.estimate.world_from_camera):
             return None
         if rest.take(first.inlier_mask).feature_count < needed:
             return None
         rival = self._hypothesis(query, rest, camera, allowed, timer, first)
-        return None if rival is None or _same_place(rival.estimate, best.estimate) else rival
+        if rival is None:
+            return None
+        same = same_place(rival.estimate.world_from_camera, best.estimate.world_from_camera)
+        return None if same else rival
 
     def _estimate(
         self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int = 5000
@@ -362,9 +363,3 @@ class Localizer:
             orientation_deg=None,
             confidence=0.0,
         )
-
-
-def _same_place(a: PnpEstimate, b: PnpEstimate) -> bool:
-    one, other = a.world_from_camera, b.world_from_camera
-    apart_m = float(np.linalg.norm(one.translation - other.translation))
-    return apart_m < SAME_PLACE_M and float(one.rotation[:, 2] @ other.rotation[:, 2]) > SAME_PLACE_COSINE

@@ -36,12 +36,12 @@ class LocateService:
         self,
         resources: Resources,
         library: MapLibrary,
-        features: FeatureLibrary | None = None,
-        anchors: AnchorLocator | None = None,
+        features: FeatureLibrary,
+        anchors: AnchorLocator,
     ) -> None:
         self._resources = resources
         self._library = library
-        self._features = features or FeatureLibrary(resources.database)
+        self._features = features
         self._vdm = VdmLocalizers(resources.models)
         self._anchors = anchors
 
@@ -90,8 +90,6 @@ class LocateService:
         """Answer from what the venue's monitoring cameras see."""
         if camera is None:
             raise InvalidInputError("method anchor needs the phone's intrinsics: send the field camera.")
-        if self._anchors is None:
-            raise InvalidInputError("method anchor is not available here; use a server.")
         found = self._anchors.locate(venue, request.floor, rgb, camera, request.gravity)
         result = self._described(anchor_result(venue, found, floors, camera))
         result.timings_ms.update(decode=decoded_ms, total=decoded_ms + sum(found.timings_ms.values()))

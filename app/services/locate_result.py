@@ -104,6 +104,8 @@ def map_result(
     if pose is not None and floors and floor is None:
         reason, pose = "outside_venue", None
     located = pose is not None
+    # A focal length that led to no pose is not known either.
+    own = found.camera if located or request.camera is not None else None
     return LocateResult(
         venue=venue,
         method="vdm" if request.method == "vdm" else "rgbd",
@@ -118,8 +120,8 @@ def map_result(
         inliers=found.evidence.inliers,
         matches=found.evidence.matches,
         keyframes=found.keyframes,
-        camera=found.camera,
-        camera_source=camera.source_of(found.camera),
+        camera=own,
+        camera_source=camera.source_of(own),
         narrowed=narrowed,
         gravity_checked=gravity_checked,
         timings_ms=dict(found.timings_ms),

@@ -25,13 +25,26 @@ def accuracy_in_map(
     """Return one sigma of position in metres and orientation in degrees of a pose, by what its inliers and the
     centres (n, 3) of their keyframes tell; infinity for what they leave open."""
     across = sigma_across(inliers.sigma_m, inliers.points_in_world, keyframe_centres, pose.translation)
+    return accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma)
+
+
+def accuracy_of(
+    points_px: NDArray[np.float64],
+    points_in_world: NDArray[np.float64],
+    point_sigma_m: NDArray[np.float64],
+    camera: Camera,
+    pose: Pose,
+    focal_sigma: float = 0.0,
+) -> tuple[float, float]:
+    """Return one sigma of position in metres and orientation in degrees of a pose by pixels (n, 2) and world points
+    (n, 3) that agree with it; infinite where the points don't tell."""
     try:
         covariance = pose_covariance(
-            inliers.points_px,
-            inliers.points_in_world,
+            points_px,
+            points_in_world,
             camera,
             pose,
-            point_sigma_m=across,
+            point_sigma_m=point_sigma_m,
             focal_sigma=focal_sigma,
         )
     except DegenerateGeometryError:
@@ -58,7 +71,7 @@ def seen_from_one_side(
     points: NDArray[np.float64], keyframe_centres: NDArray[np.float64], centre: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return which points (n, 3) a camera at `centre` (3,) sees from the side that their keyframes, at (n, 3), saw
-    them from: within `MAX_TURN_COSINE`, beyond which no feature is matched."""
+    them from, or one keyframe at (3,): within `MAX_TURN_COSINE`, beyond which no feature is matched."""
     a, b = points - keyframe_centres, points - centre
     lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     return np.asarray(np.einsum("ij,ij->i", a, b) > MAX_TURN_COSINE * lengths)

@@ -16,9 +16,9 @@ from scipy.stats import chi2
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera
 from app.geometry.se3 import Pose
-from app.services.keyframe_fix import KeyframeFix, fix_by_keyframe, same_place
+from app.services.keyframe_fix import KeyframeFix, fix_by_keyframe
 from app.services.keyframe_matches import KeyframeMatches, match_keyframes
-from app.services.localization import KeyframeVote, Localization, StageTimer
+from app.services.localization import KeyframeVote, Localization, StageTimer, same_place
 from app.services.localizer import Localizer
 from app.services.retrieval import Retrieval
 from app.services.user_lines import PlanPosition, user_on_plan

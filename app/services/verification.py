@@ -44,6 +44,11 @@ class Evidence:
         """Distinct inliers over inliers."""
         return self.distinct / self.inliers if self.inliers else 0.0
 
+    @property
+    def distinct_coverage(self) -> float:
+        """How much of the image distinct inliers speak for: a small patch has to be distinct altogether."""
+        return self.coverage * self.distinct_share
+
     @staticmethod
     def none(matches: int = 0) -> Evidence:
         """Return the evidence for no pose at all."""
@@ -59,6 +64,7 @@ class Limits:
     min_inlier_ratio: float = 0.06
     min_coverage: float = 0.14
     min_distinct_share: float = 0.55
+    min_distinct_coverage: float = 0.11
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
     max_keyframe_distance_m: float = 12.0
@@ -67,7 +73,7 @@ class Limits:
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
-        return Limits(0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"), 0.0)
+        return Limits(0, 0.0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"), 0.0)
 
 
 def gather_evidence(
@@ -111,6 +117,7 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         (evidence.coverage < limits.min_coverage, "too_few_inliers"),
         (position_sigma_m > limits.max_position_sigma_m, "too_few_inliers"),
         (evidence.distinct_share < limits.min_distinct_share, "ambiguous"),
+        (evidence.distinct_coverage < limits.min_distinct_coverage, "ambiguous"),
         (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
         (confidence_of(evidence) < limits.min_confidence, "too_few_inliers"),
         (evidence.keyframe_distance_m > limits.max_keyframe_distance_m, "outside_venue"),

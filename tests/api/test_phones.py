@@ -69,9 +69,9 @@ def test_a_phone_that_is_known_by_name(museum: Server, room: Room) -> None:
 def test_exif_that_lies_does_not_mislead(museum: Server, room: Room) -> None:
     view = room.view(CORNER)
     result = post(museum, photo(view.rgb, {}, {FOCAL_35MM: 60}))
-    assert result["camera"]["source"] in ("search", "unknown")
-    if result["located"]:
-        assert pose_errors(result, CORNER)[0] < 0.15
+    assert result["located"], result["reason"]
+    assert result["camera"]["source"] == "search"
+    assert pose_errors(result, CORNER)[0] < 0.15
 
 
 def test_the_requests_camera_comes_before_exif(museum: Server, queries: list[View]) -> None:

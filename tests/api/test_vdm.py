@@ -43,9 +43,9 @@ def test_a_photo_gets_its_pose_by_lines(museum: Server, queries: list[View]) -> 
 def test_without_a_camera_the_focal_length_is_found(museum: Server, room: Room) -> None:
     query = room.view(pose_at(1.7, 1.4, 1.45, 28.0, 2.0))
     result = museum.post_image(query.jpeg(), {"venue": "museum", "method": "vdm"}).json()
+    assert result["located"], result["reason"]
     assert result["camera"]["source"] == "search"
-    if result["located"]:
-        assert pose_errors(result, query.world_from_camera)[0] < 0.2
+    assert pose_errors(result, query.world_from_camera)[0] < 0.2
 
 
 def test_what_is_not_in_the_map_is_not_located(

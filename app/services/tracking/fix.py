@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
-from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
 from app.services.localization import KeyframeVote, Localization
 from app.services.localizer import Localizer
+from app.services.map_accuracy import accuracy_of, sigma_across
 from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.guided_matching import match_near_projections
@@ -202,7 +201,7 @@ class MapFixes:
             return None
         across = self._across(inliers, pose)
         metadata = self.localizer.artifact.metadata
-        position_m, orientation_deg = accuracy(
+        position_m, orientation_deg = accuracy_of(
             inliers.points_px, inliers.points_in_world, across, camera, pose
         )
         # The predicted pose tells what looks alike apart: all that was found near it is distinct.
@@ -245,21 +244,7 @@ class MapFixes:
     def _across(self, matches: Matches, pose: Pose) -> Array:
         """Return the sigma of points across the camera's ray: a point is uncertain along its keyframe's ray."""
         centres = self.localizer.artifact.arrays.positions[matches.keyframes]
-        mapped, seen = matches.points_in_world - centres, matches.points_in_world - pose.translation
-        lengths = np.linalg.norm(mapped, axis=1) * np.linalg.norm(seen, axis=1)
-        sines = np.linalg.norm(np.cross(mapped, seen), axis=1) / np.maximum(lengths, 1e-12)
-        return np.asarray(matches.sigma_m * sines)
-
-
-def accuracy(
-    points_px: Array, points_in_world: Array, point_sigma_m: Array, camera: Camera, pose: Pose
-) -> tuple[float, float]:
-    """Return one sigma of position in metres and orientation in degrees; infinite where the points don't tell."""
-    try:
-        covariance = pose_covariance(points_px, points_in_world, camera, pose, point_sigma_m=point_sigma_m)
-    except DegenerateGeometryError:
-        return float("inf"), 180.0
-    return pose_accuracy(covariance)
+        return sigma_across(matches.sigma_m, matches.points_in_world, centres, pose.translation)
 
 
 def confidence_of_sigma(position_m: float, orientation_deg: float) -> float:

@@ -16,7 +16,8 @@ from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac, refine_pose
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
-from app.services.tracking.fix import Fix, accuracy
+from app.services.map_accuracy import accuracy_of
+from app.services.tracking.fix import Fix
 from app.services.tracking.frame import TrackingFrame, find_corners, follow
 from app.services.tracking.points import FLOW_SIGMA, TrackedPoints
 from app.services.tracking.window import KeyView, Window
@@ -110,7 +111,7 @@ class Odometry:
         inliers = points.take(agree)
         if len(inliers) < 4:
             return None
-        position_m, orientation_deg = accuracy(
+        position_m, orientation_deg = accuracy_of(
             inliers.pixels, inliers.points_in_world, across_m[agree], camera, pose
         )
         self._points, self._pose = inliers, pose

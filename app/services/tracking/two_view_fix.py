@@ -15,7 +15,8 @@ from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import triangulate
-from app.services.tracking.fix import WORLD, Fix, accuracy, confidence_of_sigma
+from app.services.map_accuracy import accuracy_of
+from app.services.tracking.fix import WORLD, Fix, confidence_of_sigma
 from app.services.verification import coverage
 
 Array = NDArray[np.float64]
@@ -68,7 +69,7 @@ def fix_from_two_views(
     if good.sum() < MIN_POINTS or coverage(points_px[good], (camera.width, camera.height)) < MIN_COVERAGE:
         return None
     sigma_m = _sigma_across(in_world[good], camera, pose)
-    position_m, orientation_deg = accuracy(points_px[good], in_world[good], sigma_m, camera, pose)
+    position_m, orientation_deg = accuracy_of(points_px[good], in_world[good], sigma_m, camera, pose)
     baseline_m = float(np.linalg.norm(known_from_camera.translation))
     position_m = float(np.hypot(position_m, known.scale_sigma * baseline_m))
     return Fix(
