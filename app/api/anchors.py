@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -112,10 +113,8 @@ def list_all(
 @router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
 def put(state: State, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
     """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
-    anchor = state.anchors.put(camera, _spec(body))
-    with state.resources.database.read() as connection:
-        frame = list_frames(connection, [anchor.id]).get(anchor.id)
-    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
+    state.anchors.put(camera, _spec(body))
+    return get(state, camera)
 
 
 @router.get("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
@@ -166,10 +165,8 @@ async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[st
     """Find the camera and its POIs in the venue's map, by the picture sent or else the newest stored one. From then on
     the camera's frames get their distances from the map."""
     image = await image_of(request)
-    anchor = await state.executor.run(lambda: state.anchors.calibrate(camera, image or None))
-    with state.resources.database.read() as connection:
-        frame = list_frames(connection, [camera]).get(camera)
-    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
+    await state.executor.run(lambda: state.anchors.calibrate(camera, image or None))
+    return await asyncio.to_thread(get, state, camera)
 
 
 async def image_of(request: Request) -> bytes:
