@@ -27,6 +27,7 @@ from app.commands import (
     simulate,
     stream,
     track,
+    track_anchors,
 )
 from app.commands.console import errors
 from app.errors import RoomfixError
@@ -42,7 +43,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     import_plan.import_plan,
     evaluate_walk.evaluate_walk, keyframes.keyframes,
     evaluate_anchors.evaluate_anchors, push_frames.push_frames,
-    track.track, stream.stream, stream.stream_bench, simulate.simulate,
+    track.track, track_anchors.track_anchors, stream.stream, stream.stream_bench, simulate.simulate,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

@@ -111,14 +111,15 @@ def _wire(
     features = FeatureLibrary(resources.database)
     routes_of = RouteService(resources.database, features)
     describer = AnchorDescriber()
+    anchors = AnchorLocator(resources, describer)
     return AppState(
         resources,
-        LocateService(resources, library, features, AnchorLocator(resources, describer)),
+        LocateService(resources, library, features, anchors),
         executor,
         builds,
         metrics,
         features,
         routes_of,
         AnchorService(resources, library, describer),
-        SessionService(resources, library, features, routes_of),
+        SessionService(resources, library, features, routes_of, anchors),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -200,7 +200,7 @@ def _frame(waiting: Waiting) -> SessionFrame:
     frame = session_frame(
         waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp")
     )
-    return SessionFrame(frame.image, frame.camera, waiting.motion, frame.time_s)
+    return replace(frame, motion=waiting.motion)
 
 
 async def _send_problem(connection: Stream, error: RoomfixError, received: int | None) -> None:

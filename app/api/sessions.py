@@ -192,8 +192,9 @@ def session_frame(
     image: bytes, camera: str | None, gravity: str | None, motion: str | None, timestamp: str | None
 ) -> SessionFrame:
     """Return the frame of a request's fields; raises `InvalidInputError`."""
-    _gravity(gravity)
-    return SessionFrame(image, _camera(camera), parse_motion(motion), parse_timestamp(timestamp))
+    return SessionFrame(
+        image, _camera(camera), parse_motion(motion), parse_timestamp(timestamp), _gravity(gravity)
+    )
 
 
 def parse_motion(text: str | None) -> Pose | None:

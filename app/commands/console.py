@@ -9,7 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -74,3 +76,14 @@ def json_object(text: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InvalidInputError("--options must be a JSON object.")
     return value
+
+
+def direction(text: str) -> NDArray[np.float64]:
+    """Return the direction (3,) of an option `x,y,z`; raises `InvalidInputError`."""
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        values = np.zeros(0)
+    if values.shape != (3,) or not np.linalg.norm(values) > 1e-6:
+        raise InvalidInputError("--gravity must be three numbers, x,y,z.")
+    return values

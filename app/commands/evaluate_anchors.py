@@ -10,11 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.table import Table
 
-from app.commands.console import console, progress_bars, settings_from
+from app.commands.console import console, direction, progress_bars, settings_from
 from app.errors import ConflictError, InvalidInputError
 from app.evaluation.anchor_features import compared_methods, match_quality
 from app.evaluation.anchor_maps import evaluate_in_map, summarize_corners
@@ -84,7 +83,7 @@ def evaluate_anchors(
     figures: dict[str, Any] = {}
     if scan is not None:
         opened = open_scan(scan, None, _scan_options(options))
-        pairs = sample_pairs(opened, _direction(gravity), count, seed)
+        pairs = sample_pairs(opened, direction(gravity), count, seed)
         figures["matches"] = _matches(opened, seed)
         title = scan.name
     else:
@@ -271,13 +270,3 @@ def _scan_options(options: str) -> ScanOptions:
         return parse_build_options(json.loads(options)).scan
     except ValueError:
         raise InvalidInputError("--options is not JSON.") from None
-
-
-def _direction(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    try:
-        values = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        values = np.zeros(0)
-    if values.shape != (3,) or not np.linalg.norm(values) > 1e-6:
-        raise InvalidInputError("--gravity must be three numbers, x,y,z.")
-    return values

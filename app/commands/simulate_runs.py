@@ -80,7 +80,7 @@ class Place:
         with resources.database.read() as connection:
             floors = {floor.level: floor for floor in list_floors(connection, VENUE.id)}
         services = {
-            name: SessionService(resources, library, features, routes, tracking)
+            name: SessionService(resources, library, features, routes, tracking=tracking)
             for name, tracking in RELOCATION.items()
         }
         return Place(resources, floors, features, routes, services)

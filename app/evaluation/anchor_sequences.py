@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ MIN_AXES_COSINE = float(np.cos(np.radians(45.0)))
 REGION_HALF_PX = 60
 MAX_DEPTH_DIFFERENCE = 0.1
 MARGIN_PX = 40
-TRIES_PER_PAIR = 200
+TRIES_PER_PAIR, TRIES_PER_POI = 200, 10
 
 
 def sample_pairs(scan: Scan, gravity_in_scan: Array, count: int, seed: int = 11) -> list[AnchorPair]:
@@ -94,6 +95,25 @@ def _pair(
         _angle_deg(one.translation - point, other.translation - point),
         float(np.linalg.norm(other.translation - point)),
     )
+
+
+def pair_with_pois(
+    rng: np.random.Generator, scan: Scan, gravity_in_scan: Array, monitor: Frame, phone: Frame, pois: int
+) -> AnchorPair | None:
+    """Return two frames as monitoring camera and phone with up to `pois` POIs that both see, or None when they are not
+    0.3 to 4 m apart, look more than 45 degrees apart, or see none."""
+    upright = rotation_between(gravity_in_scan, np.array([0.0, 0.0, -1.0]))
+    found: list[AnchorPair] = []
+    for _ in range(TRIES_PER_POI * pois):
+        pair = _pair(rng, scan, upright, monitor, phone, f"{monitor.name}, {phone.name}")
+        if pair is not None:
+            found.append(pair)
+        if len(found) == pois:
+            break
+    if not found:
+        return None
+    named = tuple(replace(pair.spec.pois[0], id=f"poi{i}") for i, pair in enumerate(found))
+    return replace(found[0], spec=replace(found[0].spec, pois=named))
 
 
 def _loader(scan: Scan, frame: Frame) -> Callable[[], Rgb]:

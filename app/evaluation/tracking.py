@@ -170,7 +170,7 @@ def summarize_tracking(frames: Sequence[TrackedFrame], locate_ms: Sequence[float
     degrees = np.array([frames[i].error_deg for i in rows])
     sigmas = np.array([frames[i].sigma_m for i in rows], dtype=float)
     times = np.array([frame.milliseconds for frame in frames])
-    scale, distance_m = _scale(truth[rows], np.array([frames[i].position for i in rows]))
+    scale, distance_m = tracked_scale(truth[rows], np.array([frames[i].position for i in rows]))
     last = rows[-1] if rows else 0
     return TrackingFigures(
         frames=len(frames),
@@ -199,7 +199,11 @@ def summarize_tracking(frames: Sequence[TrackedFrame], locate_ms: Sequence[float
     )
 
 
-def _scale(truth: np.ndarray[Any, Any], tracked: np.ndarray[Any, Any]) -> tuple[float | None, float | None]:
+def tracked_scale(
+    truth: np.ndarray[Any, Any], tracked: np.ndarray[Any, Any]
+) -> tuple[float | None, float | None]:
+    """Return the tracked distance between the two true places (n, 3) furthest apart over the true one, and that one in
+    metres."""
     if len(truth) < 2:
         return None, None
     apart = np.linalg.norm(truth[:, None] - truth[None], axis=2)

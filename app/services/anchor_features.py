@@ -126,6 +126,10 @@ class PixelMatches:
     def __len__(self) -> int:
         return len(self.monitor_px)
 
+    def take(self, rows: NDArray[np.bool_]) -> PixelMatches:
+        """Return the matches of a mask (n,)."""
+        return PixelMatches(self.monitor_px[rows], self.phone_px[rows], self.length_m[rows])
+
     def with_more(self, other: PixelMatches) -> PixelMatches:
         """Return these and others."""
         return PixelMatches(

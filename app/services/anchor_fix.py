@@ -75,12 +75,14 @@ class MountedCamera:
 
 @dataclass(frozen=True, slots=True)
 class AnchorFix:
-    """A phone's place by one anchor: `position_sigma_m` and `orientation_sigma_deg` are one sigma."""
+    """A phone's place by one anchor, and the matches that agree on it: `position_sigma_m` and
+    `orientation_sigma_deg` are one sigma."""
 
     solution: AnchorSolution
     evidence: AnchorEvidence
     position_covariance: Array
     orientation_sigma_deg: float
+    inliers: PixelMatches
 
     @property
     def position_sigma_m(self) -> float:
@@ -142,7 +144,8 @@ def fix_by_anchor(
     position_covariance = _position_covariance(solution, phone_from_monitor, covariance, rays)
     if mounted is not None:
         position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
-    return AnchorFix(solution, evidence, position_covariance, float(np.degrees(np.sqrt(orientation))))
+    orientation_deg = float(np.degrees(np.sqrt(orientation)))
+    return AnchorFix(solution, evidence, position_covariance, orientation_deg, matches.take(inliers))
 
 
 def _solution(

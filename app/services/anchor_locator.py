@@ -36,7 +36,8 @@ AGREEMENT_SIGMAS, AGREEMENT_M = 4.0, 0.3
 class AnchorLocalization:
     """The outcome for one picture. `plan_from_phone` is None exactly when `reason` says why.
 
-    Positions are metres on the plan of floor `floor_id`, and height; `anchors` are those that agree on it.
+    Positions are metres on the plan of floor `floor_id`, and height; `anchors` are those that agree on it, `best` the
+    one that is surest, with its own answer.
     """
 
     plan_from_phone: Pose | None
@@ -50,6 +51,7 @@ class AnchorLocalization:
     inliers: int
     matches: int
     timings_ms: dict[str, float]
+    best: tuple[LiveAnchor, AnchorFix] | None = None
 
 
 class AnchorLocator:
@@ -174,6 +176,7 @@ def conclude(
         inliers=sum(fix.evidence.inliers for _, fix in agreeing),
         matches=sum(fix.evidence.matches for _, fix in agreeing),
         timings_ms=timer.milliseconds,
+        best=(anchor, best),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.services.anchor_locator import AnchorLocator
 from app.services.build_options import parse_camera
 from app.services.camera_sources import CameraSource, query_camera
 from app.services.floor_features.library import FeatureLibrary
@@ -25,7 +26,8 @@ from app.services.navigation.places import PlanPlace
 from app.services.navigation.service import RouteService
 from app.services.resources import Resources
 from app.services.session_guidance import SessionGuide, Way
-from app.services.tracking.fix import WORLD, FixSource, MapFixes, NoFix, plan_frame
+from app.services.tracking.anchor_fixes import AnchorFixes, FirstFixes
+from app.services.tracking.fix import WORLD, FixSource, MapFixes, plan_frame
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.memory import (
     camera_from_json,
@@ -56,13 +58,14 @@ RECENT_POINTS = 10
 
 @dataclass(frozen=True, slots=True)
 class SessionFrame:
-    """A frame of a session. `camera` as in `LocateRequest`, in place of the session's; `motion` is this camera in
-    the axes of the previous frame's; `time_s` when it was taken, by the phone's clock."""
+    """A frame of a session. `camera` and `gravity` as in `LocateRequest`, the camera in place of the session's;
+    `motion` is this camera in the axes of the previous frame's; `time_s` when it was taken, by the phone's clock."""
 
     image: bytes
     camera: Camera | tuple[float, ...] | None = None
     motion: Pose | None = None
     time_s: float | None = None
+    gravity: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,25 +85,11 @@ class SessionResult:
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
-    tracker: Tracker = field(default_factory=lambda: Tracker(_NoMap()))
+    tracker: Tracker = field(default_factory=lambda: Tracker(FirstFixes(())))
     frames: int = -1
     recent: list[SessionPoint] = field(default_factory=list)
     way: Way = field(default_factory=Way)
     lock: Lock = field(default_factory=Lock)
-
-
-class _NoMap:
-    """The fixes of a venue without a map."""
-
-    def locate(self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None) -> NoFix:
-        """Return that there is none."""
-        return NoFix("no_map")
-
-    def refresh(self, _frame: TrackingFrame, _camera: Camera, _predicted: Pose) -> None:
-        """Return that there is none."""
-
-    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose) -> None:
-        """Return that there is none."""
 
 
 class SessionService:
@@ -112,12 +101,14 @@ class SessionService:
         library: MapLibrary,
         features: FeatureLibrary,
         routes: RouteService,
+        anchors: AnchorLocator | None = None,
         tracking: TrackerSettings | None = None,
     ) -> None:
         self._resources = resources
         self._library = library
         self._features = features
         self._guide = SessionGuide(routes)
+        self._anchors = anchors
         self._tracking = tracking or TrackerSettings()
         self._lock = Lock()
         self._live: OrderedDict[str, _Live] = OrderedDict()
@@ -224,7 +215,7 @@ class SessionService:
             return
         with self._resources.database.read() as connection:
             live.recent = list_points(connection, session.id, RECENT_POINTS)
-        live.tracker = Tracker(_NoMap(), memory_from_json(session.memory), self._tracking)
+        live.tracker = Tracker(FirstFixes(()), memory_from_json(session.memory), self._tracking)
         live.frames = session.frames
 
     def _answer(self, session: Session, live: _Live, frame: SessionFrame, started: float) -> SessionResult:
@@ -238,10 +229,10 @@ class SessionService:
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
         tracker, before = live.tracker, live.tracker.memory
-        tracker.source = _fix_source(tracker.source, None if serving is None else serving[0])
+        tracker.source = self._source(session.venue_id, None if serving is None else serving[0], floors)
         tracker.is_inside = lambda pose: not floors or floor_of(floors, pose) is not None
         time_s = time.time() if frame.time_s is None else frame.time_s
-        tracked = tracker.process(TrackingFrame.of(rgb, time_s), camera, frame.motion)
+        tracked = tracker.process(TrackingFrame.of(rgb, time_s, frame.gravity), camera, frame.motion)
         timings["track"] = 1e3 * (time.perf_counter() - started) - timings["decode"]
         floor, plan = _place(tracked, floors)
         if floor is not None and plan is not None:
@@ -262,6 +253,13 @@ class SessionService:
         return SessionResult(
             result, session.id, point.frame, tracked.state, tracked.unaided_m, tuple(live.recent), guidance
         )
+
+    def _source(self, venue_id: str, localizer: Localizer | None, floors: list[Floor]) -> FixSource:
+        """Return what gives fixes: the map, and the anchors where it shows nothing."""
+        sources: list[FixSource] = [] if localizer is None else [MapFixes(localizer)]
+        if self._anchors is not None:
+            sources.append(AnchorFixes(self._anchors, venue_id, floors))
+        return FirstFixes(sources)
 
     def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:
         camera = session.camera
@@ -287,14 +285,6 @@ def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> Camera | tuple[
 def _was_searched(session: Session) -> bool:
     stored = session.camera
     return stored is None or (isinstance(stored, dict) and stored.get("source") == "search")
-
-
-def _fix_source(present: FixSource, localizer: Localizer | None) -> FixSource:
-    if localizer is None:
-        return _NoMap()
-    return (
-        present if isinstance(present, MapFixes) and present.localizer is localizer else MapFixes(localizer)
-    )
 
 
 def _place(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanPoint | None]:
@@ -347,6 +337,8 @@ def _result(
         inliers=tracked.inliers,
         matches=tracked.matches,
         keyframes=() if tracked.fix is None else tracked.fix.keyframes,
+        anchors=() if tracked.fix is None else tracked.fix.anchors,
+        vertical=None if tracked.fix is None else tracked.fix.vertical,
         camera=camera,
         camera_source="unknown" if camera is None else source,
         timings_ms=timings_ms,

@@ -45,5 +45,5 @@ def evidence(scale_error: float) -> AnchorEvidence:
 
 def test_pois_that_disagree_on_the_scale_make_an_answer_ambiguous() -> None:
     for scale_error, reason in ((0.01, None), (MAX_SCALE_ERROR + 0.01, "ambiguous")):
-        fix = AnchorFix(None, evidence(scale_error), 1e-3 * np.eye(3), 1.0)  # type: ignore[arg-type]
+        fix = AnchorFix(None, evidence(scale_error), 1e-3 * np.eye(3), 1.0, None)  # type: ignore[arg-type]
         assert judge_fix(fix) == reason

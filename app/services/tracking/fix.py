@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
@@ -41,7 +42,8 @@ class Fix:
     from; `point_sigma_m` (n,) is how uncertain a point is across the camera's ray.
 
     Pixels and `camera` are those of the frame at tracking size. `frame_id` is the frame that pose and points are
-    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise.
+    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. `anchors` are
+    the monitoring cameras that it comes from, `vertical` what their answer takes as vertical.
     """
 
     world_from_camera: Pose
@@ -58,6 +60,8 @@ class Fix:
     frame_id: str = WORLD
     keyframes: tuple[KeyframeVote, ...] = ()
     scale_sigma: float = 0.0
+    anchors: tuple[str, ...] = ()
+    vertical: Vertical | None = None
 
 
 @dataclass(frozen=True, slots=True)

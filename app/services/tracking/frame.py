@@ -21,18 +21,19 @@ MAX_RETURN_PX = 1.0
 
 @dataclass(frozen=True, slots=True)
 class TrackingFrame:
-    """A frame: the image as it came, its grey copy (height, width) at tracking size, and when it was taken, in
-    seconds of any clock."""
+    """A frame: the image as it came, its grey copy (height, width) at tracking size, when it was taken, in seconds of
+    any clock, and, where the phone says so, down (3,) in camera axes."""
 
     rgb: Rgb
     gray: Gray
     time_s: float
+    gravity: tuple[float, float, float] | None = None
 
     @staticmethod
-    def of(rgb: Rgb, time_s: float) -> TrackingFrame:
+    def of(rgb: Rgb, time_s: float, gravity: tuple[float, float, float] | None = None) -> TrackingFrame:
         """Return the frame of an image (height, width, 3)."""
         gray = to_gray(shrink(rgb, MAX_SIDE_PX)[0])
-        return TrackingFrame(rgb, gray, time_s)
+        return TrackingFrame(rgb, gray, time_s, gravity)
 
     @property
     def size_px(self) -> tuple[int, int]:

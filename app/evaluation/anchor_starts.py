@@ -1,0 +1,222 @@
+"""Sessions that an anchor alone starts: how the error grows from there by odometry, and the scale (C 4.2.7, 5.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.evaluation.anchor_sequences import pair_with_pois
+from app.evaluation.anchors import AnchorPair, PairEvaluator
+from app.evaluation.tracking import tracked_scale
+from app.geometry.se3 import Pose, rotation_between
+from app.importers.frames import Frame, Scan
+from app.services.anchor_features import AnchorFeatures
+from app.services.anchor_look import look_closely
+from app.services.anchor_verification import judge_fix
+from app.services.frame_images import frame_rgb
+from app.services.localization import StageTimer
+from app.services.progress import Progress
+from app.services.tracking.anchor_fixes import fix_of_anchor
+from app.services.tracking.fix import Fix, NoFix
+from app.services.tracking.frame import TrackingFrame
+from app.services.tracking.tracker import Tracker, TrackerSettings
+
+Array = NDArray[np.float64]
+
+# Monitoring frames that are tried for one start.
+MONITORS = 40
+# A shorter distance says nothing about the scale: the position's own noise is as large.
+MIN_KNOWN_DISTANCE_M = 0.4
+# Error and stated sigma are told by the path since the start, in steps of so many metres.
+PATH_STEPS_M = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StartedFrame:
+    """A frame after a start: the path so far, the error, and one sigma as stated, in metres."""
+
+    path_m: float
+    error_m: float
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A session that an anchor started: its frames while tracked, and the distance tracked between the two places
+    furthest apart over the true one, None where that is too short to tell; `scale_sigma` is what the anchor
+    states the scale may be off by, as a share."""
+
+    name: str
+    frames: tuple[StartedFrame, ...]
+    scale: float | None
+    distance_m: float | None
+    scale_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class StartSettings:
+    """How many starts, frames after each, and POIs of each anchor; and which pairs are drawn."""
+
+    starts: int = 20
+    frames: int = 100
+    pois: int = 1
+    seed: int = 1
+
+
+class _OneFix:
+    """The fix of one anchor for the first frame, none after it."""
+
+    def __init__(self, pair: AnchorPair, monitor: AnchorFeatures, evaluator: PairEvaluator) -> None:
+        self._pair, self._monitor, self._evaluator = pair, monitor, evaluator
+        self.fix: Fix | None = None
+        self._is_used = False
+
+    def locate(self, frame: TrackingFrame, camera: Any, _near: Any) -> Fix | NoFix:
+        """Return the anchor's fix of the first frame."""
+        if self._is_used:
+            return NoFix("no_map")
+        self._is_used = True
+        pair = self._pair
+        phone = self._evaluator.phone_features(frame.rgb, pair.gravity_in_phone), pair.phone_camera
+        found, _ = look_closely(
+            pair.spec, (self._monitor, pair.monitor_camera), phone, pair.gravity_in_phone, None, StageTimer()
+        )
+        if found is None:
+            return NoFix("no_match")
+        reason = judge_fix(found)
+        if reason is not None:
+            return NoFix(reason)
+        self.fix = fix_of_anchor(found, pair.monitor_camera, frame, camera, pair.spec.floor_id)
+        return self.fix or NoFix("too_few_inliers")
+
+    def refresh(self, _frame: Any, _camera: Any, _predicted: Any) -> None:
+        """Return that there is none."""
+
+    def nearby(self, _frame: Any, _camera: Any, _near: Any) -> None:
+        """Return that there is none."""
+
+
+def evaluate_starts(
+    scan: Scan,
+    monitors: Sequence[Frame],
+    video: Sequence[Frame],
+    gravity_in_scan: Array,
+    settings: StartSettings,
+    evaluator: PairEvaluator,
+    progress: Progress,
+) -> list[Start | str]:
+    """Start sessions at frames spread over a video, each by one frame of `monitors` as the only anchor, and follow
+    the video from there by odometry.
+
+    Returns what became of each start: the reason where the anchor gave no fix. Frames that see none of what a
+    monitor sees are no starts.
+    """
+    rng = np.random.default_rng(settings.seed)
+    last = max(len(video) - settings.frames, 1)
+    outcomes: list[Start | str] = []
+    for row in np.unique(np.linspace(0, last - 1, settings.starts).round().astype(int)):
+        progress.report("anchor starts", len(outcomes), settings.starts)
+        pair = _pair_for(rng, scan, gravity_in_scan, monitors, video[row], settings.pois)
+        if pair is None:
+            continue
+        frames = video[row : row + settings.frames]
+        outcomes.append(_run(scan, pair, frames, gravity_in_scan, evaluator))
+    progress.report("anchor starts", settings.starts, settings.starts)
+    return outcomes
+
+
+def _pair_for(
+    rng: np.random.Generator, scan: Scan, gravity: Array, monitors: Sequence[Frame], phone: Frame, pois: int
+) -> AnchorPair | None:
+    for _ in range(MONITORS):
+        monitor = monitors[int(rng.integers(len(monitors)))]
+        pair = pair_with_pois(rng, scan, gravity, monitor, phone, pois)
+        if pair is not None and len(pair.spec.pois) == pois:
+            return pair
+    return None
+
+
+def _run(
+    scan: Scan, pair: AnchorPair, frames: Sequence[Frame], gravity: Array, evaluator: PairEvaluator
+) -> Start | str:
+    plan_from_scan = Pose(rotation_between(gravity, np.array([0.0, 0.0, -1.0])), np.zeros(3))
+    source = _OneFix(pair, evaluator.monitor_features(pair), evaluator)
+    tracker = Tracker(source, settings=TrackerSettings(use_refresh=False))
+    truth, places, started = [], [], []
+    for frame in frames:
+        answer = tracker.process(TrackingFrame.of(frame_rgb(scan, frame), frame.timestamp_s), scan.camera)
+        if answer.world_from_camera is None:
+            if source.fix is None:
+                return str(answer.reason)
+            break
+        truth.append((plan_from_scan @ frame.scan_from_camera).translation)
+        places.append(answer.world_from_camera.translation)
+        path_m = float(np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()) if len(truth) > 1 else 0.0
+        # A phone's height is not what anchors tell: the place on the plan counts.
+        error_m = float(np.linalg.norm((places[-1] - truth[-1])[:2]))
+        started.append(StartedFrame(path_m, error_m, answer.position_m or 0.0))
+    assert source.fix is not None  # noqa: S101 - located
+    scale, distance_m = tracked_scale(np.array(truth), np.array(places))
+    if distance_m is None or distance_m < MIN_KNOWN_DISTANCE_M:
+        scale = None
+    return Start(pair.name, tuple(started), scale, distance_m, source.fix.scale_sigma)
+
+
+def growth_rows(starts: Sequence[Start]) -> list[list[str]]:
+    """Return, for each stretch of path since the start, frames, median and 90 % error, the median of the stated
+    sigma, and the share of frames within three sigmas."""
+    frames = [frame for start in starts for frame in start.frames]
+    rows = []
+    for low, high in zip(PATH_STEPS_M, [*PATH_STEPS_M[1:], float("inf")], strict=True):
+        some = [frame for frame in frames if low <= frame.path_m < high]
+        if not some:
+            continue
+        errors = np.array([frame.error_m for frame in some])
+        sigmas = np.array([frame.sigma_m for frame in some])
+        until = f"{low:g}-{high:g}" if np.isfinite(high) else f"over {low:g}"
+        rows.append(
+            [
+                until,
+                str(len(some)),
+                f"{100 * np.median(errors):.1f}",
+                f"{100 * np.percentile(errors, 90):.1f}",
+                f"{100 * np.median(sigmas):.1f}",
+                f"{100 * np.mean(errors <= 3 * sigmas):.1f}",
+            ]
+        )
+    return rows
+
+
+def summarize_starts(outcomes: Sequence[Start | str]) -> dict[str, Any]:
+    """Return the figures of starts: how many were tried and located, and how the scale came out."""
+    starts = [each for each in outcomes if isinstance(each, Start)]
+    known = [start for start in starts if start.scale is not None]
+    off = np.array([abs((start.scale or 1.0) - 1.0) for start in known])
+    claimed = np.array([start.scale_sigma for start in known])
+    reasons = [each for each in outcomes if isinstance(each, str)]
+    return {
+        "starts": len(outcomes),
+        "located": len(starts),
+        "reasons": {reason: reasons.count(reason) for reason in sorted(set(reasons))},
+        "frames followed, median": float(np.median([len(each.frames) for each in starts]))
+        if starts
+        else None,
+        "with a known distance": len(known),
+        "scale off by, median %": _percent(off, 50),
+        "scale off by, 90 % of them %": _percent(off, 90),
+        "stated sigma of the scale, median %": _percent(claimed, 50),
+        "scale within 5 %, % of them": _share(off <= 0.05),
+        "scale within three sigmas, % of them": _share(off <= 3 * claimed),
+    }
+
+
+def _percent(values: Array, share: float) -> float | None:
+    return round(100 * float(np.percentile(values, share)), 2) if len(values) else None
+
+
+def _share(values: NDArray[np.bool_]) -> float | None:
+    return round(100 * float(np.mean(values)), 1) if len(values) else None
