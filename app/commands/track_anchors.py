@@ -28,6 +28,9 @@ def track_anchors(
     gravity: Annotated[str, typer.Option(help="Down in the scan's frame, x,y,z.")] = "0,0,-1",
     starts: Annotated[int, typer.Option(min=1, help="Sessions, spread over the video.")] = 20,
     length: Annotated[int, typer.Option(min=2, help="Frames of each session.")] = 100,
+    anchored: Annotated[
+        int, typer.Option(min=1, help="Frames of each on which the anchor can be asked.")
+    ] = 30,
     pois: Annotated[int, typer.Option(min=1, help="POIs of each anchor, in regions of 120 pixels.")] = 1,
     seed: Annotated[int, typer.Option(help="Which monitoring frames and POIs are drawn.")] = 1,
     options: Options = "{}",
@@ -37,7 +40,7 @@ def track_anchors(
     cap_threads()
     parsed = parse_build_options(json.loads(options))
     split = split_scan(dataset, monitors, frames, parsed.format, parsed.scan)
-    settings = StartSettings(starts, length, pois, seed)
+    settings = StartSettings(starts, length, anchored, pois, seed)
     with progress_bars() as progress:
         outcomes = evaluate_starts(
             split.database,
@@ -54,7 +57,7 @@ def track_anchors(
     for name, value in summary.items():
         table.add_row(name, str(value))
     console.print(table)
-    growth = Table(*GROWTH_HEAD, title="Error on the plan since the start")
+    growth = Table(*GROWTH_HEAD, title="Error on the plan since the anchor was there")
     for row in growth_rows(found):
         growth.add_row(*row)
     console.print(growth)

@@ -37,7 +37,7 @@ PATH_STEPS_M = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class StartedFrame:
-    """A frame after a start: the path so far, the error, and one sigma as stated, in metres."""
+    """A frame after the anchor was there: the path since, the error, and one sigma as stated, in metres."""
 
     path_m: float
     error_m: float
@@ -46,8 +46,8 @@ class StartedFrame:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A session that an anchor started: its frames while tracked, and the distance tracked between the two places
-    furthest apart over the true one, None where that is too short to tell; `scale_sigma` is what the anchor
+    """A session that an anchor started: its frames tracked by odometry alone, and the distance tracked between the two
+    places furthest apart over the true one, None where that is too short to tell; `scale_sigma` is what the anchor
     states the scale may be off by, as a share."""
 
     name: str
@@ -59,39 +59,38 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartSettings:
-    """How many starts, frames after each, and POIs of each anchor; and which pairs are drawn."""
+    """How many starts, frames of each, of which the anchor can be asked on the first `anchored`, POIs of each anchor;
+    and which pairs are drawn."""
 
     starts: int = 20
     frames: int = 100
+    anchored: int = 30
     pois: int = 1
     seed: int = 1
 
 
-class _OneFix:
-    """The fix of one anchor for the first frame, none after it."""
+class _OneAnchor:
+    """The fixes of one anchor, as long as it `is_open`."""
 
     def __init__(self, pair: AnchorPair, monitor: AnchorFeatures, evaluator: PairEvaluator) -> None:
         self._pair, self._monitor, self._evaluator = pair, monitor, evaluator
-        self.fix: Fix | None = None
-        self._is_used = False
+        self.is_open = True
 
     def locate(self, frame: TrackingFrame, camera: Any, _near: Any) -> Fix | NoFix:
-        """Return the anchor's fix of the first frame."""
-        if self._is_used:
+        """Return the anchor's fix of a frame."""
+        if not self.is_open:
             return NoFix("no_map")
-        self._is_used = True
-        pair = self._pair
-        phone = self._evaluator.phone_features(frame.rgb, pair.gravity_in_phone), pair.phone_camera
-        found, _ = look_closely(
-            pair.spec, (self._monitor, pair.monitor_camera), phone, pair.gravity_in_phone, None, StageTimer()
-        )
+        pair, gravity = self._pair, np.array(frame.gravity)
+        phone = self._evaluator.phone_features(frame.rgb, gravity), pair.phone_camera
+        monitor = self._monitor, pair.monitor_camera
+        found, _ = look_closely(pair.spec, monitor, phone, gravity, None, StageTimer())
         if found is None:
             return NoFix("no_match")
         reason = judge_fix(found)
         if reason is not None:
             return NoFix(reason)
-        self.fix = fix_of_anchor(found, pair.monitor_camera, frame, camera, pair.spec.floor_id)
-        return self.fix or NoFix("too_few_inliers")
+        fix = fix_of_anchor(found, pair.monitor_camera, frame, camera, pair.spec.floor_id)
+        return fix or NoFix("too_few_inliers")
 
     def refresh(self, _frame: Any, _camera: Any, _predicted: Any) -> None:
         """Return that there is none."""
@@ -109,8 +108,8 @@ def evaluate_starts(
     evaluator: PairEvaluator,
     progress: Progress,
 ) -> list[Start | str]:
-    """Start sessions at frames spread over a video, each by one frame of `monitors` as the only anchor, and follow
-    the video from there by odometry.
+    """Start sessions at frames spread over a video, each by one frame of `monitors` as the only anchor, which can be
+    asked on the first frames, and follow the video from there by odometry alone.
 
     Returns what became of each start: the reason where the anchor gave no fix. Frames that see none of what a
     monitor sees are no starts.
@@ -124,7 +123,7 @@ def evaluate_starts(
         if pair is None:
             continue
         frames = video[row : row + settings.frames]
-        outcomes.append(_run(scan, pair, frames, gravity_in_scan, evaluator))
+        outcomes.append(_run(scan, pair, frames, gravity_in_scan, settings, evaluator))
     progress.report("anchor starts", settings.starts, settings.starts)
     return outcomes
 
@@ -141,29 +140,43 @@ def _pair_for(
 
 
 def _run(
-    scan: Scan, pair: AnchorPair, frames: Sequence[Frame], gravity: Array, evaluator: PairEvaluator
+    scan: Scan,
+    pair: AnchorPair,
+    frames: Sequence[Frame],
+    gravity: Array,
+    settings: StartSettings,
+    evaluator: PairEvaluator,
 ) -> Start | str:
     plan_from_scan = Pose(rotation_between(gravity, np.array([0.0, 0.0, -1.0])), np.zeros(3))
-    source = _OneFix(pair, evaluator.monitor_features(pair), evaluator)
+    source = _OneAnchor(pair, evaluator.monitor_features(pair), evaluator)
     tracker = Tracker(source, settings=TrackerSettings(use_refresh=False))
-    truth, places, started = [], [], []
-    for frame in frames:
-        answer = tracker.process(TrackingFrame.of(frame_rgb(scan, frame), frame.timestamp_s), scan.camera)
+    truth: list[Array] = []
+    places: list[Array] = []
+    started: list[StartedFrame] = []
+    reason = "lost"
+    for i, frame in enumerate(frames):
+        source.is_open = i < settings.anchored
+        down = frame.scan_from_camera.rotation.T @ gravity
+        taken = TrackingFrame.of(frame_rgb(scan, frame), frame.timestamp_s, (down[0], down[1], down[2]))
+        answer = tracker.process(taken, scan.camera)
         if answer.world_from_camera is None:
-            if source.fix is None:
-                return str(answer.reason)
+            reason = str(answer.reason)
+            if source.is_open and i + 1 < settings.anchored:
+                continue
             break
         truth.append((plan_from_scan @ frame.scan_from_camera).translation)
         places.append(answer.world_from_camera.translation)
-        path_m = float(np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()) if len(truth) > 1 else 0.0
-        # A phone's height is not what anchors tell: the place on the plan counts.
-        error_m = float(np.linalg.norm((places[-1] - truth[-1])[:2]))
-        started.append(StartedFrame(path_m, error_m, answer.position_m or 0.0))
-    assert source.fix is not None  # noqa: S101 - located
-    scale, distance_m = tracked_scale(np.array(truth), np.array(places))
+        if not source.is_open:
+            path_m = float(np.linalg.norm(np.diff(truth[-len(started) - 2 :], axis=0), axis=1).sum())
+            # A phone's height is not what anchors tell: the place on the plan counts.
+            error_m = float(np.linalg.norm((places[-1] - truth[-1])[:2]))
+            started.append(StartedFrame(path_m, error_m, answer.position_m or 0.0))
+    if not started:
+        return reason
+    scale, distance_m = tracked_scale(np.array(truth[-len(started) :]), np.array(places[-len(started) :]))
     if distance_m is None or distance_m < MIN_KNOWN_DISTANCE_M:
         scale = None
-    return Start(pair.name, tuple(started), scale, distance_m, source.fix.scale_sigma)
+    return Start(pair.name, tuple(started), scale, distance_m, tracker.memory.fix_scale_sigma)
 
 
 def growth_rows(starts: Sequence[Start]) -> list[list[str]]:

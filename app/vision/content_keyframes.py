@@ -18,8 +18,8 @@ from app.vision.similarity import content_similarity
 ALPHA, BETA = 0.35, 0.2
 # What is usual in a scan is known once this many frames were seen.
 WARM_UP = 30
-# A frame this much less sharp than what is usual is blurred.
-BLURRED_SHARE = 0.5
+# A frame with less than this share of the sharpness that a quarter of the scan's frames exceed is blurred.
+SHARP_PERCENTILE, BLURRED_SHARE = 75.0, 0.6
 # A frame that shares less than this part of what neighbours usually share, with both of its own, shows
 # nothing that can be found again: blur, or a wall without anything on it.
 UNSTABLE_SHARE = 0.5
@@ -162,7 +162,7 @@ class ContentSelector:
         content = frame.content
         if content.is_poor or len(frame.unit) == 0:
             return False
-        if content.sharpness < BLURRED_SHARE * float(np.median(self._sharpness)):
+        if content.sharpness < BLURRED_SHARE * float(np.percentile(self._sharpness, SHARP_PERCENTILE)):
             return False
         usual = float(np.median(self._to_previous)) if self._to_previous else 0.0
         return max(frame.to_previous, to_next) >= UNSTABLE_SHARE * usual

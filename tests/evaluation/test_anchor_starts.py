@@ -55,7 +55,7 @@ def test_a_monitoring_frame_starts_sessions_on_real_frames() -> None:
         scan.frames[:300],
         scan.frames[300:500],
         np.array([0.017715, 0.913855, 0.405653]),
-        StartSettings(starts=3, frames=5, pois=2),
+        StartSettings(starts=3, frames=8, anchored=4, pois=2),
         PairEvaluator(AnchorDescriber()),
         Silent(),
     )

@@ -42,8 +42,9 @@ class Fix:
     from; `point_sigma_m` (n,) is how uncertain a point is across the camera's ray.
 
     Pixels and `camera` are those of the frame at tracking size. `frame_id` is the frame that pose and points are
-    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. `anchors` are
-    the monitoring cameras that it comes from, `vertical` what their answer takes as vertical.
+    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. A fix whose
+    scale rests on a known distance may be off by `scale_sigma`, as a share, all of it about `scale_centre` (3,), the
+    other view's place. `anchors` are the monitoring cameras that it comes from, `vertical` what they take as vertical.
     """
 
     world_from_camera: Pose
@@ -60,6 +61,7 @@ class Fix:
     frame_id: str = WORLD
     keyframes: tuple[KeyframeVote, ...] = ()
     scale_sigma: float = 0.0
+    scale_centre: Array | None = None
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
 

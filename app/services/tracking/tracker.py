@@ -13,6 +13,7 @@ from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_
 from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, confidence_of_sigma
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.odometry import Odometry, OdometryStep
+from app.services.tracking.two_view_fix import at_common_scale
 from app.services.verification import Reason
 
 State = Literal["initializing", "tracking", "relocalized", "lost"]
@@ -25,6 +26,8 @@ MAX_FREE_M = 4.0
 MAX_CLIMB_M = 1.2
 # After so long without a frame nothing can be followed from the one before.
 MAX_GAP_S = 1.0
+# Until the scale is known to this share, anchors are asked every so many frames.
+WANTED_SCALE_SIGMA, SCALE_EVERY = 0.04, 4
 # For so long a camera is looked for near where it was before it is looked for everywhere.
 MAX_NEARBY_S = 3.0
 # A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
@@ -202,10 +205,11 @@ class Tracker:
         ):
             self._since_refresh = 0
             fix = self.source.refresh(frame, camera, step.world_from_camera)
-        if fix is None and settings.use_relocation and self._since_search >= settings.relocalize_every:
+        if fix is None and settings.use_relocation and self._since_search >= self._search_every():
             self._since_search = 0
             found = self.source.locate(frame, camera, step.world_from_camera)
-            fix = found if isinstance(found, Fix) else None
+            if isinstance(found, Fix):
+                fix = at_common_scale(found, step.world_from_camera, memory.fix_scale_sigma)
         if fix is None:
             pose = self._odometry.learn(camera)
             step = replace(step, world_from_camera=pose)
@@ -228,6 +232,11 @@ class Tracker:
         # The map says that odometry went astray. Neither is believed until a second fix agrees.
         self._odometry = None
         return self._doubt(fix, frame, camera)
+
+    def _search_every(self) -> int:
+        """Return after how many frames map or anchor are asked again: soon while the scale is not known well."""
+        uncertain = self.memory.fix_scale_sigma > WANTED_SCALE_SIGMA
+        return SCALE_EVERY if uncertain else self.settings.relocalize_every
 
     def _search(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Tracked:
         """Answer by a fix alone."""
@@ -316,7 +325,8 @@ class Tracker:
         """Believe a fix, and let odometry go on from it."""
         if self.camera is None:
             self.camera = fix.camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
-        if self._odometry is None:
+        if self._odometry is None or fix.scale_sigma > 0.0:
+            # What odometry placed by itself has the scale of the last fix.
             self._odometry = Odometry(frame, fix)
         else:
             self._odometry.absorb(fix)

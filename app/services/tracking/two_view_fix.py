@@ -6,7 +6,7 @@ see are triangulated with it, so that odometry starts with the anchor's own scal
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,11 @@ MIN_POINTS, MIN_COVERAGE, MAX_ERROR_PX = 20, 0.1, 3.0
 # Nearer to parallel, rays place a point too badly to start from.
 MIN_PARALLAX_DEG = 1.0
 MATCH_SIGMA_PX = 1.0
+# What fixes by one anchor have in common of their errors of scale, measured (docs/sessions.md), and the least that a
+# single one is off by besides.
+SHARED_SCALE_SIGMA, MIN_SCALE_SIGMA = 0.03, 0.01
+# Nearer to the known view than this the distance from it says nothing about the scale.
+MIN_BASELINE_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +91,41 @@ def fix_from_two_views(
         method="anchor",
         frame_id=known.frame_id,
         scale_sigma=known.scale_sigma,
+        scale_centre=known.world_from_camera.translation,
     )
+
+
+def at_common_scale(fix: Fix, tracked: Pose, tracked_scale_sigma: float) -> Fix:
+    """Return a fix at the scale that it and odometry have in common, each by its certainty.
+
+    `tracked` is odometry's pose of the same frame, at the scale of earlier fixes, `tracked_scale_sigma` what that is
+    off by. Both tell how far the phone is from the known view, whose place has no error of scale: the logarithm of
+    their ratio is how far the scales are apart. What fixes by one anchor are off by alike, however many there are, is
+    `SHARED_SCALE_SIGMA`. A fix without an error of scale comes back as it is.
+    """
+    if fix.scale_centre is None or fix.scale_sigma <= 0.0 or tracked_scale_sigma <= 0.0:
+        return fix
+    pose, centre = fix.world_from_camera, fix.scale_centre
+    baseline_m = float(np.linalg.norm(pose.translation - centre))
+    tracked_m = float(np.linalg.norm(tracked.translation - centre))
+    if min(baseline_m, tracked_m) < MIN_BASELINE_M:
+        return fix
+    ours, theirs = _own_variance(fix.scale_sigma), _own_variance(tracked_scale_sigma)
+    share = float(np.exp(np.log(tracked_m / baseline_m) * ours / (ours + theirs)))
+    sigma = float(np.hypot(SHARED_SCALE_SIGMA, np.sqrt(ours * theirs / (ours + theirs))))
+    other_m = max(fix.position_m**2 - (fix.scale_sigma * baseline_m) ** 2, 0.0) ** 0.5
+    return replace(
+        fix,
+        world_from_camera=Pose(pose.rotation, centre + share * (pose.translation - centre)),
+        points_in_world=centre + share * (fix.points_in_world - centre),
+        point_sigma_m=share * fix.point_sigma_m,
+        position_m=float(np.hypot(other_m, sigma * share * baseline_m)),
+        scale_sigma=sigma,
+    )
+
+
+def _own_variance(scale_sigma: float) -> float:
+    return max(scale_sigma**2 - SHARED_SCALE_SIGMA**2, MIN_SCALE_SIGMA**2)
 
 
 def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
