@@ -28,6 +28,8 @@ MAX_CLIMB_M = 1.2
 MAX_GAP_S = 1.0
 # Until the scale is known to this share, anchors are asked every so many frames.
 WANTED_SCALE_SIGMA, SCALE_EVERY = 0.04, 4
+# With a scale known worse than to this share odometry isn't believed for longer than so many metres.
+MAX_SCALE_SIGMA, UNSCALED_M = 0.05, 0.2
 # For so long a camera is looked for near where it was before it is looked for everywhere.
 MAX_NEARBY_S = 3.0
 # A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
@@ -167,6 +169,8 @@ class Tracker:
             off_m = position_difference_m(step.world_from_camera, predicted)
             if off_m > MOTION_SLACK_M + MOTION_SHARE * float(np.linalg.norm(motion.translation)):
                 return None
+        if memory.fix_scale_sigma > MAX_SCALE_SIGMA and self._unaided(step)[0] > UNSCALED_M:
+            return None
         return step if self._sigma(step)[0] <= MAX_SIGMA_M else None
 
     def _is_inside(self, pose: Pose) -> bool:
