@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,12 @@ from app.services.tracking.fix import Fix, MapFixes, NoFix
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.memory import memory_from_json, memory_to_json
 from app.services.tracking.tracker import Tracked, Tracker, TrackerSettings
-from app.services.tracking.two_view_fix import KnownView, fix_from_two_views, metric_relative_pose
+from app.services.tracking.two_view_fix import (
+    KnownView,
+    at_common_scale,
+    fix_from_two_views,
+    metric_relative_pose,
+)
 from app.services.vision_models import VisionModels
 from app.vision.images import Rgb, to_gray
 from app.vision.local_features import RootSift
@@ -156,6 +162,28 @@ def test_odometry_starts_with_the_scale_of_an_anchor(room: Room, video: list[Vie
     assert tracked_m == pytest.approx(known_m, rel=0.05)
     for result, view in zip(results, video, strict=True):
         assert error_m(result, view.world_from_camera) < 3 * (result.position_m or 0.0)
+
+
+def test_fixes_by_an_anchor_come_to_one_scale_and_contradicting_ones_to_none() -> None:
+    def seen_from(x: float, scale_sigma: float) -> Fix:
+        pose, points = Pose(np.eye(3), np.array([x, 0.0, 0.0])), np.array([[x, 0.0, 2.0 * x]])
+        empty = np.zeros((1, 2))
+        return Fix(
+            pose, 2 * scale_sigma * x, 1.0, empty, points, np.ones(1), CAMERA, 0.9, 30, 40,
+            scale_sigma=scale_sigma, scale_centre=np.zeros(3),
+        )  # fmt: skip
+
+    far = seen_from(1.1, 0.1)
+    common = at_common_scale(far, Pose(np.eye(3), np.array([0.9, 0.0, 0.0])), 0.1)
+    assert common is not None
+    assert common.world_from_camera.translation[0] == pytest.approx(np.sqrt(1.1 * 0.9))
+    assert common.points_in_world[0, 2] == pytest.approx(2 * common.world_from_camera.translation[0])
+    assert 0.03 < common.scale_sigma < 0.1 / np.sqrt(2) + 0.01
+    assert common.position_m < far.position_m
+    near = at_common_scale(far, Pose(np.eye(3), np.array([0.5, 0.0, 0.0])), 0.1)
+    assert near is None
+    by_map = replace(far, scale_sigma=0.0, scale_centre=None)
+    assert at_common_scale(by_map, Pose.identity(), 0.1) is by_map
 
 
 def test_two_views_without_parallax_give_no_fix(video: list[View]) -> None:

@@ -169,9 +169,8 @@ class Tracker:
             off_m = position_difference_m(step.world_from_camera, predicted)
             if off_m > MOTION_SLACK_M + MOTION_SHARE * float(np.linalg.norm(motion.translation)):
                 return None
-        if memory.fix_scale_sigma > MAX_SCALE_SIGMA and self._unaided(step)[0] > UNSCALED_M:
-            return None
-        return step if self._sigma(step)[0] <= MAX_SIGMA_M else None
+        unscaled = memory.fix_scale_sigma > MAX_SCALE_SIGMA and self._unaided(step)[0] > UNSCALED_M
+        return None if unscaled or self._sigma(step)[0] > MAX_SIGMA_M else step
 
     def _is_inside(self, pose: Pose) -> bool:
         return self.memory.frame_id != WORLD or self.is_inside(pose)
@@ -214,6 +213,9 @@ class Tracker:
             found = self.source.locate(frame, camera, step.world_from_camera)
             if isinstance(found, Fix):
                 fix = at_common_scale(found, step.world_from_camera, memory.fix_scale_sigma)
+                if fix is None:
+                    self._odometry = None
+                    return self._doubt(found, frame, camera)
         if fix is None:
             pose = self._odometry.learn(camera)
             step = replace(step, world_from_camera=pose)

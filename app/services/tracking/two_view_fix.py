@@ -27,6 +27,8 @@ MATCH_SIGMA_PX = 1.0
 # What fixes by one anchor have in common of their errors of scale, measured (docs/sessions.md), and the least that a
 # single one is off by besides.
 SHARED_SCALE_SIGMA, MIN_SCALE_SIGMA = 0.03, 0.01
+# Scales further apart than this are not of the same place.
+CONTRADICTION_SIGMAS = 3.0
 # Nearer to the known view than this the distance from it says nothing about the scale.
 MIN_BASELINE_M = 0.1
 
@@ -95,8 +97,9 @@ def fix_from_two_views(
     )
 
 
-def at_common_scale(fix: Fix, tracked: Pose, tracked_scale_sigma: float) -> Fix:
-    """Return a fix at the scale that it and odometry have in common, each by its certainty.
+def at_common_scale(fix: Fix, tracked: Pose, tracked_scale_sigma: float) -> Fix | None:
+    """Return a fix at the scale that it and odometry have in common, each by its certainty; None when their scales
+    contradict each other.
 
     `tracked` is odometry's pose of the same frame, at the scale of earlier fixes, `tracked_scale_sigma` what that is
     off by. Both tell how far the phone is from the known view, whose place has no error of scale: the logarithm of
@@ -111,7 +114,10 @@ def at_common_scale(fix: Fix, tracked: Pose, tracked_scale_sigma: float) -> Fix:
     if min(baseline_m, tracked_m) < MIN_BASELINE_M:
         return fix
     ours, theirs = _own_variance(fix.scale_sigma), _own_variance(tracked_scale_sigma)
-    share = float(np.exp(np.log(tracked_m / baseline_m) * ours / (ours + theirs)))
+    apart = float(np.log(tracked_m / baseline_m))
+    if abs(apart) > CONTRADICTION_SIGMAS * float(np.hypot(fix.scale_sigma, tracked_scale_sigma)):
+        return None
+    share = float(np.exp(apart * ours / (ours + theirs)))
     sigma = float(np.hypot(SHARED_SCALE_SIGMA, np.sqrt(ours * theirs / (ours + theirs))))
     other_m = max(fix.position_m**2 - (fix.scale_sigma * baseline_m) ** 2, 0.0) ** 0.5
     return replace(
