@@ -105,6 +105,7 @@ class MapFixes:
 
     def __init__(self, localizer: Localizer) -> None:
         self.localizer = localizer
+        self._described: tuple[TrackingFrame, LocalFeatures] | None = None
 
     def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
         """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
@@ -178,7 +179,10 @@ class MapFixes:
         return self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
 
     def _features(self, frame: TrackingFrame) -> LocalFeatures:
-        return self.localizer.extractor.extract(frame.gray)
+        """Return the features of a frame, looked for once."""
+        if self._described is None or self._described[0] is not frame:
+            self._described = frame, self.localizer.extractor.extract(frame.gray)
+        return self._described[1]
 
     def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""

@@ -25,6 +25,9 @@ MAX_FREE_M = 4.0
 MAX_CLIMB_M = 1.2
 # After so long without a frame nothing can be followed from the one before.
 MAX_GAP_S = 1.0
+# After such a path or such turns points are looked for in the map, however few frames it took: odometry drifts by
+# what it moves.
+REFRESH_M, REFRESH_RAD = 0.3, 0.35
 # For so long a camera is looked for near where it was before it is looked for everywhere.
 MAX_NEARBY_S = 3.0
 # A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
@@ -193,15 +196,7 @@ class Tracker:
         assert memory.world_from_camera is not None and self._odometry is not None  # noqa: S101, PT018 - followed
         unaided_m, unaided_rad = self._unaided(step)
         position_m, orientation_deg = self._sigma(step)
-        fix: Fix | None = None
-        if (
-            settings.use_refresh
-            and settings.use_relocation
-            and memory.frame_id == WORLD
-            and self._since_refresh >= settings.refresh_every
-        ):
-            self._since_refresh = 0
-            fix = self.source.refresh(frame, camera, step.world_from_camera)
+        fix = self._refreshed(frame, camera, step, unaided_m, unaided_rad)
         if fix is None and settings.use_relocation and self._since_search >= settings.relocalize_every:
             self._since_search = 0
             found = self.source.locate(frame, camera, step.world_from_camera)
@@ -228,6 +223,21 @@ class Tracker:
         # The map says that odometry went astray. Neither is believed until a second fix agrees.
         self._odometry = None
         return self._doubt(fix, frame, camera)
+
+    def _refreshed(
+        self, frame: TrackingFrame, camera: Camera, step: OdometryStep, unaided_m: float, unaided_rad: float
+    ) -> Fix | None:
+        """Return the map's fix around odometry's pose when one is due: by frames, by path or by turns."""
+        settings = self.settings
+        if not (settings.use_refresh and settings.use_relocation) or self.memory.frame_id != WORLD:
+            return None
+        moved = unaided_m >= REFRESH_M or unaided_rad >= REFRESH_RAD
+        if self._since_refresh < settings.refresh_every and not moved:
+            return None
+        self._since_refresh = 0
+        pose = step.world_from_camera
+        fix = self.source.refresh(frame, camera, pose)
+        return fix if fix is not None or not moved else self.source.nearby(frame, camera, pose)
 
     def _search(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Tracked:
         """Answer by a fix alone."""
