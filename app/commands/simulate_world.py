@@ -16,7 +16,7 @@ from app.demonstration.layout import (
     STAIR_TREAD_M,
     room_by_id,
 )
-from app.demonstration.raycast import render
+from app.demonstration.raycast import FAST, render
 from app.demonstration.scene import Scene
 from app.demonstration.sensor import JPEG_QUALITY, ColourSensor, colour_picture
 from app.demonstration.walkable import CELL_M, grid_of, ground_z_m
@@ -28,6 +28,8 @@ from app.services.sessions import SessionFrame, SessionService
 # A person's shoulders fit where the middle is this far from walls.
 BODY_M = 0.2
 STAIR_TOP_Y_M = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
+# So far from the last step a walker has left the stairs.
+LANDING_M = 0.6
 # The lens of the demonstration's phone, a horizontal field of view of 65 degrees.
 FOCAL_SHARE = 498.0 / 640.0
 EXPOSURE_S = 1.0 / 100.0
@@ -67,6 +69,14 @@ class DemoBuilding:
         return ground_z_m(x, y, floor)
 
 
+    def stairs_end(self, x: float, y: float, up: bool) -> tuple[float, float] | None:
+        """Return the middle of the landing that the stairs lead to, for somebody in the stairwell."""
+        x0, y0, x1, y1 = room_by_id("stair").interior
+        end_y = (STAIR_TOP_Y_M + LANDING_M) if up else (STAIR_START_Y_M - LANDING_M)
+        there = y >= end_y - 0.1 if up else y <= end_y + 0.1
+        return None if there or not (x0 < x < x1 and y0 < y < y1) else ((x0 + x1) / 2, end_y)
+
+
 def _on_stairs(x: float, y: float) -> bool:
     x0, _, x1, _ = room_by_id("stair").interior
     return x0 + BODY_M < x < x1 - BODY_M and STAIR_START_Y_M - 0.4 < y < STAIR_TOP_Y_M + 0.4
@@ -102,7 +112,7 @@ class Phone:
 
     def take(self, shot: Shot, rng: np.random.Generator) -> bytes:
         """Return a picture as JPEG."""
-        rgb, depth_m = render(self._scene, self.camera, shot.world_from_camera)
+        rgb, depth_m = render(self._scene, self.camera, shot.world_from_camera, FAST)
         self._meet(shot, rng)
         if self._passer is not None:
             _draw(rgb, depth_m, self.camera, shot, self._passer)

@@ -19,6 +19,8 @@ UNSEEN_DEG = 8.0
 # Without a word they walk on for so long, then stand and look around once, then try another place.
 WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 13.0, 1.5
 STEP_S = 0.1
+# On stairs a person needs no arrow: told to take them, they go to their other end.
+STAIRS = {"up": True, "down": False}
 # A person sees what stands in the way, and goes around it: how far to the side they try.
 DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)
 EYE_HEIGHT_M, BOB_M, BOB_HZ = 1.5, 0.02, 1.8
@@ -35,6 +37,9 @@ class Building(Protocol):
 
     def ground_m(self, x: float, y: float, floor: int, /) -> float:
         """Return the world z underfoot."""
+
+    def stairs_end(self, x: float, y: float, up: bool, /) -> tuple[float, float] | None:
+        """Return where the stairs lead that a person at a point sees; None where there are none or they end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,7 @@ class Walker:
     time_s: float = 0.0
     walked_m: float = 0.0
     turned_deg_s: float = 0.0
+    _stairs: bool | None = None
     _stride: float = 1.0
     _untold_s: float = WALK_ON_S
 
@@ -73,7 +79,10 @@ class Walker:
 
     def follow(self, told: Mapping[str, Any] | None, seconds: float) -> list[tuple[float, float, int]]:
         """Walk for a while as told and return the places (x, y, floor) that were passed."""
-        if told is None or told.get("problem") is not None:
+        stairs = self._on_stairs(told)
+        if stairs is not None:
+            self._untold_s, turn_deg, reach_m = 0.0, *stairs
+        elif told is None or told.get("problem") is not None:
             self._untold_s += seconds
             turn_deg, reach_m = self._untold(seconds)
         else:
@@ -89,6 +98,18 @@ class Walker:
             passed.append((self.x, self.y, self.floor))
         self.turned_deg_s = ((self.heading_deg - before_deg + 180.0) % 360.0 - 180.0) / seconds
         return passed
+
+    def _on_stairs(self, told: Mapping[str, Any] | None) -> tuple[float, float] | None:
+        """Return how far to turn and to walk on stairs that guidance said to take, None when there are none here."""
+        if told is not None and told.get("turn") in STAIRS:
+            self._stairs = STAIRS[told["turn"]]
+        end = None if self._stairs is None else self.building.stairs_end(self.x, self.y, bool(self._stairs))
+        if end is None:
+            self._stairs = None
+            return None
+        ahead = (end[0] - self.x, end[1] - self.y)
+        angle_deg = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
+        return (angle_deg - self.heading_deg + 180.0) % 360.0 - 180.0, float(np.hypot(*ahead))
 
     def _told(self, told: Mapping[str, Any]) -> tuple[float, float]:
         """Return how far to turn and to walk by guidance, as this person does it."""

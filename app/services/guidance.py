@@ -21,6 +21,9 @@ LOOK_AHEAD_M = 1.5
 SAME_M = 0.5
 # An arrow points at the way so far ahead: through a door, not through the wall beside it.
 ARROW_AHEAD_M = 1.2
+# Where the way turns back on itself that point may be where the walker stands: then one further on, at least so far
+# from them.
+ARROW_CLEAR_M, ARROW_STEP_M = 0.6, 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +31,7 @@ class Guidance:
     """What to do next. `turn` and `landmark` are those of the next step, `distance_m` leads to it; all distances
     are along the route. Off the route, distances are from the route's nearest point, None on another floor.
     `bearing_deg` is for an arrow: how far to the left of where the walker looks the way goes on; None when it is not
-    known where they look, or nothing of the way is on their floor."""
+    known where they look, on stairs, or when nothing of the way is on their floor."""
 
     instruction: str
     turn: Turn
@@ -87,7 +90,9 @@ def guide(
         instruction, turn = _way_to(speaker, current, following, ahead_m, facing)
     mark = following.at or following.towards
     landmark = None if mark is None else mark.id
-    bearing_deg = None if heading_deg is None else _bearing_deg(route, nearest, floor, x, y, heading_deg)
+    # On stairs the plan says nothing of the way: they are seen.
+    unknown = heading_deg is None or current.to_floor is not None
+    bearing_deg = None if unknown else _bearing_deg(route, nearest, floor, x, y, heading_deg or 0.0)
     return Guidance(
         instruction, turn, ahead_m, remaining_m, off_route, arrived, landmark, nearest.along_m, bearing_deg
     )
@@ -189,14 +194,16 @@ def _bearing_deg(
 ) -> float | None:
     """Return how far to the left of a heading the way goes on, seen from (x, y); None where it ends."""
     target = _on_way(route, nearest)
+    wanted_m = target.along_m + ARROW_AHEAD_M
     for row in range(nearest.row + 1, len(route.points)):
         end = route.points[row]
         if end.floor != floor:
             break
-        wanted_m = nearest.along_m + ARROW_AHEAD_M
-        if end.along_m >= wanted_m:
-            target = _on_way(route, _Nearest(row - 1, max(wanted_m, target.along_m), 0.0))
-            break
+        while wanted_m <= end.along_m:
+            target = _on_way(route, _Nearest(row - 1, wanted_m, 0.0))
+            if math.hypot(target.x - x, target.y - y) >= ARROW_CLEAR_M:
+                return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
+            wanted_m += ARROW_STEP_M
         target = end
     if math.hypot(target.x - x, target.y - y) < 0.05:
         return None

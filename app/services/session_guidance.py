@@ -65,7 +65,8 @@ class SessionGuide:
         told = guide(way.route, floor.id, plan.x, plan.y, plan.heading_deg, spoken, way.along_m)
         way.off_route = way.off_route + 1 if told.off_route else 0
         if told.along_m is not None and not told.off_route:
-            way.along_m = told.along_m
+            # Somebody who comes back from a dead end is past it, though they are where they were before.
+            way.along_m = max(way.along_m, told.along_m)
         return {**asdict(told), "planned": planned, "problem": None}
 
     def _plan(

@@ -99,7 +99,7 @@ class _NoMap:
     def refresh(self, _frame: TrackingFrame, _camera: Camera, _predicted: Pose) -> None:
         """Return that there is none."""
 
-    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose) -> None:
+    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose, _reach_m: float) -> None:
         """Return that there is none."""
 
 

@@ -12,15 +12,15 @@ from scipy.stats import chi2
 from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.localization import KeyframeVote, Localization
+from app.services.localization import KeyframeVote, Localization, same_place
 from app.services.localizer import Localizer
 from app.services.map_accuracy import accuracy_of, sigma_across
 from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.guided_matching import match_near_projections
+from app.services.tracking.hypotheses import poses_of
 from app.services.verification import Reason, confidence_of, coverage, gather_evidence
 from app.vision.local_features import LocalFeatures
-from app.vision.matching import match_unit_vectors, to_unit_vectors
 
 Array = NDArray[np.float64]
 WORLD = "world"
@@ -33,6 +33,10 @@ MAX_ERROR = 6.0 / 525.0
 GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
 # A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
 PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
+# Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
+KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
+# Of two places within reach the one must have so much more that agrees.
+MAX_RIVAL_SHARE = 0.45
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +99,9 @@ class FixSource(Protocol):
         """Return where a frame is, looking only where points should be by a pose that is nearly right; None when
         they are not there."""
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, /) -> Fix | None:
-        """Return where a frame is, looking around a place where the camera was a moment ago; None when what is
-        there is not seen."""
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float, /) -> Fix | None:
+        """Return where a frame is, of all places within reach of one where the camera was a moment ago; None when
+        none of them is seen, or when two of them look alike."""
 
 
 class MapFixes:
@@ -153,30 +157,38 @@ class MapFixes:
         matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
         return self._concluded(matches, camera, predicted)
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
-        """Match all features with the keyframes around a place, estimate the pose, and go on as `refresh` does."""
-        localizer, features = self.localizer, self._features(frame)
-        arrays, extractor = localizer.artifact.arrays, localizer.extractor
-        unit = to_unit_vectors(features.descriptors, extractor.binary)
-        pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
-        same_floor = np.flatnonzero(np.abs(arrays.positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M)
-        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), same_floor):
-            rows = localizer.artifact.rows(keyframe)
-            theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
-            a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
-            pixels.append(features.keypoints_px[a].astype(np.float64))
-            points.append(arrays.points_in_world[rows][b].astype(np.float64))
-        estimate = estimate_pose_lo_ransac(
-            np.concatenate(pixels),
-            np.concatenate(points),
-            camera,
-            max_error_px=MAX_ERROR * camera.focal_px,
-            max_iterations=2000,
-        )
-        if estimate is None or int(estimate.inlier_mask.sum()) < GUIDED_INLIER_FACTOR * extractor.min_inliers:
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
+        """Match all features with keyframes around a place, and go on as `refresh` does with each pose in reach
+        that they agree on.
+
+        What looks alike further away can't be meant; what looks alike within reach is told from nothing.
+        """
+        features = self._features(frame)
+        keyframes = self._around(frame, near, reach_m)
+        found: list[Fix] = []
+        for pose in poses_of(features, self.localizer, keyframes, camera):
+            if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
+                continue
+            fix = self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+            if fix is not None:
+                found.append(fix)
+        best = max(found, key=lambda fix: fix.inliers, default=None)
+        if best is None:
             return None
-        pose = estimate.world_from_camera
-        return self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+        others = [fix for fix in found if not same_place(fix.world_from_camera, best.world_from_camera)]
+        return None if any(fix.inliers > MAX_RIVAL_SHARE * best.inliers for fix in others) else best
+
+    def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
+        """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
+        positions = self.localizer.artifact.arrays.positions
+        offsets = positions - near.translation
+        on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
+        keyframes = self.localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor))
+        if reach_m > KNOWN_REACH_M:
+            close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
+            allowed = np.flatnonzero(close).astype(np.int64)
+            keyframes += self.localizer.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
+        return list(dict.fromkeys(keyframes))
 
     def _features(self, frame: TrackingFrame) -> LocalFeatures:
         """Return the features of a frame, looked for once."""

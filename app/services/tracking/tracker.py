@@ -237,7 +237,9 @@ class Tracker:
         self._since_refresh = 0
         pose = step.world_from_camera
         fix = self.source.refresh(frame, camera, pose)
-        return fix if fix is not None or not moved else self.source.nearby(frame, camera, pose)
+        if fix is not None or not moved:
+            return fix
+        return self.source.nearby(frame, camera, pose, MAX_CORRECTION_M + 3.0 * self._sigma(step)[0])
 
     def _search(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Tracked:
         """Answer by a fix alone."""
@@ -254,7 +256,7 @@ class Tracker:
             and predicted is not None
             and memory.frame_id == WORLD
         ):
-            near = self.source.nearby(frame, camera, predicted)
+            near = self.source.nearby(frame, camera, predicted, self._reach_m(frame.time_s))
             if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
                 return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
         found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
@@ -279,16 +281,18 @@ class Tracker:
         memory = self.memory
         if fix.frame_id != memory.frame_id:
             return False
+        offset = fix.world_from_camera.translation - predicted.translation
+        reach_m = self._reach_m(time_s, fix.position_m)
+        return float(np.linalg.norm(offset)) <= reach_m and abs(float(offset[2])) <= MAX_CLIMB_M
+
+    def _reach_m(self, time_s: float, fix_position_m: float = 0.0) -> float:
+        """Return how far from its last place, and from what that was off by, the camera can be by now."""
+        memory = self.memory
         waited_s = max(time_s - memory.time_s, 0.0)
         turned_m = TURN_DRIFT_SHARE * TURN_DISTANCE_M * memory.unaided_rad
         drift_m = float(np.linalg.norm([memory.fix_position_m, DRIFT_SHARE * memory.unaided_m, turned_m]))
-        reach_m = (
-            JERK_M
-            + min(MAX_SPEED_M_S * waited_s, MAX_FREE_M)
-            + 3.0 * float(np.hypot(drift_m, fix.position_m))
-        )
-        offset = fix.world_from_camera.translation - predicted.translation
-        return float(np.linalg.norm(offset)) <= reach_m and abs(float(offset[2])) <= MAX_CLIMB_M
+        moved_m = min(MAX_SPEED_M_S * waited_s, MAX_FREE_M)
+        return JERK_M + moved_m + 3.0 * float(np.hypot(drift_m, fix_position_m))
 
     def _is_confirmed(self, fix: Fix, time_s: float) -> bool:
         """Whether the fix agrees with the one that waits for confirmation."""
