@@ -15,6 +15,7 @@ from app.commands.console import console, progress_bars, settings_from
 from app.commands.demo import DEFAULT_DIR
 from app.errors import InvalidInputError
 from app.evaluation.simulation import Outcome
+from app.evaluation.simulation_log import WalkLog
 from app.evaluation.simulation_report import write_report
 from app.evaluation.simulation_summary import (
     COLUMNS,
@@ -39,11 +40,15 @@ def simulate(
             help="Use of the map after the first fix: on, lost (only when odometry is), off; commas."
         ),
     ] = "on,off",
-    fps: Annotated[str, typer.Option(help="Frames a second, with commas.")] = "2",
+    fps: Annotated[str, typer.Option(help="Frames a second, with commas.")] = "4",
     light: Annotated[str, typer.Option(help="Light as a share of the day's, with commas.")] = "1",
-    width: Annotated[int, typer.Option(min=160, max=1920, help="Width of the pictures, pixels.")] = 320,
+    width: Annotated[int, typer.Option(min=160, max=1920, help="Width of the pictures, pixels.")] = 400,
     seed: Annotated[int, typer.Option(help="What chance comes from: the same seed, the same trips.")] = 1,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Add each walk to this file as it ends, and don't walk again what it holds."),
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write tables and plots into this folder.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
 ) -> None:
@@ -55,7 +60,7 @@ def simulate(
         for share in _numbers(light, "light", 0.05, 3.0)
     ]
     wanted = _numbers(lengths, "lengths", 5.0, 500.0)
-    outcomes = _walk(data_dir, settings_of, wanted, runs, width, seed, workers)
+    outcomes = _walk(data_dir, settings_of, wanted, runs, width, seed, workers, WalkLog(log))
     figures = [row for setting in settings_of for row in figures_of(setting, outcomes[setting])]
     console.print(_table(figures))
     if report is not None:
@@ -74,6 +79,7 @@ def _walk(
     width: int,
     seed: int,
     workers: int,
+    log: WalkLog,
 ) -> dict[Setting, list[Outcome]]:
     from app.commands.simulate_runs import Job, Place, choose_trips, run_jobs
     from app.demonstration.scene import demo_scene
@@ -96,6 +102,7 @@ def _walk(
             jobs,
             workers,
             lambda done, total: progress.report("walk", done, total),
+            log,
         )
     return {
         setting: found[row * len(trips) : (row + 1) * len(trips)] for row, setting in enumerate(settings_of)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demonstration.layout import (
+    DOORS,
     STAIR_RISERS,
     STAIR_START_Y_M,
     STAIR_TREAD_M,
@@ -28,8 +29,8 @@ from app.services.sessions import SessionFrame, SessionService
 # A person's shoulders fit where the middle is this far from walls.
 BODY_M = 0.2
 STAIR_TOP_Y_M = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
-# So far from the last step a walker has left the stairs.
-LANDING_M = 0.6
+# So far beyond its door a walker has left the stairwell.
+OUTSIDE_M = 1.0
 # The lens of the demonstration's phone, a horizontal field of view of 65 degrees.
 FOCAL_SHARE = 498.0 / 640.0
 EXPOSURE_S = 1.0 / 100.0
@@ -70,11 +71,13 @@ class DemoBuilding:
 
 
     def stairs_end(self, x: float, y: float, up: bool) -> tuple[float, float] | None:
-        """Return the middle of the landing that the stairs lead to, for somebody in the stairwell."""
+        """Return the middle of the landing that the stairs lead to, for somebody there a point beyond its door."""
         x0, y0, x1, y1 = room_by_id("stair").interior
-        end_y = (STAIR_TOP_Y_M + LANDING_M) if up else (STAIR_START_Y_M - LANDING_M)
-        there = y >= end_y - 0.1 if up else y <= end_y + 0.1
-        return None if there or not (x0 < x < x1 and y0 < y < y1) else ((x0 + x1) / 2, end_y)
+        if not (x0 < x < x1 and y0 < y < y1):
+            return None
+        door_y = next(door.at_m for door in DOORS if door.b == "stair" and door.floor == int(up))
+        there = y > STAIR_TOP_Y_M + BODY_M if up else y < STAIR_START_Y_M - BODY_M
+        return (x0 - OUTSIDE_M, door_y) if there else ((x0 + x1) / 2, door_y)
 
 
 def _on_stairs(x: float, y: float) -> bool:

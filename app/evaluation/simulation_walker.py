@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,10 +16,12 @@ SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 40.0, 30.0
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
-# Without a word they walk on for so long, then stand and look around once, then try another place.
-WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 13.0, 1.5
+# Without a word they walk on for so long, then stand and look around once, then go back where they came from.
+WALK_ON_S, LOOK_AROUND_S, GO_BACK_S = 1.0, 13.0, 6.0
+# They remember where they walked by points so far apart.
+TRAIL_M = 0.5
 STEP_S = 0.1
-# On stairs a person needs no arrow: told to take them, they go to their other end.
+# On stairs a person needs no arrow: told to take them, they go to their other end and out by the door there.
 STAIRS = {"up": True, "down": False}
 # A person sees what stands in the way, and goes around it: how far to the side they try.
 DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)
@@ -39,7 +41,8 @@ class Building(Protocol):
         """Return the world z underfoot."""
 
     def stairs_end(self, x: float, y: float, up: bool, /) -> tuple[float, float] | None:
-        """Return where the stairs lead that a person at a point sees; None where there are none or they end."""
+        """Return where a person in a stairwell goes who takes the stairs up or down: to the other end, then out by
+        its door; None outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +74,8 @@ class Walker:
     walked_m: float = 0.0
     turned_deg_s: float = 0.0
     _stairs: bool | None = None
+    _climbs: bool = False
+    _trail: list[tuple[float, float]] = field(default_factory=list)
     _stride: float = 1.0
     _untold_s: float = WALK_ON_S
 
@@ -88,6 +93,9 @@ class Walker:
         else:
             self._untold_s = 0.0
             turn_deg, reach_m = self._told(told)
+            here = (self.x, self.y)
+            if not self._trail or np.hypot(here[0] - self._trail[-1][0], here[1] - self._trail[-1][1]) >= TRAIL_M:
+                self._trail.append(here)
         passed, before_deg = [], self.heading_deg
         for _ in range(max(round(seconds / STEP_S), 1)):
             step_s = seconds / max(round(seconds / STEP_S), 1)
@@ -101,15 +109,14 @@ class Walker:
 
     def _on_stairs(self, told: Mapping[str, Any] | None) -> tuple[float, float] | None:
         """Return how far to turn and to walk on stairs that guidance said to take, None when there are none here."""
-        if told is not None and told.get("turn") in STAIRS:
-            self._stairs = STAIRS[told["turn"]]
+        if told is not None and "turn" in told and not self._climbs:
+            self._stairs = STAIRS.get(told["turn"])
         end = None if self._stairs is None else self.building.stairs_end(self.x, self.y, bool(self._stairs))
         if end is None:
-            self._stairs = None
+            self._stairs, self._climbs = (None if self._climbs else self._stairs), False
             return None
-        ahead = (end[0] - self.x, end[1] - self.y)
-        angle_deg = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
-        return (angle_deg - self.heading_deg + 180.0) % 360.0 - 180.0, float(np.hypot(*ahead))
+        self._climbs = True
+        return self._towards(*end)
 
     def _told(self, told: Mapping[str, Any]) -> tuple[float, float]:
         """Return how far to turn and to walk by guidance, as this person does it."""
@@ -124,11 +131,21 @@ class Walker:
         return turn_deg, np.inf if remaining_m is None else remaining_m
 
     def _untold(self, seconds: float) -> tuple[float, float]:
-        """Return how far to turn and to walk when nothing is said: on, then around, then elsewhere, and so on."""
+        """Return how far to turn and to walk when no way is told: on, then around, then back, and so on."""
         if self._untold_s <= WALK_ON_S:
             return 0.0, np.inf
-        phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + WANDER_S)
-        return (LOOK_DEG_S * seconds, 0.0) if phase_s <= LOOK_AROUND_S else (0.0, np.inf)
+        phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + GO_BACK_S)
+        return (LOOK_DEG_S * seconds, 0.0) if phase_s <= LOOK_AROUND_S else self._back()
+
+    def _back(self) -> tuple[float, float]:
+        """Return how far to turn and to walk to where the walker was before."""
+        while self._trail and np.hypot(self._trail[-1][0] - self.x, self._trail[-1][1] - self.y) < TRAIL_M:
+            self._trail.pop()
+        return self._towards(*self._trail[-1]) if self._trail else (0.0, np.inf)
+
+    def _towards(self, x: float, y: float) -> tuple[float, float]:
+        angle_deg = float(np.degrees(np.arctan2(y - self.y, x - self.x)))
+        return (angle_deg - self.heading_deg + 180.0) % 360.0 - 180.0, float(np.hypot(x - self.x, y - self.y))
 
     def _turn(self, wanted_deg: float, seconds: float) -> float:
         turned = float(np.clip(wanted_deg, -TURN_DEG_S * seconds, TURN_DEG_S * seconds))

@@ -21,9 +21,11 @@ LOOK_AHEAD_M = 1.5
 SAME_M = 0.5
 # An arrow points at the way so far ahead: through a door, not through the wall beside it.
 ARROW_AHEAD_M = 1.2
-# Where the way turns back on itself that point may be where the walker stands: then one further on, at least so far
-# from them.
+# Around a corner that point may be where the walker stands: then one further on, at least so far from them. Who is so
+# near to where the way turns back has been there.
 ARROW_CLEAR_M, ARROW_STEP_M = 0.6, 0.2
+# Where the way so far before and after a point differs so much in direction, it turns back there.
+BACK_M, BACK_DEG = 1.0, 135.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ def guide(
     nearest = _nearest(route, floor, x, y, progress_m)
     if nearest is None:
         return Guidance(speaker.say("off_route"), "u_turn", None, None, True, False, None, None)
+    nearest = _after_turning_back(route, nearest)
     remaining_m = route.distance_m - nearest.along_m
     off_route = nearest.away_m > _tolerance_m(route, nearest)
     goal = route.points[-1]
@@ -205,9 +208,32 @@ def _bearing_deg(
                 return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
             wanted_m += ARROW_STEP_M
         target = end
+        if _turns_back(route, row):
+            break
     if math.hypot(target.x - x, target.y - y) < 0.05:
         return None
     return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
+
+
+def _after_turning_back(route: Route, nearest: _Nearest) -> _Nearest:
+    """Return the place where the way turns back if that is next and near: to go on, not to and fro."""
+    row = nearest.row + 1
+    if row >= len(route.points) or not _turns_back(route, row):
+        return nearest
+    along_m = route.points[row].along_m
+    return _Nearest(row, along_m, nearest.away_m) if along_m - nearest.along_m < ARROW_CLEAR_M else nearest
+
+
+def _turns_back(route: Route, row: int) -> bool:
+    """Return whether the way turns back at a point, as on a stub that leads to a landmark."""
+    here, points = route.points[row], route.points
+    before = next((p for p in reversed(points[:row]) if p.along_m <= here.along_m - BACK_M), points[0])
+    after = next((p for p in points[row + 1 :] if p.along_m >= here.along_m + BACK_M), points[-1])
+    if not before.floor == here.floor == after.floor or min(_apart_m(before, here), _apart_m(here, after)) == 0:
+        return False
+    came_deg = math.degrees(math.atan2(here.y - before.y, here.x - before.x))
+    goes_deg = math.degrees(math.atan2(after.y - here.y, after.x - here.x))
+    return abs(angle_between_deg(came_deg, goes_deg)) > BACK_DEG
 
 
 def _on_way(route: Route, nearest: _Nearest) -> RoutePoint:
