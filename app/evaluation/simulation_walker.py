@@ -11,13 +11,13 @@ import numpy as np
 from app.geometry.se3 import Pose
 
 # A person who follows a phone: strolls, turns slowly enough for pictures, looks around when told nothing.
-SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 40.0, 30.0
+SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.2, 40.0, 30.0
 # Somebody who has to turn further than this stands while turning.
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
 # Without a word they walk on for so long, then stand and look around once, then go back where they came from.
-WALK_ON_S, LOOK_AROUND_S, GO_BACK_S = 1.0, 13.0, 6.0
+WALK_ON_S, LOOK_AROUND_S, GO_BACK_S, WANDER_S = 1.0, 13.0, 6.0, 1.5
 # They remember where they walked by points so far apart.
 TRAIL_M = 0.5
 STEP_S = 0.1
@@ -135,13 +135,17 @@ class Walker:
         if self._untold_s <= WALK_ON_S:
             return 0.0, np.inf
         phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + GO_BACK_S)
-        return (LOOK_DEG_S * seconds, 0.0) if phase_s <= LOOK_AROUND_S else self._back()
+        if phase_s <= LOOK_AROUND_S:
+            return LOOK_DEG_S * seconds, 0.0
+        return self._back(phase_s - LOOK_AROUND_S)
 
-    def _back(self) -> tuple[float, float]:
-        """Return how far to turn and to walk to where the walker was before."""
+    def _back(self, since_s: float) -> tuple[float, float]:
+        """Return how far to turn and to walk to where the walker was before; a little on if they were nowhere."""
         while self._trail and np.hypot(self._trail[-1][0] - self.x, self._trail[-1][1] - self.y) < TRAIL_M:
             self._trail.pop()
-        return self._towards(*self._trail[-1]) if self._trail else (0.0, np.inf)
+        if not self._trail:
+            return 0.0, np.inf if since_s <= WANDER_S else 0.0
+        return self._towards(*self._trail[-1])
 
     def _towards(self, x: float, y: float) -> tuple[float, float]:
         angle_deg = float(np.degrees(np.arctan2(y - self.y, x - self.x)))

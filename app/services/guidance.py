@@ -11,7 +11,7 @@ from app.services.navigation.model import Route, RoutePoint, Step, Turn
 from app.services.navigation.steps import angle_between_deg, turn_of
 
 OFF_ROUTE_M = 3.0
-ARRIVED_M = 2.0
+ARRIVED_M = 1.75
 # A step this near is done now; the way to one farther off is told first.
 NOW_M = 2.0
 # Somebody who looks aside still walks ahead.
@@ -19,6 +19,8 @@ WRONG_WAY_DEG = 60.0
 LOOK_AHEAD_M = 1.5
 # Of several stretches of the way as near as this to each other, the one not walked yet is meant.
 SAME_M = 0.5
+# Stretches that follow each other within this belong to one visit; what is further on is come by again later.
+VISIT_M = 2.0
 # An arrow points at the way so far ahead: through a door, not through the wall beside it.
 ARROW_AHEAD_M = 1.2
 # Around a corner that point may be where the walker stands: then one further on, at least so far from them. Who is so
@@ -121,8 +123,10 @@ def _nearest(route: Route, floor: str, x: float, y: float, progress_m: float) ->
         return None
     least_m = min(one.away_m for one in found)
     near = [one for one in found if one.away_m <= least_m + SAME_M]
-    ahead = [one for one in near if one.along_m >= progress_m - SAME_M]
-    return min(ahead or near, key=lambda one: (round(one.away_m / SAME_M), one.along_m))
+    ahead = [one for one in near if one.along_m >= progress_m - SAME_M] or near
+    first_m = min(one.along_m for one in ahead)
+    visit = [one for one in ahead if one.along_m <= first_m + VISIT_M]
+    return min(visit, key=lambda one: (round(one.away_m / SAME_M), one.along_m))
 
 
 def _rows_on(route: Route, floor: str) -> list[int]:

@@ -33,6 +33,8 @@ MAX_ERROR = 6.0 / 525.0
 GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
 # A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
 PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
+# Tilted by less than 45 degrees.
+UPRIGHT_COSINE = 0.7
 # Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
 KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
 # Of two places within reach the one must have so much more that agrees.
@@ -86,6 +88,11 @@ def _is_far(pose: Pose | None, near: Pose) -> bool:
     return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
 
 
+def _is_upright(pose: Pose) -> bool:
+    """Whether a camera was held upright: then it still is, and need not be looked for in other ways."""
+    return float(-pose.rotation[2, 1]) > UPRIGHT_COSINE
+
+
 class FixSource(Protocol):
     """What gives fixes."""
 
@@ -114,12 +121,14 @@ class MapFixes:
     def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
         """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
         full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
-        found = self.localizer.localize(frame.rgb, full)
+        upright = near is not None and _is_upright(near)
+        found = self.localizer.localize(frame.rgb, full, upright=upright)
         if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
             positions = self.localizer.artifact.arrays.positions
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
             close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
-            nearer = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            allowed = np.flatnonzero(close).astype(np.int64)
+            nearer = self.localizer.localize(frame.rgb, full, allowed, upright)
             told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
             if told_apart is not None:
                 return told_apart

@@ -30,8 +30,13 @@ MAX_GAP_S = 1.0
 REFRESH_M, REFRESH_RAD = 0.3, 0.35
 # For so long a camera is looked for near where it was before it is looked for everywhere.
 MAX_NEARBY_S = 3.0
+# Who is lost for longer than the first is looked for everywhere only so often: it takes many times as long as
+# tracking, and frames that soon after each other show the same.
+MAX_EAGER_S, SEARCH_EVERY_S = 2.0, 0.45
 # A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
 MAX_CORRECTION_M = 0.25
+# So far from odometry a place that the map shows is looked at at all.
+MAX_ASTRAY_M = 1.0
 # Two fixes that confirm each other are at most so long apart.
 MAX_CONFIRMATION_S = 5.0
 # Where places look alike, so long after a camera was seen the one nearer to it is meant; and so long another place,
@@ -118,6 +123,7 @@ class Tracker:
     _odometry: Odometry | None = None
     _since_refresh: int = 0
     _since_search: int = 0
+    _searched_s: float = -1e9
 
     def process(self, frame: TrackingFrame, camera: Camera | None, motion: Pose | None = None) -> Tracked:
         """Answer for a frame. `camera` is the one of the image as it came; without it the one that an earlier
@@ -239,7 +245,7 @@ class Tracker:
         fix = self.source.refresh(frame, camera, pose)
         if fix is not None or not moved:
             return fix
-        return self.source.nearby(frame, camera, pose, MAX_CORRECTION_M + 3.0 * self._sigma(step)[0])
+        return self.source.nearby(frame, camera, pose, MAX_ASTRAY_M + 3.0 * self._sigma(step)[0])
 
     def _search(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Tracked:
         """Answer by a fix alone."""
@@ -259,6 +265,10 @@ class Tracker:
             near = self.source.nearby(frame, camera, predicted, self._reach_m(frame.time_s))
             if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
                 return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
+        if away_s > MAX_EAGER_S and abs(frame.time_s - self._searched_s) < SEARCH_EVERY_S:
+            self.memory = replace(memory, state="lost")
+            return _nothing("lost", "no_match", 0, 0, camera, memory)
+        self._searched_s = frame.time_s
         found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
         if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
