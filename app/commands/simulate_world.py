@@ -69,7 +69,6 @@ class DemoBuilding:
         """Return the world z underfoot."""
         return ground_z_m(x, y, floor)
 
-
     def stairs_end(self, x: float, y: float, up: bool) -> tuple[float, float] | None:
         """Return the middle of the landing that the stairs lead to, for somebody there a point beyond its door."""
         x0, y0, x1, y1 = room_by_id("stair").interior

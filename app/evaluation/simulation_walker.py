@@ -94,7 +94,10 @@ class Walker:
             self._untold_s = 0.0
             turn_deg, reach_m = self._told(told)
             here = (self.x, self.y)
-            if not self._trail or np.hypot(here[0] - self._trail[-1][0], here[1] - self._trail[-1][1]) >= TRAIL_M:
+            if (
+                not self._trail
+                or np.hypot(here[0] - self._trail[-1][0], here[1] - self._trail[-1][1]) >= TRAIL_M
+            ):
                 self._trail.append(here)
         passed, before_deg = [], self.heading_deg
         for _ in range(max(round(seconds / STEP_S), 1)):

@@ -233,7 +233,10 @@ def _turns_back(route: Route, row: int) -> bool:
     here, points = route.points[row], route.points
     before = next((p for p in reversed(points[:row]) if p.along_m <= here.along_m - BACK_M), points[0])
     after = next((p for p in points[row + 1 :] if p.along_m >= here.along_m + BACK_M), points[-1])
-    if not before.floor == here.floor == after.floor or min(_apart_m(before, here), _apart_m(here, after)) == 0:
+    if (
+        not before.floor == here.floor == after.floor
+        or min(_apart_m(before, here), _apart_m(here, after)) == 0
+    ):
         return False
     came_deg = math.degrees(math.atan2(here.y - before.y, here.x - before.x))
     goes_deg = math.degrees(math.atan2(after.y - here.y, after.x - here.x))

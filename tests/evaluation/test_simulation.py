@@ -120,7 +120,13 @@ def test_who_is_told_nothing_looks_around_and_gives_up(trip: Trip) -> None:
 
 def test_who_is_lost_goes_back_where_they_came_from() -> None:
     walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
-    ahead = {"turn": "straight", "off_route": False, "arrived": False, "bearing_deg": 0.0, "remaining_m": 20.0}
+    ahead = {
+        "turn": "straight",
+        "off_route": False,
+        "arrived": False,
+        "bearing_deg": 0.0,
+        "remaining_m": 20.0,
+    }
     for _ in range(10):
         walker.follow(ahead, 0.5)
     there = walker.x

@@ -37,6 +37,7 @@ PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
 UPRIGHT_COSINE = 0.7
 # Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
 KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
+SURE_INLIER_FACTOR, SURE_COVERAGE = 2.5, 0.2
 # Of two places within reach the one must have so much more that agrees.
 MAX_RIVAL_SHARE = 0.45
 
@@ -179,7 +180,7 @@ class MapFixes:
             if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
                 continue
             fix = self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
-            if fix is not None:
+            if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
                 found.append(fix)
         best = max(found, key=lambda fix: fix.inliers, default=None)
         if best is None:
@@ -187,12 +188,19 @@ class MapFixes:
         others = [fix for fix in found if not same_place(fix.world_from_camera, best.world_from_camera)]
         return None if any(fix.inliers > MAX_RIVAL_SHARE * best.inliers for fix in others) else best
 
+    def _is_sure(self, fix: Fix) -> bool:
+        """Whether so much agrees that it is no part of another place which the map knows better than the true one."""
+        enough = fix.inliers >= SURE_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        return enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= SURE_COVERAGE
+
     def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
         """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
         positions = self.localizer.artifact.arrays.positions
         offsets = positions - near.translation
         on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
-        keyframes = self.localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor))
+        keyframes = self.localizer.retrieval.covisible(
+            near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor)
+        )
         if reach_m > KNOWN_REACH_M:
             close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
             allowed = np.flatnonzero(close).astype(np.int64)

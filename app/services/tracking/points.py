@@ -54,7 +54,11 @@ class TrackedPoints:
 
     @staticmethod
     def new(
-        ids: NDArray[np.int64], pixels: Array, camera: Camera, world_from_camera: Pose, distances_m: Array | float
+        ids: NDArray[np.int64],
+        pixels: Array,
+        camera: Camera,
+        world_from_camera: Pose,
+        distances_m: Array | float,
     ) -> TrackedPoints:
         """Return points (n, 2) seen for the first time, as far away as things around them, each (n,) or all."""
         rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T

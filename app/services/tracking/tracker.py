@@ -124,6 +124,7 @@ class Tracker:
     _since_refresh: int = 0
     _since_search: int = 0
     _searched_s: float = -1e9
+    _why_lost: Reason = "no_match"
 
     def process(self, frame: TrackingFrame, camera: Camera | None, motion: Pose | None = None) -> Tracked:
         """Answer for a frame. `camera` is the one of the image as it came; without it the one that an earlier
@@ -267,12 +268,13 @@ class Tracker:
                 return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
         if away_s > MAX_EAGER_S and abs(frame.time_s - self._searched_s) < SEARCH_EVERY_S:
             self.memory = replace(memory, state="lost")
-            return _nothing("lost", "no_match", 0, 0, camera, memory)
+            return _nothing("lost", self._why_lost, 0, 0, camera, memory)
         self._searched_s = frame.time_s
         found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
         if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
         if isinstance(found, NoFix):
+            self._why_lost = found.reason
             state: State = "initializing" if memory.world_from_camera is None else "lost"
             expired = abs(frame.time_s - memory.pending_time_s) > MAX_CONFIRMATION_S
             self.memory = replace(memory, state=state, pending=None if expired else memory.pending)

@@ -28,7 +28,10 @@ def shift_between(previous: Gray, present: Gray) -> Array | None:
     height, width = previous.shape
     scale = WIDTH_PX / width
     size = (WIDTH_PX, max(round(scale * height), 2))
-    small = [cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float32) for gray in (previous, present)]
+    small = [
+        cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        for gray in (previous, present)
+    ]
     window = cv2.createHanningWindow(size, cv2.CV_32F)
     shift, response = cv2.phaseCorrelate(small[0], small[1], window)
     moved = np.array(shift) / scale
