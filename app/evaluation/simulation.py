@@ -18,8 +18,8 @@ from app.storage.floors import Floor
 PATIENCE_S, PATIENCE_S_PER_M = 60.0, 3.0
 # A place further from the true one, or on another floor, is wrong.
 WRONG_M = 0.5
-# Told nothing for so long, looking around twice, the walker puts the phone away.
-SILENCE_S = 30.0
+# Told no way for so long, looking around and going back three times, the walker puts the phone away.
+SILENCE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)

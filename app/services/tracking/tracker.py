@@ -257,15 +257,9 @@ class Tracker:
             self.memory = replace(memory, state="lost")
             return _nothing("lost", "no_match", 0, 0, camera, memory)
         away_s = abs(frame.time_s - memory.time_s)
-        if (
-            away_s <= MAX_NEARBY_S
-            and camera is not None
-            and predicted is not None
-            and memory.frame_id == WORLD
-        ):
-            near = self.source.nearby(frame, camera, predicted, self._reach_m(frame.time_s))
-            if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
-                return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
+        near = self._near_last(frame, camera, predicted) if away_s <= MAX_NEARBY_S else None
+        if near is not None:
+            return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
         if away_s > MAX_EAGER_S and abs(frame.time_s - self._searched_s) < SEARCH_EVERY_S:
             self.memory = replace(memory, state="lost")
             return _nothing("lost", self._why_lost, 0, 0, camera, memory)
@@ -284,6 +278,14 @@ class Tracker:
         if self._is_plausible(found, predicted, frame.time_s) or self._is_confirmed(found, frame.time_s):
             return self._take(found, frame, "relocalized")
         return self._doubt(found, frame, camera)
+
+    def _near_last(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Fix | None:
+        """Return a fix near the last place that can be true."""
+        if camera is None or predicted is None or self.memory.frame_id != WORLD:
+            return None
+        fix = self.source.nearby(frame, camera, predicted, self._reach_m(frame.time_s))
+        can_be = fix is not None and self._can_be(fix) and self._is_plausible(fix, predicted, frame.time_s)
+        return fix if can_be else None
 
     def _can_be(self, fix: Fix) -> bool:
         return fix.frame_id != WORLD or self.is_inside(fix.world_from_camera)
