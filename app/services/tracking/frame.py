@@ -69,10 +69,11 @@ def follow(
 
 def _flow(a: Gray, b: Gray, points: Any, step: Any) -> Any:
     """Follow points from one image to another, beginning a step away from where they were."""
-    guess, flags = (None, 0) if step is None else (points + step, cv2.OPTFLOW_USE_INITIAL_FLOW)
+    guess: Any = None if step is None else points + step
+    flags = 0 if step is None else cv2.OPTFLOW_USE_INITIAL_FLOW
     return cv2.calcOpticalFlowPyrLK(
         a, b, points, guess, winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS, flags=flags
-    )  # type: ignore[call-overload]
+    )
 
 
 def find_corners(
