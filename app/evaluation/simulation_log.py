@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from app.errors import InvalidInputError
 from app.evaluation.simulation import Outcome
+from app.evaluation.simulation_summary import Setting
 
 
 class WalkLog:
@@ -35,6 +36,12 @@ class WalkLog:
     def get(self, walk: Mapping[str, Any]) -> Outcome | None:
         """Return what came of a walk, None for one that was not walked."""
         return self._known.get(_key(walk))
+
+    def walks(self) -> Iterator[tuple[Setting, Outcome]]:
+        """Yield all walks with how they were walked."""
+        for key, outcome in self._known.items():
+            values = json.loads(key)
+            yield Setting(*(values[each.name] for each in fields(Setting))), outcome
 
     def add(self, walk: Mapping[str, Any], outcome: Outcome) -> None:
         """Add a walk; it is in the file when this returns."""

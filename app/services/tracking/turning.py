@@ -34,7 +34,7 @@ def shift_between(previous: Gray, present: Gray) -> Array | None:
     ]
     window = cv2.createHanningWindow(size, cv2.CV_32F)
     shift, response = cv2.phaseCorrelate(small[0], small[1], window)
-    moved = np.asarray(shift, dtype=np.float64) / scale
+    moved: Array = np.asarray(shift, dtype=np.float64) / scale
     if response < MIN_RESPONSE or np.linalg.norm(moved) < MIN_SHIFT_SHARE * width:
         return None
     return moved
