@@ -25,6 +25,7 @@ from app.commands import (
     reliability,
     serve,
     simulate,
+    simulate_figures,
     stream,
     track,
     track_anchors,
@@ -44,6 +45,7 @@ COMMANDS: tuple[Callable[..., Any], ...] = (
     evaluate_walk.evaluate_walk, keyframes.keyframes,
     evaluate_anchors.evaluate_anchors, push_frames.push_frames,
     track.track, track_anchors.track_anchors, stream.stream, stream.stream_bench, simulate.simulate,
+    simulate_figures.simulate_figures,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
-from app.commands.console import console, progress_bars, settings_from
+from app.commands.console import progress_bars, settings_from
 from app.commands.demo import DEFAULT_DIR
+from app.commands.simulate_figures import show_figures
 from app.errors import InvalidInputError
 from app.evaluation.simulation import Outcome
-from app.evaluation.simulation_report import write_report
+from app.evaluation.simulation_log import WalkLog
 from app.evaluation.simulation_summary import (
-    COLUMNS,
-    THESIS_MEAN_M,
-    THESIS_SUCCESS_PERCENT,
-    Figures,
     Setting,
     figures_of,
 )
@@ -39,11 +33,15 @@ def simulate(
             help="Use of the map after the first fix: on, lost (only when odometry is), off; commas."
         ),
     ] = "on,off",
-    fps: Annotated[str, typer.Option(help="Frames a second, with commas.")] = "2",
+    fps: Annotated[str, typer.Option(help="Frames a second, with commas.")] = "4",
     light: Annotated[str, typer.Option(help="Light as a share of the day's, with commas.")] = "1",
-    width: Annotated[int, typer.Option(min=160, max=1920, help="Width of the pictures, pixels.")] = 320,
+    width: Annotated[int, typer.Option(min=160, max=1920, help="Width of the pictures, pixels.")] = 400,
     seed: Annotated[int, typer.Option(help="What chance comes from: the same seed, the same trips.")] = 1,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Add each walk to this file as it ends, and don't walk again what it holds."),
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write tables and plots into this folder.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
 ) -> None:
@@ -55,15 +53,9 @@ def simulate(
         for share in _numbers(light, "light", 0.05, 3.0)
     ]
     wanted = _numbers(lengths, "lengths", 5.0, 500.0)
-    outcomes = _walk(data_dir, settings_of, wanted, runs, width, seed, workers)
+    outcomes = _walk(data_dir, settings_of, wanted, runs, width, seed, workers, WalkLog(log))
     figures = [row for setting in settings_of for row in figures_of(setting, outcomes[setting])]
-    console.print(_table(figures))
-    if report is not None:
-        console.print(f"Report: {write_report(report, figures, outcomes)}")
-    if json_file is not None:
-        trips = [{**asdict(setting), **asdict(one)} for setting in settings_of for one in outcomes[setting]]
-        values = {"figures": [row.as_dict() for row in figures], "trips": trips}
-        json_file.write_text(json.dumps(values, indent=1), encoding="utf-8")
+    show_figures(figures, outcomes, report, json_file)
 
 
 def _walk(
@@ -74,6 +66,7 @@ def _walk(
     width: int,
     seed: int,
     workers: int,
+    log: WalkLog,
 ) -> dict[Setting, list[Outcome]]:
     from app.commands.simulate_runs import Job, Place, choose_trips, run_jobs
     from app.demonstration.scene import demo_scene
@@ -96,21 +89,11 @@ def _walk(
             jobs,
             workers,
             lambda done, total: progress.report("walk", done, total),
+            log,
         )
     return {
         setting: found[row * len(trips) : (row + 1) * len(trips)] for row, setting in enumerate(settings_of)
     }
-
-
-def _table(figures: list[Figures]) -> Table:
-    table = Table(title="walkers who follow guidance")
-    for column in COLUMNS:
-        table.add_column(column)
-    for row in figures:
-        table.add_row(*row.row(), end_section=row.length_m is None)
-    thesis = ["thesis", "", "", "all", "", f"{THESIS_SUCCESS_PERCENT:g}", "", f"{THESIS_MEAN_M:g}"]
-    table.add_row(*thesis, *[""] * (len(COLUMNS) - len(thesis)))
-    return table
 
 
 def _kinds(text: str) -> list[str]:

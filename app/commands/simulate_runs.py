@@ -5,8 +5,9 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from app.demonstration.scene import loaded_scene
 from app.demonstration.venue import VENUE
 from app.errors import ConflictError
 from app.evaluation.simulation import Outcome, walk_trip
+from app.evaluation.simulation_log import WalkLog
 from app.evaluation.simulation_summary import Setting
 from app.evaluation.simulation_trips import (
     Trip,
@@ -57,6 +59,11 @@ class Job:
     setting: Setting
     trip: Trip
     seed: int
+
+    def walk(self, width: int) -> dict[str, Any]:
+        """Return what makes this the same walk when it is walked again."""
+        trip = {"trip": self.trip.number, "start": self.trip.start, "to": self.trip.destination}
+        return {**asdict(self.setting), "seed": self.seed, "width": width, **trip}
 
 
 @dataclass(slots=True)
@@ -128,15 +135,25 @@ def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -
 
 
 def run_jobs(
-    settings: Settings, scene: Path, width: int, jobs: Sequence[Job], workers: int, report: Report
+    settings: Settings,
+    scene: Path,
+    width: int,
+    jobs: Sequence[Job],
+    workers: int,
+    report: Report,
+    log: WalkLog,
 ) -> list[Outcome]:
-    """Return what came of each job, in their order."""
-    outcomes: dict[int, Outcome] = {}
+    """Return what came of each job, in their order; those in the log are not walked again."""
+    known = {number: log.get(job.walk(width)) for number, job in enumerate(jobs)}
+    outcomes = {number: outcome for number, outcome in known.items() if outcome is not None}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _start, (settings, scene, width)) as pool:
-        waiting = {pool.submit(_run, job): number for number, job in enumerate(jobs)}
+        left = [number for number in range(len(jobs)) if number not in outcomes]
+        waiting = {pool.submit(_run, jobs[number]): number for number in left}
         for done in as_completed(waiting):
-            outcomes[waiting[done]] = done.result()
+            number = waiting[done]
+            outcomes[number] = done.result()
+            log.add(jobs[number].walk(width), outcomes[number])
             report(len(outcomes), len(jobs))
     return [outcomes[number] for number in range(len(jobs))]
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demonstration.layout import (
+    DOORS,
     STAIR_RISERS,
     STAIR_START_Y_M,
     STAIR_TREAD_M,
     room_by_id,
 )
-from app.demonstration.raycast import render
+from app.demonstration.raycast import FAST, render
 from app.demonstration.scene import Scene
 from app.demonstration.sensor import JPEG_QUALITY, ColourSensor, colour_picture
 from app.demonstration.walkable import CELL_M, grid_of, ground_z_m
@@ -28,6 +29,8 @@ from app.services.sessions import SessionFrame, SessionService
 # A person's shoulders fit where the middle is this far from walls.
 BODY_M = 0.2
 STAIR_TOP_Y_M = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
+# So far beyond its door a walker has left the stairwell.
+OUTSIDE_M = 1.0
 # The lens of the demonstration's phone, a horizontal field of view of 65 degrees.
 FOCAL_SHARE = 498.0 / 640.0
 EXPOSURE_S = 1.0 / 100.0
@@ -66,6 +69,15 @@ class DemoBuilding:
         """Return the world z underfoot."""
         return ground_z_m(x, y, floor)
 
+    def stairs_end(self, x: float, y: float, up: bool) -> tuple[float, float] | None:
+        """Return the middle of the landing that the stairs lead to, for somebody there a point beyond its door."""
+        x0, y0, x1, y1 = room_by_id("stair").interior
+        if not (x0 < x < x1 and y0 < y < y1):
+            return None
+        door_y = next(door.at_m for door in DOORS if door.b == "stair" and door.floor == int(up))
+        there = y > STAIR_TOP_Y_M + BODY_M if up else y < STAIR_START_Y_M - BODY_M
+        return (x0 - OUTSIDE_M, door_y) if there else ((x0 + x1) / 2, door_y)
+
 
 def _on_stairs(x: float, y: float) -> bool:
     x0, _, x1, _ = room_by_id("stair").interior
@@ -102,7 +114,7 @@ class Phone:
 
     def take(self, shot: Shot, rng: np.random.Generator) -> bytes:
         """Return a picture as JPEG."""
-        rgb, depth_m = render(self._scene, self.camera, shot.world_from_camera)
+        rgb, depth_m = render(self._scene, self.camera, shot.world_from_camera, FAST)
         self._meet(shot, rng)
         if self._passer is not None:
             _draw(rgb, depth_m, self.camera, shot, self._passer)

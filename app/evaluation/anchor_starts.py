@@ -95,7 +95,7 @@ class _OneAnchor:
     def refresh(self, _frame: Any, _camera: Any, _predicted: Any) -> None:
         """Return that there is none."""
 
-    def nearby(self, _frame: Any, _camera: Any, _near: Any) -> None:
+    def nearby(self, _frame: Any, _camera: Any, _near: Any, _reach_m: float) -> None:
         """Return that there is none."""
 
 

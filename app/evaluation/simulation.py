@@ -16,8 +16,10 @@ from app.storage.floors import Floor
 
 # A walker gives up after so long, and so much longer for each metre of the route.
 PATIENCE_S, PATIENCE_S_PER_M = 60.0, 3.0
-# Told nothing for so long, looking around twice, the walker puts the phone away.
-SILENCE_S = 30.0
+# A place further from the true one, or on another floor, is wrong.
+WRONG_M = 0.5
+# Told no way for so long, looking around and going back three times, the walker puts the phone away.
+SILENCE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,11 @@ class Told:
     place: PlanPlace | None
     milliseconds: float = 0.0
 
+    @property
+    def leads(self) -> bool:
+        """Whether this says where to go, and not only that it is not known."""
+        return self.guidance is not None and self.guidance.get("problem") is None
+
 
 class Navigator(Protocol):
     """What a walker's phone asks."""
@@ -57,8 +64,8 @@ class Navigator(Protocol):
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark`, `lost` or
-    `gave up`; errors are
-    those of the place on the plan, metres, of the frames with one on the right floor."""
+    `gave up`; errors are those of the place on the plan, metres, of the frames with one on the right floor.
+    `wrong_frames` were told a place more than 0.5 m off, or on another floor."""
 
     trip: int
     length_m: float
@@ -73,6 +80,7 @@ class Outcome:
     told_percent: float
     off_route_frames: int
     wrong_floor_frames: int
+    wrong_frames: int
     mean_error_m: float | None
     p90_error_m: float | None
     largest_error_m: float | None
@@ -101,7 +109,7 @@ class _Log:
         """Note an answer."""
         self.frames += 1
         self.milliseconds.append(told.milliseconds)
-        self.was_told = told.guidance is not None
+        self.was_told = told.leads
         if told.place is None:
             return
         self.told += 1
@@ -137,7 +145,7 @@ def walk_trip(
             shot = Shot(pose, walker.floor, walker.time_s, walker.turned_deg_s, light)
             told = navigator.ask(shot, pictures)
             log.note(told, progress.place(walker.x, walker.y, walker.floor))
-            told_s = walker.time_s if told.guidance is not None else told_s
+            told_s = walker.time_s if told.leads else told_s
             arrived = told.guidance is not None and bool(told.guidance["arrived"])
             for place in [] if arrived else walker.follow(told.guidance, 1.0 / fps):
                 progress.come_to(*place)
@@ -168,6 +176,7 @@ def _outcome(trip: Trip, walker: Walker, progress: Progress, log: _Log, arrived:
         told_percent=round(100.0 * log.told / max(log.frames, 1), 1),
         off_route_frames=log.off_route,
         wrong_floor_frames=log.wrong_floor,
+        wrong_frames=log.wrong_floor + sum(error > WRONG_M for error in log.errors_m),
         mean_error_m=_rounded(log.errors_m, np.mean),
         p90_error_m=_rounded(log.errors_m, lambda values: np.percentile(values, 90)),
         largest_error_m=_rounded(log.errors_m, np.max),

@@ -16,7 +16,7 @@ from app.evaluation.simulation import Outcome
 THESIS_MEAN_M, THESIS_SUCCESS_PERCENT = 0.46, 90.6
 COLUMNS = (
     "relocation", "frames / s", "light", "path m", "runs", "successful %", "95 % interval", "mean error m",
-    "90 % error m", "located %", "off route", "walked / route", "other ends", "ms a frame",
+    "90 % error m", "located %", "wrong frames", "off route", "walked / route", "other ends", "ms a frame",
 )  # fmt: skip
 
 
@@ -46,6 +46,8 @@ class Figures:
     mean_error_m: float | None
     p90_error_m: float | None
     located_percent: float
+    frames: int
+    wrong_frames: int
     off_route_frames: int
     walked_share: float | None
     ends: dict[str, int]
@@ -66,6 +68,7 @@ class Figures:
             _cell(self.mean_error_m),
             _cell(self.p90_error_m),
             f"{self.located_percent:.1f}",
+            f"{self.wrong_frames} of {self.frames}",
             str(self.off_route_frames),
             _cell(self.walked_share),
             ", ".join(f"{end} {count}" for end, count in others.items()) or "-",
@@ -108,6 +111,8 @@ def _figures(setting: Setting, length_m: float | None, outcomes: Sequence[Outcom
         mean_error_m=round(float(np.average([e for e, _ in errors], weights=weights)), 3) if errors else None,
         p90_error_m=round(float(np.median(p90)), 3) if p90 else None,
         located_percent=round(sum(one.told_percent * one.frames for one in outcomes) / max(frames, 1), 1),
+        frames=frames,
+        wrong_frames=sum(one.wrong_frames for one in outcomes),
         off_route_frames=sum(one.off_route_frames for one in outcomes),
         walked_share=round(float(np.mean(walked)), 3) if walked else None,
         ends=dict(Counter(one.end for one in outcomes).most_common()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,14 +11,18 @@ import numpy as np
 from app.geometry.se3 import Pose
 
 # A person who follows a phone: strolls, turns slowly enough for pictures, looks around when told nothing.
-SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.0, 40.0, 30.0
+SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.2, 40.0, 30.0
 # Somebody who has to turn further than this stands while turning.
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
-# Without a word they walk on for so long, then stand and look around once, then try another place.
-WALK_ON_S, LOOK_AROUND_S, WANDER_S = 1.0, 13.0, 1.5
+# Without a word they walk on for so long, then stand and look around once, then go back where they came from.
+WALK_ON_S, LOOK_AROUND_S, GO_BACK_S, WANDER_S = 1.0, 13.0, 6.0, 2.5
+# They remember where they walked by points so far apart.
+TRAIL_M = 0.5
 STEP_S = 0.1
+# On stairs a person needs no arrow: told to take them, they go to their other end and out by the door there.
+STAIRS = {"up": True, "down": False}
 # A person sees what stands in the way, and goes around it: how far to the side they try.
 DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)
 EYE_HEIGHT_M, BOB_M, BOB_HZ = 1.5, 0.02, 1.8
@@ -35,6 +39,10 @@ class Building(Protocol):
 
     def ground_m(self, x: float, y: float, floor: int, /) -> float:
         """Return the world z underfoot."""
+
+    def stairs_end(self, x: float, y: float, up: bool, /) -> tuple[float, float] | None:
+        """Return where a person in a stairwell goes who takes the stairs up or down: to the other end, then out by
+        its door; None outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +73,9 @@ class Walker:
     time_s: float = 0.0
     walked_m: float = 0.0
     turned_deg_s: float = 0.0
+    _stairs: bool | None = None
+    _climbs: bool = False
+    _trail: list[tuple[float, float]] = field(default_factory=list)
     _stride: float = 1.0
     _untold_s: float = WALK_ON_S
 
@@ -73,12 +84,21 @@ class Walker:
 
     def follow(self, told: Mapping[str, Any] | None, seconds: float) -> list[tuple[float, float, int]]:
         """Walk for a while as told and return the places (x, y, floor) that were passed."""
-        if told is None or told.get("problem") is not None:
+        stairs = self._on_stairs(told)
+        if stairs is not None:
+            self._untold_s, turn_deg, reach_m = 0.0, *stairs
+        elif told is None or told.get("problem") is not None:
             self._untold_s += seconds
             turn_deg, reach_m = self._untold(seconds)
         else:
             self._untold_s = 0.0
             turn_deg, reach_m = self._told(told)
+            here = (self.x, self.y)
+            if (
+                not self._trail
+                or np.hypot(here[0] - self._trail[-1][0], here[1] - self._trail[-1][1]) >= TRAIL_M
+            ):
+                self._trail.append(here)
         passed, before_deg = [], self.heading_deg
         for _ in range(max(round(seconds / STEP_S), 1)):
             step_s = seconds / max(round(seconds / STEP_S), 1)
@@ -89,6 +109,17 @@ class Walker:
             passed.append((self.x, self.y, self.floor))
         self.turned_deg_s = ((self.heading_deg - before_deg + 180.0) % 360.0 - 180.0) / seconds
         return passed
+
+    def _on_stairs(self, told: Mapping[str, Any] | None) -> tuple[float, float] | None:
+        """Return how far to turn and to walk on stairs that guidance said to take, None when there are none here."""
+        if told is not None and "turn" in told and not self._climbs:
+            self._stairs = STAIRS.get(told["turn"])
+        end = None if self._stairs is None else self.building.stairs_end(self.x, self.y, bool(self._stairs))
+        if end is None:
+            self._stairs, self._climbs = (None if self._climbs else self._stairs), False
+            return None
+        self._climbs = True
+        return self._towards(*end)
 
     def _told(self, told: Mapping[str, Any]) -> tuple[float, float]:
         """Return how far to turn and to walk by guidance, as this person does it."""
@@ -103,11 +134,25 @@ class Walker:
         return turn_deg, np.inf if remaining_m is None else remaining_m
 
     def _untold(self, seconds: float) -> tuple[float, float]:
-        """Return how far to turn and to walk when nothing is said: on, then around, then elsewhere, and so on."""
+        """Return how far to turn and to walk when no way is told: on, then around, then back, and so on."""
         if self._untold_s <= WALK_ON_S:
             return 0.0, np.inf
-        phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + WANDER_S)
-        return (LOOK_DEG_S * seconds, 0.0) if phase_s <= LOOK_AROUND_S else (0.0, np.inf)
+        phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + GO_BACK_S)
+        if phase_s <= LOOK_AROUND_S:
+            return LOOK_DEG_S * seconds, 0.0
+        return self._back(phase_s - LOOK_AROUND_S)
+
+    def _back(self, since_s: float) -> tuple[float, float]:
+        """Return how far to turn and to walk to where the walker was before; a little on if they were nowhere."""
+        while self._trail and np.hypot(self._trail[-1][0] - self.x, self._trail[-1][1] - self.y) < TRAIL_M:
+            self._trail.pop()
+        if not self._trail:
+            return 0.0, np.inf if since_s <= WANDER_S else 0.0
+        return self._towards(*self._trail[-1])
+
+    def _towards(self, x: float, y: float) -> tuple[float, float]:
+        angle_deg = float(np.degrees(np.arctan2(y - self.y, x - self.x)))
+        return (angle_deg - self.heading_deg + 180.0) % 360.0 - 180.0, float(np.hypot(x - self.x, y - self.y))
 
     def _turn(self, wanted_deg: float, seconds: float) -> float:
         turned = float(np.clip(wanted_deg, -TURN_DEG_S * seconds, TURN_DEG_S * seconds))

@@ -57,9 +57,9 @@ class _Gate:
         """Return the source's fix, none while closed."""
         return self.source.refresh(frame, camera, predicted) if self.is_open else None
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
         """Return the source's fix, none while closed."""
-        return self.source.nearby(frame, camera, near) if self.is_open else None
+        return self.source.nearby(frame, camera, near, reach_m) if self.is_open else None
 
 
 @dataclass(frozen=True, slots=True)

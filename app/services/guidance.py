@@ -11,7 +11,7 @@ from app.services.navigation.model import Route, RoutePoint, Step, Turn
 from app.services.navigation.steps import angle_between_deg, turn_of
 
 OFF_ROUTE_M = 3.0
-ARRIVED_M = 2.0
+ARRIVED_M = 1.75
 # A step this near is done now; the way to one farther off is told first.
 NOW_M = 2.0
 # Somebody who looks aside still walks ahead.
@@ -19,8 +19,15 @@ WRONG_WAY_DEG = 60.0
 LOOK_AHEAD_M = 1.5
 # Of several stretches of the way as near as this to each other, the one not walked yet is meant.
 SAME_M = 0.5
+# Stretches that follow each other within this belong to one visit; what is further on is come by again later.
+VISIT_M = 2.0
 # An arrow points at the way so far ahead: through a door, not through the wall beside it.
 ARROW_AHEAD_M = 1.2
+# Around a corner that point may be where the walker stands: then one further on, at least so far from them. Who is so
+# near to where the way turns back has been there.
+ARROW_CLEAR_M, ARROW_STEP_M = 0.6, 0.2
+# Where the way so far before and after a point differs so much in direction, it turns back there.
+BACK_M, BACK_DEG = 1.0, 135.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +35,7 @@ class Guidance:
     """What to do next. `turn` and `landmark` are those of the next step, `distance_m` leads to it; all distances
     are along the route. Off the route, distances are from the route's nearest point, None on another floor.
     `bearing_deg` is for an arrow: how far to the left of where the walker looks the way goes on; None when it is not
-    known where they look, or nothing of the way is on their floor."""
+    known where they look, on stairs, or when nothing of the way is on their floor."""
 
     instruction: str
     turn: Turn
@@ -68,6 +75,7 @@ def guide(
     nearest = _nearest(route, floor, x, y, progress_m)
     if nearest is None:
         return Guidance(speaker.say("off_route"), "u_turn", None, None, True, False, None, None)
+    nearest = _after_turning_back(route, nearest)
     remaining_m = route.distance_m - nearest.along_m
     off_route = nearest.away_m > _tolerance_m(route, nearest)
     goal = route.points[-1]
@@ -87,7 +95,9 @@ def guide(
         instruction, turn = _way_to(speaker, current, following, ahead_m, facing)
     mark = following.at or following.towards
     landmark = None if mark is None else mark.id
-    bearing_deg = None if heading_deg is None else _bearing_deg(route, nearest, floor, x, y, heading_deg)
+    # On stairs the plan says nothing of the way: they are seen.
+    unknown = heading_deg is None or current.to_floor is not None
+    bearing_deg = None if unknown else _bearing_deg(route, nearest, floor, x, y, heading_deg or 0.0)
     return Guidance(
         instruction, turn, ahead_m, remaining_m, off_route, arrived, landmark, nearest.along_m, bearing_deg
     )
@@ -113,8 +123,10 @@ def _nearest(route: Route, floor: str, x: float, y: float, progress_m: float) ->
         return None
     least_m = min(one.away_m for one in found)
     near = [one for one in found if one.away_m <= least_m + SAME_M]
-    ahead = [one for one in near if one.along_m >= progress_m - SAME_M]
-    return min(ahead or near, key=lambda one: (round(one.away_m / SAME_M), one.along_m))
+    ahead = [one for one in near if one.along_m >= progress_m - SAME_M] or near
+    first_m = min(one.along_m for one in ahead)
+    visit = [one for one in ahead if one.along_m <= first_m + VISIT_M]
+    return min(visit, key=lambda one: (round(one.away_m / SAME_M), one.along_m))
 
 
 def _rows_on(route: Route, floor: str) -> list[int]:
@@ -189,18 +201,46 @@ def _bearing_deg(
 ) -> float | None:
     """Return how far to the left of a heading the way goes on, seen from (x, y); None where it ends."""
     target = _on_way(route, nearest)
+    wanted_m = target.along_m + ARROW_AHEAD_M
     for row in range(nearest.row + 1, len(route.points)):
         end = route.points[row]
         if end.floor != floor:
             break
-        wanted_m = nearest.along_m + ARROW_AHEAD_M
-        if end.along_m >= wanted_m:
-            target = _on_way(route, _Nearest(row - 1, max(wanted_m, target.along_m), 0.0))
-            break
+        while wanted_m <= end.along_m:
+            target = _on_way(route, _Nearest(row - 1, wanted_m, 0.0))
+            if math.hypot(target.x - x, target.y - y) >= ARROW_CLEAR_M:
+                return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
+            wanted_m += ARROW_STEP_M
         target = end
+        if _turns_back(route, row):
+            break
     if math.hypot(target.x - x, target.y - y) < 0.05:
         return None
     return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
+
+
+def _after_turning_back(route: Route, nearest: _Nearest) -> _Nearest:
+    """Return the place where the way turns back if that is next and near: to go on, not to and fro."""
+    row = nearest.row + 1
+    if row >= len(route.points) or not _turns_back(route, row):
+        return nearest
+    along_m = route.points[row].along_m
+    return _Nearest(row, along_m, nearest.away_m) if along_m - nearest.along_m < ARROW_CLEAR_M else nearest
+
+
+def _turns_back(route: Route, row: int) -> bool:
+    """Return whether the way turns back at a point, as on a stub that leads to a landmark."""
+    here, points = route.points[row], route.points
+    before = next((p for p in reversed(points[:row]) if p.along_m <= here.along_m - BACK_M), points[0])
+    after = next((p for p in points[row + 1 :] if p.along_m >= here.along_m + BACK_M), points[-1])
+    if (
+        not before.floor == here.floor == after.floor
+        or min(_apart_m(before, here), _apart_m(here, after)) == 0
+    ):
+        return False
+    came_deg = math.degrees(math.atan2(here.y - before.y, here.x - before.x))
+    goes_deg = math.degrees(math.atan2(after.y - here.y, after.x - here.x))
+    return abs(angle_between_deg(came_deg, goes_deg)) > BACK_DEG
 
 
 def _on_way(route: Route, nearest: _Nearest) -> RoutePoint:

@@ -127,6 +127,10 @@ class Localizer:
         """The extractor of the map's features."""
         return self._extractor
 
+    def similar(self, rgb: Rgb, count: int, allowed: NDArray[np.int64]) -> list[int]:
+        """Return the `count` of the allowed keyframes that look most like an image (height, width, 3)."""
+        return self._retrieval.similar(self._descriptor.describe(rgb), count, 0, allowed)
+
     def localize(
         self,
         rgb: Rgb,

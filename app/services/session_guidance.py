@@ -8,7 +8,7 @@ from typing import Any
 from app.errors import NoRouteError, OffNetworkError
 from app.services.floor_plans import PlanPoint
 from app.services.guidance import guide
-from app.services.navigation.language import language_of
+from app.services.navigation.language import Speaker, language_of
 from app.services.navigation.model import Route
 from app.services.navigation.places import PlanPlace, parse_place
 from app.services.navigation.service import RouteService
@@ -16,6 +16,7 @@ from app.storage.floors import Floor
 
 # Somebody who is off the route on so many frames in a row gets a new one; one frame may be wrong.
 OFF_ROUTE_FRAMES = 3
+LOST = "The last frame was not located: the way goes on as soon as one is."
 
 
 @dataclass(slots=True)
@@ -48,11 +49,16 @@ class SessionGuide:
         language: str | None,
         floor: Floor | None,
         plan: PlanPoint | None,
+        located: bool = True,
     ) -> dict[str, Any] | None:
-        """Return what to tell a walker at a point of a floor's plan, None without a destination or a place.
+        """Return what to tell a walker at a point of a floor's plan, None without a destination or a plan.
 
-        Plans the way when there is none yet, and again when the walker has left it.
+        Somebody who is not located is told how to be. Plans the way when there is none yet, and again when the
+        walker has left it.
         """
+        if destination is not None and not located:
+            said = Speaker(language_of(language), {}).say("lost")
+            return {"instruction": said, "arrived": False, "problem": "lost", "detail": LOST}
         if destination is None or floor is None or plan is None:
             return None
         planned = way.route is None or way.destination != destination or way.off_route >= OFF_ROUTE_FRAMES
@@ -65,7 +71,8 @@ class SessionGuide:
         told = guide(way.route, floor.id, plan.x, plan.y, plan.heading_deg, spoken, way.along_m)
         way.off_route = way.off_route + 1 if told.off_route else 0
         if told.along_m is not None and not told.off_route:
-            way.along_m = told.along_m
+            # Somebody who comes back from a dead end is past it, though they are where they were before.
+            way.along_m = max(way.along_m, told.along_m)
         return {**asdict(told), "planned": planned, "problem": None}
 
     def _plan(

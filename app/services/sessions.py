@@ -248,7 +248,13 @@ class SessionService:
         version = None if serving is None else serving[1].version
         result = _result(session, version, tracked, tracker.camera, floor, plan, timings)
         guidance = self._guide.guidance(
-            live.way, session.venue_id, session.destination, session.language, floor, plan
+            live.way,
+            session.venue_id,
+            session.destination,
+            session.language,
+            floor,
+            plan,
+            tracked.world_from_camera is not None,
         )
         return SessionResult(
             result, session.id, point.frame, tracked.state, tracked.unaided_m, tuple(live.recent), guidance

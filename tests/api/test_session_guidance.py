@@ -161,3 +161,17 @@ def test_a_session_of_another_venue_has_no_place_here(house: Server, video: list
     assert put_features(house, "ground", FEATURES, "other").status_code == 200
     answer = house.client.get("/venues/other/route", params={"from": f"session:{session}", "to": "gate"})
     assert "session" in assert_problem(answer, 404, "not_found")
+
+
+def test_who_is_lost_is_told_what_to_do(house: Server, video: list[View]) -> None:
+    session = start(house, "house", destination="gate")
+    dark = View(video[0].world_from_camera, np.zeros_like(video[0].rgb), video[0].depth_m)
+    for view, at_s in ((dark, 0.0), (video[0], 0.1), (dark, 5.0)):
+        found = send(house, session, view, at_s)
+        told = found["guidance"]
+        if view is dark:
+            assert (found["located"], told["problem"], told["arrived"]) == (False, "lost", False)
+            assert told["instruction"].startswith("Your place is not known.")
+        else:
+            assert told["problem"] is None
+    assert send(house, start(house, "house"), dark, 0.0)["guidance"] is None

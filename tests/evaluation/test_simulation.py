@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.errors import InvalidInputError
 from app.evaluation.simulation import Outcome, Shot, Told, walk_trip
+from app.evaluation.simulation_log import WalkLog
 from app.evaluation.simulation_summary import Setting, figures_of, interval_percent
 from app.evaluation.simulation_trips import Trip, pairs_by_length, shuffled, spots_of
 from app.evaluation.simulation_walker import Walker
@@ -25,7 +27,7 @@ FLOOR = Floor("site", "ground", "Ground floor", 0, -0.5, 3.0, np.eye(4), None, N
 
 
 class Yard:
-    """A place without walls but one, at x = `wall_m`, and without stairs."""
+    """A place without walls but one, at x = `wall_m`, and without stairs but in `Stairwell`."""
 
     def __init__(self, wall_m: float = 100.0) -> None:
         self.wall_m = wall_m
@@ -38,6 +40,21 @@ class Yard:
 
     def ground_m(self, _x: float, _y: float, _floor: int) -> float:
         return 0.0
+
+    def stairs_end(self, _x: float, _y: float, _up: bool) -> tuple[float, float] | None:
+        return None
+
+
+class Stairwell(Yard):
+    """Stairs from x = 9 up to x = 12 on the next floor."""
+
+    def floor_at(self, x: float, _y: float, _floor: int) -> int:
+        return int(x > 10.5)
+
+    def stairs_end(self, x: float, _y: float, up: bool) -> tuple[float, float] | None:
+        if up:
+            return (12.5, 5.0) if 8.5 < x < 12.0 else None
+        return (8.0, 5.0) if 8.5 < x < 12.5 else None
 
 
 class KnowsAll:
@@ -98,7 +115,34 @@ def test_who_is_told_wrong_does_not_count_as_arrived(way: Route, trip: Trip) -> 
 def test_who_is_told_nothing_looks_around_and_gives_up(trip: Trip) -> None:
     found = walked(trip, KnowsAll(None))
     assert (found.end, found.told_percent, found.mean_error_m) == ("lost", 0.0, None)
-    assert found.walked_m < 4.0
+    assert found.walked_m < 12.0
+
+
+def test_who_is_lost_goes_back_where_they_came_from() -> None:
+    walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
+    ahead = {
+        "turn": "straight",
+        "off_route": False,
+        "arrived": False,
+        "bearing_deg": 0.0,
+        "remaining_m": 20.0,
+    }
+    for _ in range(10):
+        walker.follow(ahead, 0.5)
+    there = walker.x
+    for _ in range(40):
+        walker.follow({"instruction": "Stand still.", "arrived": False, "problem": "lost"}, 0.5)
+    assert walker.x < there - 0.5
+
+
+def test_stairs_are_taken_without_an_arrow_and_without_a_word() -> None:
+    walker = Walker(Stairwell(), 8.7, 5.0, 0, 90.0, np.random.default_rng(0))
+    told = {"turn": "up", "off_route": False, "arrived": False, "bearing_deg": None, "remaining_m": 20.0}
+    walker.follow({**told, "problem": None}, 0.5)
+    for _ in range(16):
+        walker.follow(None, 0.5)
+    assert walker.floor == 1
+    assert walker.x > 11.5
 
 
 def test_walls_stop_walkers(way: Route, trip: Trip) -> None:
@@ -120,6 +164,25 @@ def test_routes_are_chosen_by_length_and_seed(way: Route) -> None:
         pairs_by_length(routes, [10.0, 500.0])
 
 
+def test_wrong_places_are_counted(way: Route, trip: Trip) -> None:
+    assert walked(trip, KnowsAll(way)).wrong_frames == 0
+    off = walked(trip, KnowsAll(way, ahead_m=0.6))
+    assert off.wrong_frames == off.frames
+
+
+def test_what_is_in_the_log_is_not_walked_again(way: Route, trip: Trip, tmp_path: Path) -> None:
+    walk, found = {"trip": 3, "start": (1.0, 2.0, 0)}, walked(trip, KnowsAll(way))
+    log = WalkLog(tmp_path / "walks.jsonl")
+    assert log.get(walk) is None
+    log.add(walk, found)
+    again = WalkLog(tmp_path / "walks.jsonl")
+    assert again.get(walk) == found
+    assert again.get({**walk, "trip": 4}) is None
+    (tmp_path / "other.jsonl").write_text('{"walk": {}}\n')
+    with pytest.raises(InvalidInputError, match="Line 1"):
+        WalkLog(tmp_path / "other.jsonl")
+
+
 def test_figures(way: Route, trip: Trip) -> None:
     good = walked(trip, KnowsAll(way))
     bad = dataclasses.replace(good, length_m=20.0, end="gave up")
@@ -129,6 +192,7 @@ def test_figures(way: Route, trip: Trip) -> None:
         (20.0, 1, 0.0),
         (None, 3, 66.7),
     ]
+    assert (by_length[-1].wrong_frames, by_length[-1].frames) == (0, 3 * good.frames)
     assert by_length[-1].ends == {"arrived": 2, "gave up": 1}
     # Clopper and Pearson's interval in closed form for no failure: (alpha / 2)^(1 / n).
     assert interval_percent(20, 20) == (round(100 * 0.025 ** (1 / 20), 1), 100.0)

@@ -50,6 +50,31 @@ def test_an_arrow_points_at_the_way_ahead(way: Route) -> None:
     assert guide(way, "cellar", 12, 1, heading_deg=0).bearing_deg is None
 
 
+def test_an_arrow_leads_to_a_dead_end_and_out_again() -> None:
+    """The way goes to the shelf at the end of a stub and comes back beside it."""
+    there = collection(
+        landmark("a", 0, 0),
+        landmark("b", 8, 0),
+        landmark("shelf", 4, 3),
+        link((0, 0), (3.9, 0), (4, 3), id="in"),
+        link((4, 3), (4.2, 0), (8, 0), id="out"),
+    )
+    way = route(network_of(there), "a", "b")
+    along_m, y = 0.0, 1.0
+    for step in range(100):
+        found = guide(way, "ground", 4.0, y, heading_deg=90, progress_m=along_m)
+        assert found.along_m is not None
+        along_m = max(along_m, found.along_m)
+        assert found.bearing_deg is not None
+        ahead = abs(found.bearing_deg) < 90
+        assert ahead or step > 10
+        y += 0.1 if ahead else -0.1
+        if y < 0.2:
+            break
+    assert y < 0.2
+    assert step < 60
+
+
 def test_before_on_and_after_the_stairs(way: Route) -> None:
     assert says(guide(way, "ground", 17, 1)) == (
         "up",
@@ -57,6 +82,7 @@ def test_before_on_and_after_the_stairs(way: Route) -> None:
     )
     on_stairs = guide(way, "ground", 16, 1, progress_m=14.5)
     assert says(on_stairs) == ("up", "Take the stairs up to Upper Floor.")
+    assert guide(way, "ground", 18, 1, heading_deg=0).bearing_deg is None
     # Seen on the upper floor before the stairs end there.
     still = guide(way, "upper", 17, 1)
     assert not still.off_route

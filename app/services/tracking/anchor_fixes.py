@@ -49,7 +49,7 @@ class AnchorFixes:
     def refresh(self, _frame: TrackingFrame, _camera: Camera, _predicted: Pose) -> None:
         """Return that there is none: an anchor has no points to look for."""
 
-    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose) -> None:
+    def nearby(self, _frame: TrackingFrame, _camera: Camera, _near: Pose, _reach_m: float) -> None:
         """Return that there is none."""
 
 
@@ -120,8 +120,13 @@ class FirstFixes:
             None,
         )
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
         """Return the first fix around a place."""
         return next(
-            (fix for source in self.sources if (fix := source.nearby(frame, camera, near)) is not None), None
+            (
+                fix
+                for source in self.sources
+                if (fix := source.nearby(frame, camera, near, reach_m)) is not None
+            ),
+            None,
         )

@@ -13,15 +13,15 @@ from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.localization import KeyframeVote, Localization
+from app.services.localization import KeyframeVote, Localization, same_place
 from app.services.localizer import Localizer
 from app.services.map_accuracy import accuracy_of, sigma_across
 from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.guided_matching import match_near_projections
+from app.services.tracking.hypotheses import poses_of
 from app.services.verification import Reason, confidence_of, coverage, gather_evidence
 from app.vision.local_features import LocalFeatures
-from app.vision.matching import match_unit_vectors, to_unit_vectors
 
 Array = NDArray[np.float64]
 WORLD = "world"
@@ -34,6 +34,13 @@ MAX_ERROR = 6.0 / 525.0
 GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
 # A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
 PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
+# Tilted by less than 45 degrees.
+UPRIGHT_COSINE = 0.7
+# Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
+KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
+SURE_INLIER_FACTOR, SURE_COVERAGE = 2.5, 0.2
+# Of two places within reach the one must have so much more that agrees.
+MAX_RIVAL_SHARE = 0.45
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +95,11 @@ def _is_far(pose: Pose | None, near: Pose) -> bool:
     return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
 
 
+def _is_upright(pose: Pose) -> bool:
+    """Whether a camera was held upright: then it still is, and need not be looked for in other ways."""
+    return float(-pose.rotation[2, 1]) > UPRIGHT_COSINE
+
+
 class FixSource(Protocol):
     """What gives fixes."""
 
@@ -101,9 +113,9 @@ class FixSource(Protocol):
         """Return where a frame is, looking only where points should be by a pose that is nearly right; None when
         they are not there."""
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, /) -> Fix | None:
-        """Return where a frame is, looking around a place where the camera was a moment ago; None when what is
-        there is not seen."""
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float, /) -> Fix | None:
+        """Return where a frame is, of all places within reach of one where the camera was a moment ago; None when
+        none of them is seen, or when two of them look alike."""
 
 
 class MapFixes:
@@ -111,16 +123,19 @@ class MapFixes:
 
     def __init__(self, localizer: Localizer) -> None:
         self.localizer = localizer
+        self._described: tuple[TrackingFrame, LocalFeatures] | None = None
 
     def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
         """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
         full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
-        found = self.localizer.localize(frame.rgb, full)
+        upright = near is not None and _is_upright(near)
+        found = self.localizer.localize(frame.rgb, full, upright=upright)
         if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
             positions = self.localizer.artifact.arrays.positions
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
             close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
-            nearer = self.localizer.localize(frame.rgb, full, np.flatnonzero(close).astype(np.int64))
+            allowed = np.flatnonzero(close).astype(np.int64)
+            nearer = self.localizer.localize(frame.rgb, full, allowed, upright)
             told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
             if told_apart is not None:
                 return told_apart
@@ -158,33 +173,51 @@ class MapFixes:
         matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
         return self._concluded(matches, camera, predicted)
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
-        """Match all features with the keyframes around a place, estimate the pose, and go on as `refresh` does."""
-        localizer, features = self.localizer, self._features(frame)
-        arrays, extractor = localizer.artifact.arrays, localizer.extractor
-        unit = to_unit_vectors(features.descriptors, extractor.binary)
-        pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
-        same_floor = np.flatnonzero(np.abs(arrays.positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M)
-        for keyframe in localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), same_floor):
-            rows = localizer.artifact.rows(keyframe)
-            theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
-            a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
-            pixels.append(features.keypoints_px[a].astype(np.float64))
-            points.append(arrays.points_in_world[rows][b].astype(np.float64))
-        estimate = estimate_pose_lo_ransac(
-            np.concatenate(pixels),
-            np.concatenate(points),
-            camera,
-            max_error_px=MAX_ERROR * camera.focal_px,
-            max_iterations=2000,
-        )
-        if estimate is None or int(estimate.inlier_mask.sum()) < GUIDED_INLIER_FACTOR * extractor.min_inliers:
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
+        """Match all features with keyframes around a place, and go on as `refresh` does with each pose in reach
+        that they agree on.
+
+        What looks alike further away can't be meant; what looks alike within reach is told from nothing.
+        """
+        features = self._features(frame)
+        keyframes = self._around(frame, near, reach_m)
+        found: list[Fix] = []
+        for pose in poses_of(features, self.localizer, keyframes, camera):
+            if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
+                continue
+            fix = self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+            if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
+                found.append(fix)
+        best = max(found, key=lambda fix: fix.inliers, default=None)
+        if best is None:
             return None
-        pose = estimate.world_from_camera
-        return self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+        others = [fix for fix in found if not same_place(fix.world_from_camera, best.world_from_camera)]
+        return None if any(fix.inliers > MAX_RIVAL_SHARE * best.inliers for fix in others) else best
+
+    def _is_sure(self, fix: Fix) -> bool:
+        """Whether so much agrees that it is no part of another place which the map knows better than the true one."""
+        enough = fix.inliers >= SURE_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        return enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= SURE_COVERAGE
+
+    def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
+        """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
+        positions = self.localizer.artifact.arrays.positions
+        offsets = positions - near.translation
+        on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
+        keyframes = self.localizer.retrieval.covisible(
+            near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor)
+        )
+        if reach_m > KNOWN_REACH_M:
+            close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
+            allowed = np.flatnonzero(close).astype(np.int64)
+            keyframes += self.localizer.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
+        return list(dict.fromkeys(keyframes))
 
     def _features(self, frame: TrackingFrame) -> LocalFeatures:
-        return self.localizer.extractor.extract(frame.gray)
+        """Return the features of a frame, looked for once."""
+        if self._described is None or self._described[0] is not frame:
+            self._described = frame, self.localizer.extractor.extract(frame.gray)
+        return self._described[1]
 
     def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""

@@ -46,26 +46,35 @@ class TrackingFrame:
 
 
 def follow(
-    previous: Gray, frame: TrackingFrame, points_px: NDArray[np.float64]
+    previous: Gray,
+    frame: TrackingFrame,
+    points_px: NDArray[np.float64],
+    expected_px: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Follow points (n, 2) into the next frame by pyramidal Lucas-Kanade flow; both frames have one size.
 
-    Returns where they are (n, 2), and which (n,) came back to where they started, within a pixel, when followed
-    the other way round, and are still in the picture.
+    With `expected_px` (n, 2) each is looked for there. Returns where they are (n, 2), and which (n,) came back to
+    where they started, within a pixel, when followed the other way round, and are still in the picture.
     """
     if len(points_px) == 0:
         return points_px, np.zeros(0, dtype=bool)
     start = points_px.astype(np.float32)[:, None]
-    there, found, _ = _flow(previous, frame.gray, start)
-    back, returned, _ = _flow(frame.gray, previous, there)
+    step = None if expected_px is None else expected_px.astype(np.float32)[:, None] - start
+    there, found, _ = _flow(previous, frame.gray, start, step)
+    back, returned, _ = _flow(frame.gray, previous, there, None if step is None else -step)
     error = np.abs(back - start).max(axis=2)[:, 0]
     moved = there[:, 0].astype(np.float64)
     inside = ((moved >= 0) & (moved < np.array(frame.size_px) - 1)).all(axis=1)
     return moved, (found[:, 0] == 1) & (returned[:, 0] == 1) & (error < MAX_RETURN_PX) & inside
 
 
-def _flow(a: Gray, b: Gray, points: Any) -> Any:
-    return cv2.calcOpticalFlowPyrLK(a, b, points, None, winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS)  # type: ignore[call-overload]
+def _flow(a: Gray, b: Gray, points: Any, step: Any) -> Any:
+    """Follow points from one image to another, beginning a step away from where they were."""
+    guess: Any = None if step is None else points + step
+    flags = 0 if step is None else cv2.OPTFLOW_USE_INITIAL_FLOW
+    return cv2.calcOpticalFlowPyrLK(
+        a, b, points, guess, winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS, flags=flags
+    )
 
 
 def find_corners(

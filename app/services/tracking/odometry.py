@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
@@ -20,6 +21,7 @@ from app.services.map_accuracy import accuracy_of
 from app.services.tracking.fix import Fix
 from app.services.tracking.frame import TrackingFrame, find_corners, follow
 from app.services.tracking.points import FLOW_SIGMA, TrackedPoints
+from app.services.tracking.turning import shift_between, turned
 from app.services.tracking.window import KeyView, Window
 from app.services.verification import coverage
 
@@ -29,6 +31,10 @@ MAX_ERROR = 3.0 / 525.0
 WANTED_POINTS, REFILL_SHARE = 300, 0.8
 MIN_INLIERS, MIN_INLIER_RATIO, MIN_COVERAGE = 15, 0.5, 0.12
 ENOUGH_FIXED, ENOUGH_COVERAGE, MOST_FIXED = 40, 0.3, 250
+# Where fewer are found after a turn, it may have been none.
+ENOUGH_FOUND = 0.5
+# A new point is taken to be as far as so many around it.
+NEIGHBOURS = 5
 # Every so many frames is a keyframe.
 KEYFRAME_EVERY = 4
 # The least that points of a fix are off by.
@@ -98,7 +104,7 @@ class Odometry:
 
     def step(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> OdometryStep | None:
         """Follow all points into a frame and return its pose; None when there is none at all."""
-        moved, found = follow(self._gray, frame, self._points.pixels)
+        moved, found = self._follow(frame, camera)
         self._gray = frame.gray
         points = self._points.take(found)
         points.pixels = moved[found]
@@ -124,6 +130,19 @@ class Odometry:
             coverage(inliers.pixels, (camera.width, camera.height)),
             int(np.count_nonzero(inliers.from_fix)),
         )
+
+    def _follow(self, frame: TrackingFrame, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Follow all points into a frame, beginning where a turn of the camera has moved them."""
+        pixels = self._points.pixels
+        shift_px = shift_between(self._gray, frame.gray)
+        if shift_px is None:
+            return follow(self._gray, frame, pixels)
+        moved, found = follow(self._gray, frame, pixels, turned(pixels, camera, shift_px))
+        if np.count_nonzero(found) >= ENOUGH_FOUND * len(pixels):
+            return moved, found
+        straight, also = follow(self._gray, frame, pixels)
+        more = np.count_nonzero(also) > np.count_nonzero(found)
+        return (straight, also) if more else (moved, found)
 
     def _estimate(self, points: TrackedPoints, camera: Camera, predicted: Pose) -> Pose | None:
         """Return the pose by the points that are placed well, then by all, each as far as it can be trusted."""
@@ -207,13 +226,15 @@ class Odometry:
         placed = self._points.take(self._points.is_placed)
         if len(placed) and len(corners):
             distances = np.linalg.norm(placed.points_in_world - pose.translation, axis=1)
-            fresh = TrackedPoints.new(
-                self._new_ids(len(corners)), corners, camera, pose, float(np.median(distances))
-            )
+            _, near = cKDTree(placed.pixels).query(corners, k=min(NEIGHBOURS, len(placed)))
+            around = np.median(distances[near.reshape(len(corners), -1)], axis=1)
+            fresh = TrackedPoints.new(self._new_ids(len(corners)), corners, camera, pose, around)
             self._points = self._points.joined(fresh)
 
 
 def _weights(points: TrackedPoints, across_m: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
     """Return one over the variance of each point's pixel, 1 for a point whose place is certain."""
     distances = np.maximum(np.linalg.norm(points.points_in_world - pose.translation, axis=1), 1e-6)
-    return np.asarray(1.0 / (1.0 + (across_m / distances / FLOW_SIGMA) ** 2))
+    # What is not placed yet is taken to be as far as its neighbours: if they all are nearer, it is one error.
+    alike = np.where(points.is_placed, 1.0, np.count_nonzero(~points.is_placed))
+    return np.asarray(1.0 / (1.0 + alike * (across_m / distances / FLOW_SIGMA) ** 2))

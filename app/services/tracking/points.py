@@ -54,9 +54,13 @@ class TrackedPoints:
 
     @staticmethod
     def new(
-        ids: NDArray[np.int64], pixels: Array, camera: Camera, world_from_camera: Pose, distance_m: float
+        ids: NDArray[np.int64],
+        pixels: Array,
+        camera: Camera,
+        world_from_camera: Pose,
+        distances_m: Array | float,
     ) -> TrackedPoints:
-        """Return points (n, 2) seen for the first time, about as far away as other things are."""
+        """Return points (n, 2) seen for the first time, as far away as things around them, each (n,) or all."""
         rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         n = len(pixels)
@@ -65,8 +69,8 @@ class TrackedPoints:
             pixels,
             np.tile(world_from_camera.translation, (n, 1)),
             rays,
-            np.full(n, 1.0 / distance_m),
-            np.full(n, NEW_DEPTH_SIGMA / distance_m),
+            np.full(n, 1.0 / distances_m),
+            np.full(n, NEW_DEPTH_SIGMA / distances_m),
             np.zeros(n),
             np.zeros(n, dtype=bool),
         )

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.services.tracking.drift import JERK_M, MAX_FREE_M, MAX_SPEED_M_S, reach_m, sigma_of, unaided
 from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, confidence_of_sigma
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.odometry import Odometry, OdometryStep
+from app.services.tracking.state import State, TrackingMemory
 from app.services.tracking.two_view_fix import at_common_scale
 from app.services.verification import Reason
 
-State = Literal["initializing", "tracking", "relocalized", "lost"]
+__all__ = ["State", "Tracked", "Tracker", "TrackerSettings", "TrackingMemory"]
 
-# A person's pace with room for a hand's jerk; what is further off was no motion.
-MAX_SPEED_M_S, JERK_M = 3.0, 0.4
-# However long a camera was not seen, what is further from where it was is believed only when it is seen twice.
-MAX_FREE_M = 4.0
 # A storey: a change of height that no step explains.
 MAX_CLIMB_M = 1.2
 # After so long without a frame nothing can be followed from the one before.
@@ -30,20 +27,25 @@ MAX_GAP_S = 1.0
 WANTED_SCALE_SIGMA, SCALE_EVERY = 0.04, 4
 # With a scale known worse than to this share odometry isn't believed for longer than so many metres.
 MAX_SCALE_SIGMA, UNSCALED_M = 0.05, 0.2
+# After such a path or such turns points are looked for in the map, however few frames it took: odometry drifts by
+# what it moves.
+REFRESH_M, REFRESH_RAD = 0.3, 0.35
 # For so long a camera is looked for near where it was before it is looked for everywhere.
 MAX_NEARBY_S = 3.0
+# Who is lost for longer than the first is looked for everywhere only so often: it takes many times as long as
+# tracking, and frames that soon after each other show the same.
+MAX_EAGER_S, SEARCH_EVERY_S = 2.0, 0.45
 # A fix corrects odometry by so much beyond three sigmas; by more, one of both is wrong.
 MAX_CORRECTION_M = 0.25
+# So far from odometry a place that the map shows is looked at at all.
+MAX_ASTRAY_M = 1.0
 # Two fixes that confirm each other are at most so long apart.
 MAX_CONFIRMATION_S = 5.0
 # Where places look alike, so long after a camera was seen the one nearer to it is meant; and so long another place,
 # out of reach or on another floor, isn't believed at all: from one look-alike all frames confirm each other.
 MAX_PRIOR_S, MIN_AWAY_S = 30.0, 10.0
-# What odometry is off by after a metre of path (roomfix track), and where its answers end.
-DRIFT_SHARE, MAX_SIGMA_M = 0.04, 1.0
-# What it is off by after a turn, as a share of the turn, and at what distance a turn looks like a step: a lens that
-# differs from its model a little makes one of the other.
-TURN_DRIFT_SHARE, TURN_DISTANCE_M = 0.08, 1.5
+# Where odometry's answers end.
+MAX_SIGMA_M = 1.0
 # A phone's own odometry and ours agree on a step within this and this share of it.
 MOTION_SLACK_M, MOTION_SHARE = 0.15, 0.5
 
@@ -58,30 +60,6 @@ class TrackerSettings:
     relocalize_every: int = 30
     use_refresh: bool = True
     use_relocation: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class TrackingMemory:
-    """What a session must not forget: enough to go on after a restart.
-
-    `world_from_camera` is the last trusted pose, at `time_s`;
-    `fix_position_m`, `fix_orientation_deg` those of the last fix, `fix_scale_sigma` what its scale is off by, as a
-    share; `unaided_m` and `unaided_rad` the path and the turns since; `pending` a fix that
-    was too far off to be believed at once.
-    """
-
-    state: State = "initializing"
-    world_from_camera: Pose | None = None
-    frame_id: str = WORLD
-    time_s: float = 0.0
-    fix_position_m: float = 0.0
-    fix_orientation_deg: float = 0.0
-    fix_scale_sigma: float = 0.0
-    unaided_m: float = 0.0
-    unaided_rad: float = 0.0
-    pending: Pose | None = None
-    pending_frame_id: str = WORLD
-    pending_time_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +98,8 @@ class Tracker:
     _odometry: Odometry | None = None
     _since_refresh: int = 0
     _since_search: int = 0
+    _searched_s: float = -1e9
+    _why_lost: Reason = "no_match"
 
     def process(self, frame: TrackingFrame, camera: Camera | None, motion: Pose | None = None) -> Tracked:
         """Answer for a frame. `camera` is the one of the image as it came; without it the one that an earlier
@@ -169,45 +149,19 @@ class Tracker:
             off_m = position_difference_m(step.world_from_camera, predicted)
             if off_m > MOTION_SLACK_M + MOTION_SHARE * float(np.linalg.norm(motion.translation)):
                 return None
-        unscaled = memory.fix_scale_sigma > MAX_SCALE_SIGMA and self._unaided(step)[0] > UNSCALED_M
-        return None if unscaled or self._sigma(step)[0] > MAX_SIGMA_M else step
+        unscaled = memory.fix_scale_sigma > MAX_SCALE_SIGMA and unaided(memory, step)[0] > UNSCALED_M
+        return None if unscaled or sigma_of(memory, step)[0] > MAX_SIGMA_M else step
 
     def _is_inside(self, pose: Pose) -> bool:
         return self.memory.frame_id != WORLD or self.is_inside(pose)
-
-    def _unaided(self, step: OdometryStep) -> tuple[float, float]:
-        """Return the path and the turns since the last fix, with a step."""
-        memory, pose = self.memory, step.world_from_camera
-        assert memory.world_from_camera is not None  # noqa: S101 - followed
-        return (
-            memory.unaided_m + position_difference_m(pose, memory.world_from_camera),
-            memory.unaided_rad + attitude_difference_rad(pose, memory.world_from_camera),
-        )
-
-    def _sigma(self, step: OdometryStep) -> tuple[float, float]:
-        """Return one sigma of a step's position and attitude: it grows with path and turns since the last fix."""
-        memory, (unaided_m, unaided_rad) = self.memory, self._unaided(step)
-        turned_rad = TURN_DRIFT_SHARE * unaided_rad
-        drift_m = float(np.hypot(DRIFT_SHARE, memory.fix_scale_sigma)) * unaided_m
-        position_m = [step.position_m, memory.fix_position_m, drift_m, turned_rad * TURN_DISTANCE_M]
-        orientation_deg = [step.orientation_deg, memory.fix_orientation_deg, float(np.degrees(turned_rad))]
-        return float(np.linalg.norm(position_m)), float(np.linalg.norm(orientation_deg))
 
     def _go_on(self, frame: TrackingFrame, camera: Camera, step: OdometryStep) -> Tracked:
         """Answer with odometry's pose, or with a fix near it when one is due and there."""
         memory, settings = self.memory, self.settings
         assert memory.world_from_camera is not None and self._odometry is not None  # noqa: S101, PT018 - followed
-        unaided_m, unaided_rad = self._unaided(step)
-        position_m, orientation_deg = self._sigma(step)
-        fix: Fix | None = None
-        if (
-            settings.use_refresh
-            and settings.use_relocation
-            and memory.frame_id == WORLD
-            and self._since_refresh >= settings.refresh_every
-        ):
-            self._since_refresh = 0
-            fix = self.source.refresh(frame, camera, step.world_from_camera)
+        unaided_m, unaided_rad = unaided(memory, step)
+        position_m, orientation_deg = sigma_of(self.memory, step)
+        fix = self._refreshed(frame, camera, step, unaided_m, unaided_rad)
         if fix is None and settings.use_relocation and self._since_search >= self._search_every():
             self._since_search = 0
             found = self.source.locate(frame, camera, step.world_from_camera)
@@ -244,28 +198,42 @@ class Tracker:
         uncertain = self.memory.fix_scale_sigma > WANTED_SCALE_SIGMA
         return SCALE_EVERY if uncertain else self.settings.relocalize_every
 
+    def _refreshed(
+        self, frame: TrackingFrame, camera: Camera, step: OdometryStep, unaided_m: float, unaided_rad: float
+    ) -> Fix | None:
+        """Return the map's fix around odometry's pose when one is due: by frames, by path or by turns."""
+        settings = self.settings
+        if not (settings.use_refresh and settings.use_relocation) or self.memory.frame_id != WORLD:
+            return None
+        moved = unaided_m >= REFRESH_M or unaided_rad >= REFRESH_RAD
+        if self._since_refresh < settings.refresh_every and not moved:
+            return None
+        self._since_refresh = 0
+        pose = step.world_from_camera
+        fix = self.source.refresh(frame, camera, pose)
+        if fix is not None or not moved:
+            return fix
+        return self.source.nearby(frame, camera, pose, MAX_ASTRAY_M + 3.0 * sigma_of(self.memory, step)[0])
+
     def _search(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Tracked:
         """Answer by a fix alone."""
         memory = self.memory
         self._odometry = None
         self._since_search = self._since_refresh = 0
-        if memory.world_from_camera is not None and not self.settings.use_relocation:
-            self.memory = replace(memory, state="lost")
-            return _nothing("lost", "no_match", 0, 0, camera, memory)
         away_s = abs(frame.time_s - memory.time_s)
-        if (
-            away_s <= MAX_NEARBY_S
-            and camera is not None
-            and predicted is not None
-            and memory.frame_id == WORLD
-        ):
-            near = self.source.nearby(frame, camera, predicted)
-            if near is not None and self._can_be(near) and self._is_plausible(near, predicted, frame.time_s):
-                return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
+        is_closed = memory.world_from_camera is not None and not self.settings.use_relocation
+        near = None if is_closed or away_s > MAX_NEARBY_S else self._near_last(frame, camera, predicted)
+        if near is not None:
+            return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
+        if is_closed or self._just_searched(frame.time_s):
+            self.memory = replace(memory, state="lost")
+            return _nothing("lost", self._why_lost, 0, 0, camera, memory)
+        self._searched_s = frame.time_s
         found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
         if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
         if isinstance(found, NoFix):
+            self._why_lost = found.reason
             state: State = "initializing" if memory.world_from_camera is None else "lost"
             expired = abs(frame.time_s - memory.pending_time_s) > MAX_CONFIRMATION_S
             self.memory = replace(memory, state=state, pending=None if expired else memory.pending)
@@ -276,6 +244,20 @@ class Tracker:
             return self._take(found, frame, "relocalized")
         return self._doubt(found, frame, camera)
 
+    def _just_searched(self, time_s: float) -> bool:
+        """Whether somebody who has been lost for a while was looked for everywhere a moment ago."""
+        memory = self.memory
+        is_lost = memory.world_from_camera is not None and abs(time_s - memory.time_s) > MAX_EAGER_S
+        return is_lost and abs(time_s - self._searched_s) < SEARCH_EVERY_S
+
+    def _near_last(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Fix | None:
+        """Return a fix near the last place that can be true."""
+        if camera is None or predicted is None or self.memory.frame_id != WORLD:
+            return None
+        fix = self.source.nearby(frame, camera, predicted, reach_m(self.memory, frame.time_s))
+        can_be = fix is not None and self._can_be(fix) and self._is_plausible(fix, predicted, frame.time_s)
+        return fix if can_be else None
+
     def _can_be(self, fix: Fix) -> bool:
         return fix.frame_id != WORLD or self.is_inside(fix.world_from_camera)
 
@@ -284,16 +266,9 @@ class Tracker:
         memory = self.memory
         if fix.frame_id != memory.frame_id:
             return False
-        waited_s = max(time_s - memory.time_s, 0.0)
-        turned_m = TURN_DRIFT_SHARE * TURN_DISTANCE_M * memory.unaided_rad
-        drift_m = float(np.linalg.norm([memory.fix_position_m, DRIFT_SHARE * memory.unaided_m, turned_m]))
-        reach_m = (
-            JERK_M
-            + min(MAX_SPEED_M_S * waited_s, MAX_FREE_M)
-            + 3.0 * float(np.hypot(drift_m, fix.position_m))
-        )
         offset = fix.world_from_camera.translation - predicted.translation
-        return float(np.linalg.norm(offset)) <= reach_m and abs(float(offset[2])) <= MAX_CLIMB_M
+        within_m = reach_m(memory, time_s, fix.position_m)
+        return float(np.linalg.norm(offset)) <= within_m and abs(float(offset[2])) <= MAX_CLIMB_M
 
     def _is_confirmed(self, fix: Fix, time_s: float) -> bool:
         """Whether the fix agrees with the one that waits for confirmation."""
