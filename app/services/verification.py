@@ -72,7 +72,7 @@ class Limits:
     min_coverage: float = 0.14
     min_distinct_share: float = 0.55
     min_distinct_coverage: float = 0.11
-    min_unrepeated_share: float = 0.23
+    min_unrepeated_share: float = 0.2
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
     max_keyframe_distance_m: float = 12.0
@@ -135,8 +135,12 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
 
 
 def _is_repeated(evidence: Evidence, limits: Limits) -> bool:
+    """Whether a pose rests on things that are found elsewhere too: hardly any inlier is on something else, or fewer
+    than another place explains altogether."""
     share = evidence.unrepeated_share
-    return share is not None and share < limits.min_unrepeated_share
+    if share is None or evidence.unrepeated is None or limits.min_unrepeated_share == 0.0:
+        return False
+    return share < limits.min_unrepeated_share or evidence.unrepeated < evidence.rival
 
 
 @dataclass(frozen=True, slots=True)
