@@ -41,6 +41,7 @@ def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds:
         candidate_deg=candidate_deg,
         position_sigma_m=evidence.position_sigma_m,
         unrepeated_share=evidence.unrepeated_share,
+        contradicted_share=evidence.contradicted,
         estimate_m=None if estimate is None else centre_of(estimate),
     )
 

@@ -47,6 +47,7 @@ class QueryOutcome:
     candidate_deg: float | None = None
     position_sigma_m: float | None = None
     unrepeated_share: float | None = None
+    contradicted_share: float | None = None
 
     @property
     def right(self) -> bool:

@@ -98,6 +98,11 @@ class QueryMatcher:
         self._excluded = excluded_keyframes(artifact, allowed)
 
     @property
+    def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """The pixels (n, 2) and unit descriptors (n, d) of the query's features."""
+        return self._keypoints_px.astype(np.float64), self._unit
+
+    @property
     def matched(self) -> Set[int]:
         """The keyframes that were matched so far."""
         return self._matches.keys()

@@ -22,7 +22,8 @@ class Evidence:
     resemble nothing elsewhere in the map; `rival` the inliers of the best other pose, `rival_only` those that the
     pose doesn't explain, `pose_only` the inliers that the rival doesn't; `keyframe_distance_m` how far the nearest
     keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers; `unrepeated` the
-    inliers on things of which no view resembles anything elsewhere (None: not counted).
+    inliers on things of which no view resembles anything elsewhere (None: not counted); `contradicted` the share of
+    the picture that speaks against the pose (`services.contradiction`).
     """
 
     matches: int
@@ -35,6 +36,7 @@ class Evidence:
     keyframe_distance_m: float
     position_sigma_m: float = float("inf")
     unrepeated: int | None = None
+    contradicted: float = 0.0
 
     @property
     def inlier_ratio(self) -> float:
@@ -73,6 +75,7 @@ class Limits:
     min_distinct_share: float = 0.55
     min_distinct_coverage: float = 0.11
     min_unrepeated_share: float = 0.2
+    max_contradicted_share: float = 0.23
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
     max_keyframe_distance_m: float = 12.0
@@ -81,7 +84,7 @@ class Limits:
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
-        return Limits(0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"), 0.0)
+        return Limits(0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, float("inf"), float("inf"), 0.0)
 
 
 def gather_evidence(
@@ -127,6 +130,7 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         (evidence.distinct_share < limits.min_distinct_share, "ambiguous"),
         (evidence.distinct_coverage < limits.min_distinct_coverage, "ambiguous"),
         (_is_repeated(evidence, limits), "ambiguous"),
+        (evidence.contradicted > limits.max_contradicted_share, "ambiguous"),
         (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
         (confidence_of(evidence) < limits.min_confidence, "too_few_inliers"),
         (evidence.keyframe_distance_m > limits.max_keyframe_distance_m, "outside_venue"),
