@@ -40,8 +40,8 @@ class MapSurroundings:
         """
         least = np.full(len(points_in_world), np.inf, np.float32)
         cells = _cells(points_in_world)
-        for step in np.ndindex(3, 3, 3):
-            owners, rows = self._within(_keys(cells + np.array(step) - 1))
+        for step in np.ndindex(3, 3):
+            owners, rows = self._within(cells + np.array([*step, 1]) - 1)
             offsets = self._artifact.arrays.points_in_world[rows] - points_in_world[owners]
             near = np.einsum("ij,ij->i", offsets, offsets) <= RADIUS_M**2
             if excluded is not None:
@@ -50,10 +50,13 @@ class MapSurroundings:
             np.minimum.at(least, owners[near], distances)
         return least
 
-    def _within(self, keys: Rows) -> tuple[Rows, Rows]:
-        """Return for every feature in cells (n,) the number of its cell and its row."""
-        first = np.searchsorted(self._keys, keys, side="left")
-        counts = np.searchsorted(self._keys, keys, side="right") - first
+    def _within(self, cells: Rows) -> tuple[Rows, Rows]:
+        """Return for every feature in cells (n, 3), and in those above and below, the number of its cell and its
+        row."""
+        # Cells on top of each other have successive keys.
+        keys = _keys(cells)
+        first = np.searchsorted(self._keys, keys - 1, side="left")
+        counts = np.searchsorted(self._keys, keys + 1, side="right") - first
         owners = np.repeat(np.arange(len(keys)), counts)
         within = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
         return owners, self._order[first[owners] + within].astype(np.int64)

@@ -121,6 +121,8 @@ class QueryMatcher:
     def unrepeated_count(self, matches: Matches, surroundings: MapSurroundings) -> int:
         """Return how many features have a match, among these of this query, that is distinct by every view of what
         was matched."""
+        # What isn't distinct by the view that was matched is not by all of them.
+        matches = matches.take(matches.distinct)
         elsewhere = surroundings.distance_elsewhere(matches.points_in_world, self._excluded)
         distances = np.zeros(len(matches), np.float32)
         for keyframe in np.unique(matches.keyframes):
