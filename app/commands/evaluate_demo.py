@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.table import Table
 
 from app.commands.console import console, progress_bars, settings_from
 from app.commands.demo import DEFAULT_DIR
 from app.errors import ConflictError
+from app.evaluation.map_part import part_of_map
 from app.evaluation.outcome import outcome_of
 from app.evaluation.pose_errors import summarize
 from app.evaluation.report import Report, ReportTable, Section
@@ -26,6 +26,7 @@ from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
 from app.services.progress import Progress
 from app.services.resources import Resources
+from app.services.vision_models import VisionModels
 from app.vision.images import decode_image
 
 if TYPE_CHECKING:
@@ -72,7 +73,9 @@ def evaluate_demo(
                     for variation in variations
                 ]
                 if region == "upper" and without_upper_floor:
-                    regions.append(evaluate_absent_floor(serving[0], queries, progress))
+                    regions += evaluate_absent_floor(
+                        serving[0], resources.models, queries, progress, variations
+                    )
     finally:
         resources.close()
     console.print(_table(regions))
@@ -96,16 +99,21 @@ class RegionFigures:
 
 
 def evaluate_absent_floor(
-    localizer: Localizer, queries: Sequence[DemoQuery], progress: Progress
-) -> RegionFigures:
-    """Locate pictures of the upper floor by the keyframes of the ground floor alone: none may be located."""
+    localizer: Localizer,
+    models: VisionModels,
+    queries: Sequence[DemoQuery],
+    progress: Progress,
+    variations: Sequence[Variation],
+) -> list[RegionFigures]:
+    """Locate pictures of the upper floor in a map of the ground floor's keyframes alone: none may be located."""
     from app.demonstration import floor_of
 
     artifact = localizer.artifact
-    below = [i for i in range(artifact.keyframe_count) if floor_of(artifact.pose(i)) == 0]
+    below = np.array([i for i in range(artifact.keyframe_count) if floor_of(artifact.pose(i)) == 0], np.int64)
+    part, index = part_of_map(artifact, localizer.index, below, localizer.extractor)
     upper = [query for query in queries if query.floor == 1]
-    name = "upper, not in the map"
-    return evaluate_region(name, localizer, upper, progress, allowed=np.array(below, dtype=np.int64))
+    ground = Localizer(part, index, models)
+    return [evaluate_region("upper, not in the map", ground, upper, progress, each) for each in variations]
 
 
 def evaluate_region(
@@ -114,12 +122,8 @@ def evaluate_region(
     queries: Sequence[DemoQuery],
     progress: Progress,
     variation: Variation = PLAIN,
-    allowed: NDArray[np.int64] | None = None,
 ) -> RegionFigures:
-    """Locate the pictures of a region, as the variation has them, and compare with the truth, the floor too.
-
-    `allowed` are the keyframes that the map has; without it all of them.
-    """
+    """Locate the pictures of a region, as the variation has them, and compare with the truth, the floor too."""
     from app.demonstration import floor_of
 
     outcomes, timings, wrong_floor = [], [], 0
@@ -127,7 +131,7 @@ def evaluate_region(
         progress.report(region, done + 1, len(queries))
         asked = variation.apply(done, query.name, decode_image(query.path.read_bytes()), query.camera)
         camera = asked.camera if variation.camera_given else None
-        found = localizer.localize(asked.rgb, camera, allowed)
+        found = localizer.localize(asked.rgb, camera)
         milliseconds = sum(found.timings_ms.values())
         truth = query.world_from_camera @ asked.original_from_degraded
         outcomes.append(outcome_of(query.name, found, truth, milliseconds))

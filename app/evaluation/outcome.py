@@ -40,6 +40,8 @@ def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds:
         candidate_m=candidate_m,
         candidate_deg=candidate_deg,
         position_sigma_m=evidence.position_sigma_m,
+        unrepeated_share=evidence.unrepeated_share,
+        contradicted_share=evidence.contradicted,
         estimate_m=None if estimate is None else centre_of(estimate),
     )
 

@@ -46,6 +46,8 @@ class QueryOutcome:
     candidate_m: float | None = None
     candidate_deg: float | None = None
     position_sigma_m: float | None = None
+    unrepeated_share: float | None = None
+    contradicted_share: float | None = None
 
     @property
     def right(self) -> bool:

@@ -12,8 +12,10 @@ from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of, refine_camera
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
+from app.services.contradiction import KEYFRAMES, contradicted_share
 from app.services.localization import Localization, StageTimer, nothing_found, same_place, votes_of
 from app.services.map_accuracy import accuracy_in_map, seen_from_one_side
+from app.services.map_surroundings import MapSurroundings
 from app.services.matches import Matches, QueryMatcher
 from app.services.retrieval import Retrieval
 from app.services.verification import (
@@ -111,6 +113,7 @@ class Localizer:
         self.artifact = artifact
         self.index = index
         self._retrieval = Retrieval(artifact, index)
+        self._surroundings = MapSurroundings(artifact)
         self._descriptor = models.global_descriptor
         self._extractor = models.extractor(artifact.metadata.features)
         self._settings = settings or LocalizerSettings()
@@ -207,7 +210,7 @@ class Localizer:
         rival = self._rival(query, best, camera, allowed, timer)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
-        return self._conclude(best, rival, camera, focal_sigma_of(known, camera), timer)
+        return self._conclude(query, best, rival, camera, focal_sigma_of(known, camera), allowed, timer)
 
     def _refine_camera(
         self, best: Hypothesis, camera: Camera, near: ApproximateCamera | None
@@ -320,10 +323,12 @@ class Localizer:
 
     def _conclude(
         self,
+        query: QueryMatcher,
         best: Hypothesis,
         rival: Hypothesis | None,
         camera: Camera,
         focal_sigma: float,
+        allowed: NDArray[np.int64] | None,
         timer: StageTimer,
     ) -> Localization:
         pose, inliers = best.estimate.world_from_camera, best.inliers
@@ -338,11 +343,15 @@ class Localizer:
         )
         centres = self.artifact.arrays.positions[inliers.keyframes]
         position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, focal_sigma)
-        evidence = replace(evidence, position_sigma_m=position_m)
+        unrepeated = query.unrepeated_count(inliers, self._surroundings)
+        evidence = replace(evidence, position_sigma_m=position_m, unrepeated=unrepeated)
         # What all points share, the map's own error, is not in the covariance.
         position_m = float(np.hypot(position_m, self.artifact.metadata.position_sigma_m))
         orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
         reason = judge(evidence, position_m, self._limits)
+        if reason is None:
+            evidence = replace(evidence, contradicted=self._contradicted(query, best, camera, allowed))
+            reason = judge(evidence, position_m, self._limits)
         votes = votes_of(best.matches, inliers)
         timer.lap("pose")
         found = Localization(
@@ -367,3 +376,11 @@ class Localizer:
             orientation_deg=None,
             confidence=0.0,
         )
+
+    def _contradicted(
+        self, query: QueryMatcher, best: Hypothesis, camera: Camera, allowed: NDArray[np.int64] | None
+    ) -> float:
+        pose = best.estimate.world_from_camera
+        keyframes = self._retrieval.covisible(pose, KEYFRAMES, set(), allowed)
+        inliers_px, binary = best.inliers.points_px, self._extractor.binary
+        return contradicted_share(self.artifact, keyframes, pose, camera, query.features, inliers_px, binary)

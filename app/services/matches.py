@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.epipolar import filter_by_fundamental_matrix
+from app.services.map_surroundings import MapSurroundings
 from app.storage.map_artifact import MapArtifact
 from app.vision.images import Gray
 from app.vision.local_features import LocalFeatureExtractor
@@ -88,12 +89,18 @@ class QueryMatcher:
         features = extractor.extract(gray)
         self.feature_count = len(features)
         self._matches: dict[int, Matches] = {}
+        self._distances: dict[int, NDArray[np.float32]] = {}
         self._keypoints_px = features.keypoints_px
         self._unit = to_unit_vectors(features.descriptors, extractor.binary)
         self._artifact = artifact
         self._extractor = extractor
         self._fundamental_filter = fundamental_filter
         self._excluded = excluded_keyframes(artifact, allowed)
+
+    @property
+    def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """The pixels (n, 2) and unit descriptors (n, d) of the query's features."""
+        return self._keypoints_px.astype(np.float64), self._unit
 
     @property
     def matched(self) -> Set[int]:
@@ -111,6 +118,20 @@ class QueryMatcher:
         self.match(keyframes)
         return Matches.merge(list(self._matches.values()))
 
+    def unrepeated_count(self, matches: Matches, surroundings: MapSurroundings) -> int:
+        """Return how many features have a match, among these of this query, that is distinct by every view of what
+        was matched."""
+        # What isn't distinct by the view that was matched is not by all of them.
+        matches = matches.take(matches.distinct)
+        elsewhere = surroundings.distance_elsewhere(matches.points_in_world, self._excluded)
+        distances = np.zeros(len(matches), np.float32)
+        for keyframe in np.unique(matches.keyframes):
+            mask = matches.keyframes == keyframe
+            # A keyframe is matched with each feature of the query once, in their order.
+            rows = np.searchsorted(self._matches[keyframe].query_rows, matches.query_rows[mask])
+            distances[mask] = self._distances[keyframe][rows]
+        return len(np.unique(matches.query_rows[distances < DISTINCT_RATIO * elsewhere]))
+
     def _match(self, keyframe: int) -> Matches:
         arrays, rows = self._artifact.arrays, self._artifact.rows(keyframe)
         theirs = to_unit_vectors(arrays.descriptors[rows], self._extractor.binary)
@@ -121,6 +142,7 @@ class QueryMatcher:
             )
             a, b = a[good], b[good]
         distances = unit_distances(self._unit[a], theirs[b])
+        self._distances[keyframe] = distances
         return Matches(
             self._keypoints_px[a].astype(np.float64),
             arrays.points_in_world[rows][b].astype(np.float64),

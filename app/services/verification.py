@@ -21,7 +21,9 @@ class Evidence:
     `coverage` is the share of an 8 x 6 grid over the image that holds inliers; `distinct` the inliers that
     resemble nothing elsewhere in the map; `rival` the inliers of the best other pose, `rival_only` those that the
     pose doesn't explain, `pose_only` the inliers that the rival doesn't; `keyframe_distance_m` how far the nearest
-    keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers.
+    keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers; `unrepeated` the
+    inliers on things of which no view resembles anything elsewhere (None: not counted); `contradicted` the share of
+    the picture that speaks against the pose (`services.contradiction`).
     """
 
     matches: int
@@ -33,6 +35,8 @@ class Evidence:
     pose_only: int
     keyframe_distance_m: float
     position_sigma_m: float = float("inf")
+    unrepeated: int | None = None
+    contradicted: float = 0.0
 
     @property
     def inlier_ratio(self) -> float:
@@ -48,6 +52,11 @@ class Evidence:
     def distinct_coverage(self) -> float:
         """How much of the image distinct inliers speak for: a small patch has to be distinct altogether."""
         return self.coverage * self.distinct_share
+
+    @property
+    def unrepeated_share(self) -> float | None:
+        """Inliers on things of which no view resembles anything elsewhere, over inliers."""
+        return self.unrepeated / self.inliers if self.unrepeated is not None and self.inliers else None
 
     @staticmethod
     def none(matches: int = 0) -> Evidence:
@@ -65,6 +74,8 @@ class Limits:
     min_coverage: float = 0.14
     min_distinct_share: float = 0.55
     min_distinct_coverage: float = 0.11
+    min_unrepeated_share: float = 0.2
+    max_contradicted_share: float = 0.23
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
     max_keyframe_distance_m: float = 12.0
@@ -73,7 +84,7 @@ class Limits:
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
-        return Limits(0, 0.0, 0.0, 0.0, 0.0, 1.0, float("inf"), float("inf"), 0.0)
+        return Limits(0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, float("inf"), float("inf"), 0.0)
 
 
 def gather_evidence(
@@ -118,11 +129,22 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         (position_sigma_m > limits.max_position_sigma_m, "too_few_inliers"),
         (evidence.distinct_share < limits.min_distinct_share, "ambiguous"),
         (evidence.distinct_coverage < limits.min_distinct_coverage, "ambiguous"),
+        (_is_repeated(evidence, limits), "ambiguous"),
+        (evidence.contradicted > limits.max_contradicted_share, "ambiguous"),
         (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
         (confidence_of(evidence) < limits.min_confidence, "too_few_inliers"),
         (evidence.keyframe_distance_m > limits.max_keyframe_distance_m, "outside_venue"),
     )
     return next((reason for fails, reason in failed if fails), None)
+
+
+def _is_repeated(evidence: Evidence, limits: Limits) -> bool:
+    """Whether a pose rests on things that are found elsewhere too: hardly any inlier is on something else, or fewer
+    than another place explains altogether."""
+    share = evidence.unrepeated_share
+    if share is None or evidence.unrepeated is None or limits.min_unrepeated_share == 0.0:
+        return False
+    return share < limits.min_unrepeated_share or evidence.unrepeated < evidence.rival
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ SIGMA_M = 0.02
 
 def test_good_evidence_is_trusted() -> None:
     assert judge(GOOD, SIGMA_M, Limits()) is None
+    assert judge(replace(GOOD, unrepeated=60, rival=50, contradicted=0.1), SIGMA_M, Limits()) is None
 
 
 @pytest.mark.parametrize(
@@ -41,6 +42,9 @@ def test_good_evidence_is_trusted() -> None:
         ({"distinct": 10}, SIGMA_M, "ambiguous"),
         ({"distinct": 110, "coverage": 0.16, "position_sigma_m": 1.0}, SIGMA_M, "too_few_inliers"),
         ({"distinct": 90, "coverage": 0.16}, SIGMA_M, "ambiguous"),
+        ({"unrepeated": 20}, SIGMA_M, "ambiguous"),
+        ({"unrepeated": 40, "rival": 50}, SIGMA_M, "ambiguous"),
+        ({"contradicted": 0.4}, SIGMA_M, "ambiguous"),
         ({"keyframe_distance_m": 100.0}, SIGMA_M, "outside_venue"),
     ],
     ids=str,

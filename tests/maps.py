@@ -1,0 +1,44 @@
+"""Maps made of numbers, for tests of what is asked of a map alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.se3 import Pose
+from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
+from tests.scenes import CAMERA
+
+Array = NDArray[np.float64]
+
+
+def map_of(
+    poses: Sequence[Pose],
+    points: Sequence[Array],
+    descriptors: Sequence[NDArray[np.uint8]],
+    distance_elsewhere: Sequence[Array] | None = None,
+    keyframe_elsewhere: Sequence[NDArray[np.int32]] | None = None,
+) -> MapArtifact:
+    """Return a map whose keyframe i, at `world_from_camera` poses[i], sees points[i] (n, 3) with descriptors[i]
+    (n, d)."""
+    counts = [len(each) for each in points]
+    total = sum(counts)
+    pixels = [CAMERA.project(pose.inverse().apply(each)) for pose, each in zip(poses, points, strict=True)]
+    arrays = MapArrays(
+        np.stack([pose.translation for pose in poses]),
+        np.stack([pose.quaternion for pose in poses]),
+        np.zeros(len(poses), np.int32),
+        np.cumsum([0, *counts]).astype(np.int64),
+        np.concatenate(pixels).astype(np.float32),
+        np.concatenate(points).astype(np.float32),
+        np.full(total, 0.01, np.float32),
+        np.full(total, np.inf, np.float16)
+        if distance_elsewhere is None
+        else np.concatenate(distance_elsewhere).astype(np.float16),
+        np.full(total, -1, np.int32) if keyframe_elsewhere is None else np.concatenate(keyframe_elsewhere),
+        np.concatenate(descriptors),
+    )
+    names = tuple(f"{i}.png" for i in range(len(poses)))
+    return MapArtifact(MapMetadata("sift", "", 8, (CAMERA,), names), arrays)
