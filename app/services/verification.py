@@ -74,7 +74,7 @@ class Limits:
     min_coverage: float = 0.14
     min_distinct_share: float = 0.55
     min_distinct_coverage: float = 0.11
-    min_unrepeated_share: float = 0.2
+    min_unrepeated_share: float = 0.3
     max_contradicted_share: float = 0.23
     max_rival_share: float = 0.45
     max_position_sigma_m: float = 0.15
