@@ -37,12 +37,12 @@ from app.services.anchor_features import AnchorDescriber
 from app.services.build_options import parse_build_options
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
+from app.storage.floors import list_floors
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
 HARD_CONDITIONS_PAIRS = 60
 MATCH_PAIRS = 40
-MAP_PAIRS = 30
 PLOTS = {
     "anchors.png": "Located share (bars) and mean error (dots)",
     "anchor-errors.png": "Share of all pairs by error",
@@ -195,7 +195,9 @@ def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_
         serving = MapLibrary(resources).active(VENUE.id)
         if serving is None:
             raise ConflictError("The demonstration venue has no map yet: run roomfix demo --whole first.")
-        outcomes = evaluate_in_map(evaluator, serving[0], [map_pair(pair) for pair in rendered[:MAP_PAIRS]])
+        with resources.database.read() as connection:
+            floors = {floor.id: floor for floor in list_floors(connection, VENUE.id)}
+        outcomes = evaluate_in_map(evaluator, serving[0], floors, [map_pair(pair) for pair in rendered])
     finally:
         resources.close()
     figures = summarize_corners(outcomes)
@@ -213,7 +215,7 @@ def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
 def _retrieval(evaluator: PairEvaluator, pairs: Sequence[AnchorPair]) -> dict[str, int]:
     found = choose_first(evaluator, pairs)
     console.print(
-        f"A right one of 20 anchors is first by bag of words for {found.by_words} of {found.asked} phones, by matches "
+        f"A right one of 20 anchors is first by visual words for {found.by_words} of {found.asked} phones, by matches "
         f"for {found.by_matches}."
     )
     return asdict(found)

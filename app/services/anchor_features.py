@@ -1,8 +1,9 @@
-"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features and the word vector."""
+"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features, and the former's visual words."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.vision.images import Gray, Rgb, to_gray
+from app.vision.inverted_file import InvertedFile
 from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
 from app.vision.matching import Unit, to_unit_vectors
-from app.vision.vocabulary import Vocabulary
+from app.vision.vocabulary import Vocabulary, Words
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
 XFEAT_FEATURES = 2000
@@ -28,18 +30,20 @@ AKAZE_RATIO = 0.85
 # A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
 MIN_ROLL_DEG, BORDER_PX = 12.0, 6.0
 NO_ROWS = np.zeros(0, np.intp)
+# A query's own words are not kept: each of its features is looked up under several.
+NO_WORDS = np.zeros(0, np.int64)
 NO_LENGTHS = np.zeros(0, np.float32)
 
 
 @dataclass(frozen=True)
 class AnchorFeatures:
     """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
-    `words` (w,) is the bag-of-words vector. Of a calibrated camera `*_length_m` says how far along its ray
+    `words` (n,) are the visual words of the former. Of a calibrated camera `*_length_m` says how far along its ray
     each feature lies by the map, NaN where the map doesn't tell."""
 
     akaze: LocalFeatures
     xfeat: LocalFeatures
-    words: NDArray[np.float32]
+    words: Words
     akaze_length_m: NDArray[np.float32] | None = None
     xfeat_length_m: NDArray[np.float32] | None = None
 
@@ -57,20 +61,22 @@ class AnchorFeatures:
             akaze=self.akaze.descriptors,
             xfeat_px=self.xfeat.keypoints_px,
             xfeat=self.xfeat.descriptors.astype(np.float16),
-            words=self.words.astype(np.float16),
+            akaze_words=self.words.astype(np.uint16),
             akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
             xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
         )
         return buffer.getvalue()
 
     @staticmethod
-    def unpack(data: bytes) -> AnchorFeatures:
-        """Return what `pack` has packed."""
+    def unpack(data: bytes) -> AnchorFeatures | None:
+        """Return what `pack` has packed, None for what an earlier version did: the camera's next frame replaces it."""
         with np.load(io.BytesIO(data)) as arrays:
+            if "akaze_words" not in arrays:
+                return None
             return AnchorFeatures(
                 LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
                 LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
-                arrays["words"].astype(np.float32),
+                arrays["akaze_words"].astype(np.int64),
                 arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
                 arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
             )
@@ -89,11 +95,16 @@ class AnchorDescriber:
         """Return all features of a monitoring camera's RGB image (height, width, 3)."""
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
-        return AnchorFeatures(akaze, self.monitor_xfeat.extract(gray), self.word_vector(akaze))
+        return AnchorFeatures(akaze, self.monitor_xfeat.extract(gray), self.words_of(akaze))
 
-    def word_vector(self, akaze: LocalFeatures) -> NDArray[np.float32]:
-        """Return the bag-of-words vector (w,) of A-KAZE features."""
-        return self.vocabulary.vector(np.asarray(akaze.descriptors, dtype=np.uint8))
+    def words_of(self, akaze: LocalFeatures) -> Words:
+        """Return the visual words (n,) of A-KAZE features."""
+        return self.vocabulary.words_of(np.asarray(akaze.descriptors, dtype=np.uint8))
+
+    def alike_by_words(self, monitors: Sequence[AnchorFeatures], akaze: LocalFeatures) -> NDArray[np.float64]:
+        """Return how much a picture with these A-KAZE features looks like each monitoring frame, (m,)."""
+        pictures = [(one.words, np.asarray(one.akaze.descriptors, dtype=np.uint8)) for one in monitors]
+        return InvertedFile(self.vocabulary, pictures).scores(np.asarray(akaze.descriptors, dtype=np.uint8))
 
     def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
         """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
