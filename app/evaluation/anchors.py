@@ -117,7 +117,7 @@ class PairEvaluator:
     def monitor_features(self, pair: AnchorPair) -> AnchorFeatures:
         """Return the features of a pair's monitoring frame, kept between calls."""
         if pair.name not in self._monitors:
-            self._monitors[pair.name] = self._describer.describe(pair.monitor())
+            self._monitors[pair.name] = self._describer.describe(pair.monitor(), pair.monitor_camera)
         return self._monitors[pair.name]
 
     def phone_features(self, rgb: Rgb, gravity: Array | None) -> AnchorFeatures:

@@ -11,17 +11,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.images import Gray, Rgb, to_gray
+from app.geometry.camera import Camera
+from app.vision.images import Gray, Rgb, shrink, to_gray
 from app.vision.inverted_file import InvertedFile
 from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
 from app.vision.matching import Unit, to_unit_vectors
 from app.vision.vocabulary import Vocabulary, Words
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
-XFEAT_FEATURES = 2000
+XFEAT_FEATURES, PHONE_SIDE_PX = 2000, 640
 # A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
 # phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
 MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
+# A lens wider still, a fisheye, shows a POI so large only in a larger picture: where the focal length at the first
+# size is below the limit.
+WIDE_SIDE_PX, MIN_FOCAL_PX = 1280, 420.0
 # Pictures are alike by the matches among so many of their strongest XFeat features, the monitoring camera's and the
 # phone's, that are at least so similar.
 STRONGEST_OF_MONITOR, STRONGEST_OF_PHONE, ALIKE = 600, 400, 0.82
@@ -87,15 +91,20 @@ class AnchorDescriber:
 
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
-        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
+        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, PHONE_SIDE_PX)
+        # The canvas of a turned picture is larger than it, up to its diagonal; the picture in it must not get smaller.
+        self.turned_xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, 2 * PHONE_SIDE_PX)
         self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
+        self.wide_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, WIDE_SIDE_PX)
         self.vocabulary = vocabulary or Vocabulary.open()
 
-    def describe(self, rgb: Rgb) -> AnchorFeatures:
+    def describe(self, rgb: Rgb, camera: Camera) -> AnchorFeatures:
         """Return all features of a monitoring camera's RGB image (height, width, 3)."""
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
-        return AnchorFeatures(akaze, self.monitor_xfeat.extract(gray), self.words_of(akaze))
+        shrunk = min(1.0, MONITOR_SIDE_PX / max(gray.shape))
+        xfeat = self.wide_xfeat if shrunk * camera.focal_px < MIN_FOCAL_PX else self.monitor_xfeat
+        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze))
 
     def words_of(self, akaze: LocalFeatures) -> Words:
         """Return the visual words (n,) of A-KAZE features."""
@@ -111,18 +120,20 @@ class AnchorDescriber:
         be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
         if abs(roll_deg) < MIN_ROLL_DEG:
             return self.xfeat.extract(gray)
-        height, width = gray.shape
+        small, scale = shrink(gray, PHONE_SIDE_PX)
+        height, width = small.shape
         turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
         cos, sin = np.abs(turn[0, :2])
         size = int(np.ceil(width * cos + height * sin)), int(np.ceil(width * sin + height * cos))
         turn[:, 2] = turn[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
         # Grey instead of black outside the picture makes fewer corners along its border.
-        turned = cv2.warpAffine(gray, turn, size, borderValue=128.0)
-        features = self.xfeat.extract(np.asarray(turned, dtype=np.uint8))
+        turned = cv2.warpAffine(small, turn, size, borderValue=128.0)
+        features = self.turned_xfeat.extract(np.asarray(turned, dtype=np.uint8))
         back = cv2.invertAffineTransform(turn)
         points = features.keypoints_px @ back[:, :2].T + back[:, 2]
         inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
-        return LocalFeatures(points[inside].astype(np.float32), features.descriptors[inside])
+        points = (points[inside] + 0.5) / scale - 0.5
+        return LocalFeatures(points.astype(np.float32), features.descriptors[inside])
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
 # With fewer inliers, or a smaller share of the matches, an answer is not looked at any further.
 MIN_INLIERS, MIN_INLIER_RATIO = 60, 0.22
 # With so many inliers the two halves of the matches have hardly ever disagreed.
-SURE_INLIERS = 500
+SURE_INLIERS = 400
 # One sigma of the phone's direction and attitude, as a share of what the worse half differs by (measured).
 SIGMA_PER_INSTABILITY = 0.5
 # A share of inliers that passes, 0.22, is found by five-point samples in 2000 tries with 64 % chance, and by local

@@ -115,7 +115,7 @@ class AnchorService:
     def _store(self, anchor: Anchor, image: bytes, rgb: Rgb, received_at: datetime) -> PushedFrame:
         resources, spec = self._resources, anchor.spec
         camera = frame_camera(spec, rgb.shape[1], rgb.shape[0])
-        features = self._with_lengths(anchor, camera, self._describer.describe(rgb))
+        features = self._with_lengths(anchor, camera, self._describer.describe(rgb, camera))
         visible = visible_pois(spec, camera, features)
         blob = resources.blobs.put(image) if spec.store_images else None
         count = len(features.akaze) + len(features.xfeat)

@@ -11,8 +11,8 @@ from app.vision.vocabulary import Binary, Vocabulary, Words
 
 Scores = NDArray[np.float64]
 
-# A query's feature is looked up under so many of its nearest words; more find hardly anything new.
-LOOKED_UP = 3
+# So many of a query's features, evenly spread over them, are looked up, each under so many of its nearest words.
+MAX_FEATURES, LOOKED_UP = 500, 3
 # Descriptors that share a word are of the same thing only when they differ in fewer than this share of their bits; how
 # fast a vote fades with that share.
 MAX_SHARE, FADING = 110.0 / 486.0, 50.0 / 486.0
@@ -31,23 +31,22 @@ class InvertedFile:
         """Take each picture's words (n,) and descriptors (n, bytes)."""
         self._vocabulary = vocabulary
         self._pictures = len(pictures)
-        size = vocabulary.words.shape[1]
+        self._bits = 8 * vocabulary.words.shape[1]
         words = np.concatenate([np.zeros(0, np.int64), *(words for words, _ in pictures)]).astype(np.int64)
         owners = np.repeat(np.arange(len(pictures)), [len(words) for words, _ in pictures])
-        descriptors = np.concatenate([np.zeros((0, size), np.uint8), *(found for _, found in pictures)])
+        descriptors = np.concatenate([vocabulary.words[:0], *(found for _, found in pictures)])
         order = np.argsort(words, kind="stable")
-        self._owners, self._descriptors = owners[order], descriptors[order]
+        self._owners, self._descriptors = owners[order], _in_long_words(descriptors[order])
         self._ends = np.searchsorted(words[order], np.arange(len(vocabulary.words) + 1))
 
     def scores(self, descriptors: Binary) -> Scores:
         """Return how much a query with these descriptors (n, bytes) looks like each picture, (p,)."""
         if len(descriptors) == 0 or len(self._owners) == 0:
             return np.zeros(self._pictures)
+        descriptors = descriptors[:: -(-len(descriptors) // MAX_FEATURES)]
         features, entries, weights = self._met(descriptors)
-        bits = np.bitwise_count(self._descriptors[entries] ^ descriptors[features]).sum(
-            axis=1, dtype=np.int64
-        )
-        shares = bits / (8.0 * descriptors.shape[1])
+        differing = self._descriptors[entries] ^ _in_long_words(descriptors)[features]
+        shares = np.bitwise_count(differing).sum(axis=1, dtype=np.int64) / self._bits
         near = shares < MAX_SHARE
         votes = np.zeros((len(descriptors), self._pictures))
         # One occurrence a picture is enough: a tiled wall repeats what it has.
@@ -71,3 +70,9 @@ class InvertedFile:
         entries = np.arange(counts.sum()) + np.repeat(starts - before, counts)
         weights = self._vocabulary.idf[flat].astype(np.float64) ** 2
         return np.repeat(features, counts), entries, np.repeat(weights, counts)
+
+
+def _in_long_words(descriptors: Binary) -> NDArray[np.uint64]:
+    """Return descriptors (n, bytes) as numbers of 64 bits (n, w), which are compared eight bytes at a time."""
+    padded = np.pad(descriptors, ((0, 0), (0, -descriptors.shape[1] % 8)))
+    return np.ascontiguousarray(padded).view(np.uint64)
