@@ -11,7 +11,8 @@ MIN_COVERAGE = 0.15
 # Of this much where so many inliers agree, less in proportion where fewer do.
 MAX_INSTABILITY_DEG, STEADY_INLIERS = 20.0, 200
 MIN_PARALLAX_DEG = 1.0
-MAX_POSITION_SIGMA_M = 0.4
+# By noise alone, and by the choice of matches too; of a calibrated camera the first holds for both.
+MAX_POSITION_SIGMA_M, MAX_UNSTEADY_SIGMA_M = 0.4, 0.7
 MAX_LOG_SCALE_SIGMA = 0.25
 # POIs in two directions see different lengths of the same wrong pose.
 MAX_SCALE_ERROR = 0.15
@@ -22,11 +23,10 @@ MAX_INSTABILITY_OUTVOTED_DEG = 6.0
 def judge_fix(fix: AnchorFix) -> Reason | None:
     """Return why an answer can't be trusted, or None if it can.
 
-    Of a calibrated camera all must agree on the scale, the map and each POI, and the choice of matches may not move
-    the phone further than an answer may be uncertain.
+    Of a calibrated camera all must agree on the scale, the map and each POI.
     """
     evidence = fix.evidence
-    sigma_m = fix.position_sigma_m if fix.is_calibrated else fix.noise_sigma_m
+    max_sigma_m = MAX_POSITION_SIGMA_M if fix.is_calibrated else MAX_UNSTEADY_SIGMA_M
     scale_error = evidence.worst_scale_error if fix.is_calibrated else evidence.scale_error
     failed: tuple[tuple[bool, Reason], ...] = (
         (evidence.inliers < MIN_INLIERS, "too_few_inliers"),
@@ -34,7 +34,8 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
         (evidence.coverage < MIN_COVERAGE, "too_few_inliers"),
         (evidence.parallax_deg < MIN_PARALLAX_DEG, "too_few_inliers"),
         (evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA, "too_few_inliers"),
-        (sigma_m > MAX_POSITION_SIGMA_M, "too_few_inliers"),
+        (fix.noise_sigma_m > MAX_POSITION_SIGMA_M, "too_few_inliers"),
+        (fix.position_sigma_m > max_sigma_m, "too_few_inliers"),
         (scale_error > MAX_SCALE_ERROR, "ambiguous"),
         (evidence.poi_error_share > 1.0, "ambiguous"),
         (evidence.instability_deg > _max_instability_deg(evidence), "ambiguous"),

@@ -69,6 +69,7 @@ def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:
     assert judge_fix(fix("map", worst_scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
     assert judge_fix(fix("map", unsteady_m=0.6)) == "too_few_inliers"
     assert judge_fix(fix("gravity", unsteady_m=0.6)) is None
+    assert judge_fix(fix("gravity", unsteady_m=0.8)) == "too_few_inliers"
 
 
 def test_what_the_choice_of_matches_moves_is_part_of_the_accuracy() -> None:
