@@ -148,8 +148,10 @@ def fix_by_anchor(
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
     scale_errors = np.abs(solution.scale_errors)
+    # A calibrated camera's answers have no other error as large: each is tested.
+    sure_inliers = SURE_INLIERS if mounted is None else len(matches) + 1
     instability_deg = _instability_deg(
-        matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px
+        matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px, sure_inliers
     )
     orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
     evidence = AnchorEvidence(
@@ -246,13 +248,14 @@ def _instability_deg(
     phone_from_monitor: Pose,
     cameras: tuple[Camera, Camera],
     max_error_px: float,
+    sure_inliers: int,
 ) -> float:
-    """Return how far off, in degrees, the relative pose is by either half of the matches alone.
+    """Return how far off, in degrees, the relative pose is by either half of the matches alone; 0 with `sure_inliers`.
 
     A wrong pose that chance or one plane made plausible doesn't come out twice.
     """
     count = np.count_nonzero(inliers)
-    if count >= SURE_INLIERS:
+    if count >= sure_inliers:
         return 0.0
     if count < MIN_INLIERS or count < MIN_INLIER_RATIO * len(matches):
         return 180.0
