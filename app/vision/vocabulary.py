@@ -1,4 +1,4 @@
-"""A bag of visual words over binary descriptors: which of a few pictures shows what a query shows."""
+"""Visual words for binary descriptors, and what each of them tells."""
 
 from __future__ import annotations
 
