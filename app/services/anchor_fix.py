@@ -147,13 +147,11 @@ def fix_by_anchor(
         covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA)
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
-    scale_errors = np.abs(solution.scale_errors)
     # A calibrated camera's answers have no other error as large: each is tested.
     sure_inliers = SURE_INLIERS if mounted is None else len(matches) + 1
     instability_deg = _instability_deg(
         matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px, sure_inliers
     )
-    orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
     evidence = AnchorEvidence(
         matches=len(matches),
         inliers=int(inliers.sum()),
@@ -164,13 +162,26 @@ def fix_by_anchor(
         scale_error=_scale_error(solution.scale_errors),
         log_scale_sigma=solution.log_scale_sigma,
         instability_deg=instability_deg,
-        worst_scale_error=max(float(scale_errors.max(initial=0.0)), solution.length_scatter),
+        worst_scale_error=_worst_scale_error(solution),
     )
-    position_covariance = _position_covariance(solution, phone_from_monitor, covariance, rays)
+    return _fix(solution, evidence, phone_from_monitor, covariance, rays, mounted)
+
+
+def _fix(
+    solution: AnchorSolution,
+    evidence: AnchorEvidence,
+    phone_from_monitor: Pose,
+    relative_covariance: Array,
+    rays: tuple[Array, Array],
+    mounted: MountedCamera | None,
+) -> AnchorFix:
+    """Return a solution with what makes it uncertain."""
+    orientation = np.trace(relative_covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
+    position_covariance = _position_covariance(solution, phone_from_monitor, relative_covariance, rays)
     if mounted is not None:
         position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
     away_m = solution.metres_per_unit * float(np.linalg.norm(phone_from_monitor.translation))
-    unsteady_rad = SIGMA_PER_INSTABILITY * float(np.radians(instability_deg))
+    unsteady_rad = SIGMA_PER_INSTABILITY * float(np.radians(evidence.instability_deg))
     orientation_deg = float(np.degrees(np.hypot(np.sqrt(orientation), unsteady_rad)))
     return AnchorFix(solution, evidence, position_covariance, orientation_deg, unsteady_rad * away_m)
 
@@ -201,6 +212,10 @@ def _solution(
 def _scale_error(errors: Array) -> float:
     """Return what all but a minority of POIs agree within: two of two, two of three, three of four."""
     return float(np.sort(np.abs(errors))[len(errors) // 2]) if len(errors) else 0.0
+
+
+def _worst_scale_error(solution: AnchorSolution) -> float:
+    return max(float(np.abs(solution.scale_errors).max(initial=0.0)), solution.length_scatter)
 
 
 def _poi_error_share(solution: AnchorSolution, pois: list[PoiSight]) -> float:
