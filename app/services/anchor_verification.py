@@ -15,7 +15,7 @@ MIN_PARALLAX_DEG = 1.0
 MAX_POSITION_SIGMA_M, MAX_UNSTEADY_SIGMA_M = 0.4, 0.7
 MAX_LOG_SCALE_SIGMA = 0.25
 # POIs in two directions see different lengths of the same wrong pose.
-MAX_SCALE_ERROR = 0.15
+MAX_SCALE_ERROR = 0.1
 # Where one disagrees it was moved, or the pose is wrong: only a steady pose says which.
 MAX_INSTABILITY_OUTVOTED_DEG = 6.0
 
