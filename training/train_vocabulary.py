@@ -1,4 +1,4 @@
-"""Train the shipped bag-of-words vocabulary for A-KAZE descriptors.
+"""Train the shipped vocabulary of visual words for A-KAZE descriptors.
 
 usage: python training/train_vocabulary.py OUT.npz FOLDER...
 

@@ -14,7 +14,6 @@ from app.demonstration.queries import PHONE_CAMERA
 from app.evaluation.anchor_maps import MapPair
 from app.evaluation.anchors import AnchorPair
 from app.geometry.camera import Camera
-from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
 from app.storage.anchors import AnchorSpec, Poi
 from app.vision.images import Rgb, decode_image
@@ -64,8 +63,7 @@ def _poi(view: PrintView, plan: Pose, camera_on_plan: Floats) -> Poi:
 
 def map_pair(pair: MonitorPair) -> MapPair:
     """Return a rendered pair as one in the venue's map."""
-    plan = PlanTransform(plan_from_world(pair.floor).matrix)
-    return MapPair(anchor_pair(pair), pair.world_from_monitor, pair.pois[0].in_world, plan)
+    return MapPair(anchor_pair(pair), pair.world_from_monitor, pair.pois[0].in_world)
 
 
 def _loader(path: Path) -> Callable[[], Rgb]:

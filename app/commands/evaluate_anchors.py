@@ -36,12 +36,12 @@ from app.services.anchor_features import AnchorDescriber
 from app.services.build_options import parse_build_options
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
+from app.storage.floors import list_floors
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
-HARD_CONDITIONS_PAIRS = 60
+HARD_CONDITIONS_PAIRS, ROLL_DEG = 60, 30.0
 MATCH_PAIRS = 40
-MAP_PAIRS = 30
 PLOTS = {
     "anchors.png": "Located share (bars) and mean error (dots)",
     "anchor-errors.png": "Share of all pairs by error",
@@ -85,16 +85,17 @@ def evaluate_anchors(
         opened = open_scan(scan, None, _scan_options(options))
         pairs = sample_pairs(opened, direction(gravity), count, seed)
         figures["matches"] = _matches(opened, seed)
-        title = scan.name
+        title, turned = scan.name, [tilted(pair, ROLL_DEG) for pair in pairs[:hard]]
     else:
         assert demo is not None  # noqa: S101 - checked above
-        pairs, title = _demo_pairs(demo, count, seed, workers), "demonstration venue"
+        pairs, turned = _demo_pairs(demo, count, seed, workers, hard)
+        title = "demonstration venue"
         if data_dir is not None:
             figures["map"] = _in_map(evaluator, demo, count, seed, data_dir)
         figures["retrieval"] = _retrieval(evaluator, pairs)
         figures["timings"] = _timings(describer, demo, seed, workers)
     besides = dict(figures)
-    tables = _located(evaluator, pairs, hard, title, out)
+    tables = _located(evaluator, pairs, turned, title, out)
     figures |= {
         name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()
     }
@@ -105,14 +106,14 @@ def evaluate_anchors(
 
 
 def _located(
-    evaluator: PairEvaluator, pairs: list[AnchorPair], hard: int, title: str, out: Path | None
+    evaluator: PairEvaluator, pairs: list[AnchorPair], turned: list[AnchorPair], title: str, out: Path | None
 ) -> dict[str, dict[str, AnchorSummary]]:
     plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
     ways = {"gravity": plain, "upright assumed": upright}
-    few, conditions = pairs[:hard], {}
+    few, conditions = pairs[: len(turned)], {}
     if few:
         ways["gravity, first pairs"] = plain[: len(few)]
-        turned = [tilted(pair, 30.0) for pair in few]
+        ways["upright assumed, first pairs"] = ways["upright assumed"][: len(few)]
         ways["30 deg roll, gravity"] = _all(evaluator, turned, "tilted")
         ways["30 deg roll, upright assumed"] = _all(evaluator, turned, "tilted, assumed", with_gravity=False)
         conditions = {
@@ -168,16 +169,24 @@ def _table(name: str, rows: Mapping[str, AnchorSummary]) -> Table:
     return table
 
 
-def _demo_pairs(folder: Path, count: int, seed: int, workers: int) -> list[AnchorPair]:
+def _demo_pairs(
+    folder: Path, count: int, seed: int, workers: int, hard: int
+) -> tuple[list[AnchorPair], list[AnchorPair]]:
+    """Return rendered pairs, and the first ones with their phones rolled."""
     from app.commands.demo_anchors import anchor_pair
-    from app.demonstration.monitors import render_monitor_pairs
+    from app.demonstration.monitors import render_monitor_pairs, render_rolled_phones
 
+    directory = _pairs_dir(folder, count, seed)
     with progress_bars() as progress:
         rendered = render_monitor_pairs(
-            _pairs_dir(folder, count, seed), count, ANGLE_RANGE, DISTANCE_RANGE, seed=seed, workers=workers,
+            directory, count, ANGLE_RANGE, DISTANCE_RANGE, seed=seed, workers=workers,
             progress=lambda done, total: progress.report("render", done, total),
         )  # fmt: skip
-    return [anchor_pair(pair) for pair in rendered]
+        rolled = render_rolled_phones(
+            directory.with_name(f"{directory.name}-rolled-{hard}"), rendered[:hard], ROLL_DEG, seed=seed,
+            workers=workers, progress=lambda done, total: progress.report("roll", done, total),
+        ) if hard else []  # fmt: skip
+    return [anchor_pair(pair) for pair in rendered], [anchor_pair(pair) for pair in rolled]
 
 
 def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_dir: Path) -> dict[str, Any]:
@@ -194,7 +203,9 @@ def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_
         serving = MapLibrary(resources).active(VENUE.id)
         if serving is None:
             raise ConflictError("The demonstration venue has no map yet: run roomfix demo --whole first.")
-        outcomes = evaluate_in_map(evaluator, serving[0], [map_pair(pair) for pair in rendered[:MAP_PAIRS]])
+        with resources.database.read() as connection:
+            floors = {floor.id: floor for floor in list_floors(connection, VENUE.id)}
+        outcomes = evaluate_in_map(evaluator, serving[0], floors, [map_pair(pair) for pair in rendered])
     finally:
         resources.close()
     figures = summarize_corners(outcomes)
@@ -212,7 +223,7 @@ def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
 def _retrieval(evaluator: PairEvaluator, pairs: Sequence[AnchorPair]) -> dict[str, int]:
     found = choose_first(evaluator, pairs)
     console.print(
-        f"A right one of 20 anchors is first by bag of words for {found.by_words} of {found.asked} phones, by matches "
+        f"A right one of 20 anchors is first by visual words for {found.by_words} of {found.asked} phones, by matches "
         f"for {found.by_matches}."
     )
     return asdict(found)

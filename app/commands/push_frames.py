@@ -14,6 +14,7 @@ import httpx
 import typer
 
 from app.commands.console import console, errors
+from app.commands.live_capture import LiveCapture
 from app.errors import InvalidInputError
 
 PICTURES = {".jpg", ".jpeg", ".png", ".webp"}
@@ -25,7 +26,10 @@ LASTING = {400, 401, 403, 404, 413, 415, 422}
 
 def push_frames(
     source: Annotated[
-        str, typer.Option(help="A picture, a folder of pictures, an RTSP URL, a device number.")
+        str,
+        typer.Option(
+            help="A picture, a folder of pictures, the URL of an RTSP or MJPEG stream, a device number."
+        ),
     ],
     anchor: Annotated[str, typer.Option(help="The anchor's id.")],
     server: Annotated[
@@ -87,7 +91,7 @@ def send(client: httpx.Client, anchor: str, frame: bytes, newer: Callable[[], by
 def open_frames(source: str, quality: int = 92) -> Iterator[bytes]:
     """Return the frames of a source as image files: one picture again and again, a folder's in turn, or a camera's.
 
-    Raises `InvalidInputError` for a source that can't be opened.
+    Of a camera each is the newest one. Raises `InvalidInputError` for a source that can't be opened.
     """
     path = Path(source)
     if path.is_dir():
@@ -106,30 +110,18 @@ def _again(path: Path) -> Iterator[bytes]:
 
 
 def _captured(source: str, quality: int) -> Iterator[bytes]:
-    capture = _opened(source)
-    while True:
-        # What has queued up since the last frame is old: the buffer is emptied, the newest one kept.
-        for _ in range(int(capture.get(cv2.CAP_PROP_BUFFERSIZE)) or 1):
-            capture.grab()
-        read, image = capture.read()
-        if not read:
-            capture.release()
-            time.sleep(FIRST_WAIT_S)
-            capture = _opened(source)
-            continue
-        encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        if encoded:
-            yield data.tobytes()
+    capture = LiveCapture(source)
 
+    def frames() -> Iterator[bytes]:
+        try:
+            while True:
+                encoded, data = cv2.imencode(".jpg", capture.take(), [cv2.IMWRITE_JPEG_QUALITY, quality])
+                if encoded:
+                    yield data.tobytes()
+        finally:
+            capture.close()
 
-def _opened(source: str) -> cv2.VideoCapture:
-    capture = cv2.VideoCapture(int(source)) if source.isdigit() else cv2.VideoCapture(source)
-    if not capture.isOpened():
-        raise InvalidInputError(
-            f"{source} is no picture, no folder, and no camera or stream that can be opened."
-        )
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    return capture
+    return frames()
 
 
 def _detail(answer: httpx.Response) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from app.demonstration.scene import SCENE_VERSION, demo_scene
 from app.demonstration.sensor import ColourSensor
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
-from app.geometry.se3 import Pose, rotation_from_quaternion
+from app.geometry.se3 import Pose, rotation_from_quaternion, rotation_from_vector
 
 Floats = NDArray[np.float64]
 
@@ -87,6 +88,46 @@ def render_monitor_pairs(
         make_directory(directory, recipe, fill)
     listed = json.loads((directory / "pairs.json").read_text())
     return [_from_dict(directory, values) for values in listed]
+
+
+def render_rolled_phones(
+    directory: Path,
+    pairs: Sequence[MonitorPair],
+    roll_deg: float,
+    *,
+    seed: int = 1,
+    workers: int = 1,
+    phone_camera: Camera = PHONE_CAMERA,
+    progress: Progress | None = None,
+) -> list[MonitorPair]:
+    """Render the phones of pairs again, each turned counter-clockwise about its optical axis by that many degrees.
+
+    Returns the pairs with the new pictures and poses; renders nothing when the directory holds them.
+    """
+    roll = Pose(rotation_from_vector(np.array([0.0, 0.0, -np.radians(roll_deg)])), np.zeros(3))
+    rolled = [
+        replace(
+            pair,
+            phone=directory / pair.phone.name,
+            world_from_phone=pair.world_from_phone @ roll,
+        )
+        for pair in pairs
+    ]
+    recipe = {
+        "rolled phones": [pair.name for pair in pairs],
+        "roll": roll_deg,
+        "seed": seed,
+        "version": [SCENE_VERSION, PROTOCOL_VERSION],
+        "camera": [phone_camera.model, phone_camera.width, phone_camera.height, *phone_camera.params],
+    }
+
+    def fill(partial: Path) -> None:
+        jobs = [_jobs(partial, pair, seed, phone_camera)[1] for pair in rolled]
+        make_frames(partial, jobs, workers, progress)
+
+    if not is_complete(directory, recipe):
+        make_directory(directory, recipe, fill)
+    return rolled
 
 
 def _jobs(directory: Path, pair: MonitorPair, seed: int, phone_camera: Camera) -> list[FrameJob]:

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.errors import ConflictError
 from app.evaluation.anchors import AnchorPair, PairEvaluator
 from app.evaluation.pose_errors import pose_error
-from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
+from app.services.anchor_calibration import calibrate_in_map, calibration_of
 from app.services.anchor_features import AnchorFeatures
 from app.services.anchor_fix import MountedCamera
+from app.services.anchor_library import mounted_camera
 from app.services.anchor_look import look_closely
 from app.services.anchor_verification import judge_fix
 from app.services.localization import StageTimer
 from app.services.localizer import Localizer
-from app.services.map_depth import SeenPoints, points_seen
+from app.services.map_depth import SeenPoints
+from app.storage.floors import Floor
 from app.storage.map_artifact import MapArtifact
 
 Array = NDArray[np.float64]
@@ -29,52 +32,48 @@ CORNER_M, CORNER_SHARE = 2.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class MapPair:
-    """A pair in a mapped venue, with the true pose of its monitoring camera, the POI in the world (3,), and the
-    floor's `plan_from_world`."""
+    """A pair in a mapped venue, with the true pose of its monitoring camera and the POI in the world (3,)."""
 
     pair: AnchorPair
     world_from_monitor: Pose
     poi_in_world: Array
-    plan_from_world: PlanTransform
 
 
 @dataclass(frozen=True, slots=True)
 class CornerOutcome:
     """What became of a pair: the camera's calibration with the whole map (errors in metres and degrees, infinite if
-    none), then with the corner taken out whether the map alone still locates the phone, and the anchor's error."""
+    none, and then why), then with the corner taken out whether the map alone still locates the phone, and the anchor's
+    error, infinite when it has no answer."""
 
     calibration_m: float
     calibration_deg: float
     map_alone: bool
     anchor_error_m: float
+    refused: str | None = None
 
 
 def evaluate_in_map(
-    evaluator: PairEvaluator, localizer: Localizer, pairs: Sequence[MapPair]
+    evaluator: PairEvaluator, localizer: Localizer, floors: Mapping[str, Floor], pairs: Sequence[MapPair]
 ) -> list[CornerOutcome]:
     """Calibrate each pair's camera, take the POI's corner out of the map, and locate the phone without it."""
-    return [_outcome(evaluator, localizer, one) for one in pairs]
+    return [_outcome(evaluator, localizer, floors[one.pair.spec.floor_id], one) for one in pairs]
 
 
-def _outcome(evaluator: PairEvaluator, localizer: Localizer, one: MapPair) -> CornerOutcome:
-    pair = one.pair
-    found = localizer.localize(pair.monitor(), pair.monitor_camera)
-    calibration_m, calibration_deg = float("inf"), 180.0
-    if found.world_from_camera is not None:
-        calibration_m, calibration_deg = pose_error(found.world_from_camera, one.world_from_monitor)
+def _outcome(evaluator: PairEvaluator, localizer: Localizer, floor: Floor, one: MapPair) -> CornerOutcome:
+    pair, camera = one.pair, one.pair.monitor_camera
     left = keyframes_outside(localizer.artifact, one.poi_in_world)
-    phone = localizer.localize(pair.phone(), pair.phone_camera, left)
-    error_m = float("inf")
-    if found.world_from_camera is not None and found.position_m is not None:
-        pose, plan = found.world_from_camera, one.plan_from_world
-        mounted = MountedCamera(
-            Pose(plan.rotation @ pose.rotation, plan.apply(pose.translation)),
-            found.position_m,
-            float(np.radians(found.orientation_deg or 0.0)),
-        )
-        seen = _without_corner(points_seen(localizer.artifact, pair.monitor_camera, pose), one, pose)
-        error_m = _anchor_error_m(evaluator, pair, mounted, seen)
-    return CornerOutcome(calibration_m, calibration_deg, phone.world_from_camera is not None, error_m)
+    alone = localizer.localize(pair.phone(), pair.phone_camera, left).world_from_camera is not None
+    try:
+        stored = calibrate_in_map(localizer, 0, floor, pair.spec, camera, pair.monitor())
+    except ConflictError as error:
+        return CornerOutcome(float("inf"), 180.0, alone, float("inf"), str(error))
+    calibration, mounted = calibration_of(stored), mounted_camera(stored, floor)
+    assert calibration is not None and mounted is not None  # noqa: S101, PT018 - it was just made, on this floor
+    assert calibration.points is not None  # noqa: S101
+    calibration_m, calibration_deg = pose_error(calibration.world_from_camera, one.world_from_monitor)
+    seen = _without_corner(SeenPoints.unpack(calibration.points, camera), one, calibration.world_from_camera)
+    error_m = _anchor_error_m(evaluator, pair, mounted, seen)
+    return CornerOutcome(calibration_m, calibration_deg, alone, error_m)
 
 
 def summarize_corners(outcomes: Sequence[CornerOutcome]) -> dict[str, float | int | None]:
@@ -87,18 +86,24 @@ def summarize_corners(outcomes: Sequence[CornerOutcome]) -> dict[str, float | in
         "cameras": len(outcomes),
         "calibrated": len(found),
         "calibrated within 5 cm and 0.5 deg": len(near),
+        "calibration, worst cm": _worst([100 * one.calibration_m for one in found]),
+        "calibration, worst deg": _worst([one.calibration_deg for one in found]),
         "calibration, median cm": _median([100 * one.calibration_m for one in found]),
         "calibration, median deg": _median([one.calibration_deg for one in found]),
         "corner removed: located by the map alone": sum(one.map_alone for one in outcomes),
         "corner removed: located by the anchor": len(errors),
         "corner removed: by the anchor only": len(alone),
         "corner removed: anchor, median m": _median(errors),
-        "corner removed: anchor, worst m": _median([max(errors)]) if errors else None,
+        "corner removed: anchor, worst m": _worst(errors),
     }
 
 
 def _median(values: Sequence[float]) -> float | None:
     return round(float(np.median(values)), 3) if values else None
+
+
+def _worst(values: Sequence[float]) -> float | None:
+    return round(max(values), 3) if values else None
 
 
 def keyframes_outside(artifact: MapArtifact, corner: Array) -> NDArray[np.int64]:

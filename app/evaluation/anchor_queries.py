@@ -10,7 +10,7 @@ import numpy as np
 
 from app.evaluation.anchors import AnchorPair, PairEvaluator
 from app.services.anchor_features import AnchorDescriber, likeness
-from app.services.anchor_locator import AnchorLocator, ranked
+from app.services.anchor_locator import CANDIDATES, AnchorLocator, ranked
 from app.services.anchors import AnchorService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -34,7 +34,7 @@ class QueryTimes:
 
 @dataclass(frozen=True, slots=True)
 class FirstChoices:
-    """Of how many phones a right anchor comes first: by bag of words, and after looking at matches."""
+    """Of how many phones a right anchor comes first: by visual words, and after looking at matches."""
 
     asked: int
     by_words: int
@@ -49,10 +49,11 @@ def choose_first(evaluator: PairEvaluator, pairs: Sequence[AnchorPair], anchors:
         monitors = [evaluator.monitor_features(pair) for pair in group]
         for pair in group:
             phone = evaluator.phone_features(pair.phone(), pair.gravity_in_phone)
-            words = [float(monitor.words @ phone.words) for monitor in monitors]
+            words = evaluator.alike_by_words(monitors, phone)
             right = [not pair.seen.isdisjoint(poi.id for poi in other.spec.pois) for other in group]
             by_words += right[int(np.argmax(words))]
-            by_matches += right[ranked([likeness(monitor, phone) for monitor in monitors])[0]]
+            first = np.argsort(-words, kind="stable")[:CANDIDATES]
+            by_matches += right[first[ranked([likeness(monitors[row], phone) for row in first])[0]]]
             asked += 1
     return FirstChoices(asked, by_words, by_matches)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.services.anchor_features import AnchorDescriber, AnchorFeatures
+from app.services.anchor_features import NO_WORDS, AnchorDescriber, AnchorFeatures
 from app.services.anchor_locator import roll_deg
 from app.services.anchor_look import look_closely
 from app.services.anchor_verification import confidence_of_fix, judge_fix
@@ -117,7 +117,7 @@ class PairEvaluator:
     def monitor_features(self, pair: AnchorPair) -> AnchorFeatures:
         """Return the features of a pair's monitoring frame, kept between calls."""
         if pair.name not in self._monitors:
-            self._monitors[pair.name] = self._describer.describe(pair.monitor())
+            self._monitors[pair.name] = self._describer.describe(pair.monitor(), pair.monitor_camera)
         return self._monitors[pair.name]
 
     def phone_features(self, rgb: Rgb, gravity: Array | None) -> AnchorFeatures:
@@ -125,9 +125,11 @@ class PairEvaluator:
         gray = to_gray(rgb)
         akaze = self._describer.akaze.extract(gray)
         roll = roll_deg(None if gravity is None else gravity.tolist())
-        return AnchorFeatures(
-            akaze, self._describer.upright_xfeat(gray, roll), self._describer.word_vector(akaze)
-        )
+        return AnchorFeatures(akaze, self._describer.upright_xfeat(gray, roll), NO_WORDS)
+
+    def alike_by_words(self, monitors: Sequence[AnchorFeatures], phone: AnchorFeatures) -> Array:
+        """Return how much a phone's picture looks like each monitoring frame by visual words, (m,)."""
+        return self._describer.alike_by_words(monitors, phone.akaze)
 
     def evaluate(
         self, pair: AnchorPair, change: Callable[[Rgb], Rgb] | None = None, *, with_gravity: bool = True

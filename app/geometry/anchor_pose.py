@@ -24,7 +24,8 @@ ROLL_SIGMA_RAD, PITCH_SIGMA_RAD = float(np.radians(12.0)), float(np.radians(20.0
 MOUNT_ROLL_SIGMA_RAD = float(np.radians(12.0))
 # POIs whose directions are this far apart hold the vertical between them.
 MIN_POI_ANGLE_RAD = float(np.radians(15.0))
-# A scale by a map is no better than this share.
+# A scale by a map needs so many lengths, and is no better than this share.
+MIN_KNOWN_LENGTHS = 5
 MIN_SCALE_SIGMA = 0.01
 STEPS = 25
 # Residuals beyond this many sigma count less and less.
@@ -56,7 +57,8 @@ class AnchorSolution:
     and `log_scale_sigma` one sigma of its logarithm; `plan_from_monitor_covariance` (3, 3) of the anchor's
     rotation (vector in plan axes, rad); `poi_errors_m` (n,) how far each POI lies from its place on the plan by
     this solution; `scale_errors` (n,) how far the logarithm of each POI's own scale is from the common one;
-    `vertical` says what the vertical rests on.
+    `vertical` says what the vertical rests on; `length_scatter` is how far, as a logarithm, the lengths that a map
+    knows scatter about their common scale (one sigma, robust).
     """
 
     plan_from_phone: Pose
@@ -67,6 +69,7 @@ class AnchorSolution:
     poi_errors_m: Array
     scale_errors: Array
     vertical: Vertical
+    length_scatter: float = 0.0
 
 
 def solve_anchor(
@@ -116,21 +119,28 @@ def solve_calibrated(
     phone_from_monitor: Pose,
     known_lengths_m: Array,
     lengths: Array,
+    sights: Sequence[PoiSight] = (),
 ) -> AnchorSolution:
     """Return the phone's place beside a monitoring camera whose pose on the plan is known.
 
     `known_lengths_m` (n,) are distances along the camera's rays in metres, `lengths` (n,) the same ones by
-    triangulation in the unit of the relative pose: their ratios hold the scale, as the POI's do in C eq. 4.2.7.
-    Raises `DegenerateGeometryError` when none is known.
+    triangulation in the unit of the relative pose: their ratios hold the scale, as the POI's in `sights` do
+    (C eq. 4.2.7). The first of `scale_errors` is theirs when at least `MIN_KNOWN_LENGTHS` are known; fewer count for
+    nothing. Raises `DegenerateGeometryError` when no scale is known.
     """
     usable = np.isfinite(known_lengths_m) & np.isfinite(lengths) & (lengths > 0) & (known_lengths_m > 0)
-    if not usable.any():
+    logs = [float(np.log(sight.distance_m / sight.length)) for sight in sights]
+    sigmas = [float(np.hypot(sight.log_sigma, PLAN_SIGMA_SHARE)) for sight in sights]
+    scatter = 0.0
+    if np.count_nonzero(usable) >= MIN_KNOWN_LENGTHS:
+        by_map = np.log(known_lengths_m[usable] / lengths[usable])
+        middle = float(np.median(by_map))
+        scatter = SIGMA_PER_MAD * float(np.median(np.abs(by_map - middle)))
+        sigma = float(np.hypot(MIN_SCALE_SIGMA, max(scatter, PLAN_SIGMA_SHARE) / np.sqrt(len(by_map))))
+        logs, sigmas = [middle, *logs], [sigma, *sigmas]
+    if not logs:
         raise DegenerateGeometryError("A scale needs a distance that is known.")
-    logs = np.log(known_lengths_m[usable] / lengths[usable])
-    center = float(np.median(logs))
-    scatter = SIGMA_PER_MAD * float(np.median(np.abs(logs - center)))
-    log_sigma = float(np.hypot(MIN_SCALE_SIGMA, max(scatter, PLAN_SIGMA_SHARE) / np.sqrt(len(logs))))
-    scale = float(np.exp(center))
+    scale, log_sigma, scale_errors = _common_scale(np.array(logs), np.array(sigmas))
     monitor_from_phone = phone_from_monitor.inverse()
     metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
     return AnchorSolution(
@@ -140,8 +150,9 @@ def solve_calibrated(
         log_sigma,
         orientation_sigma_rad**2 / 3.0 * np.eye(3),
         np.zeros(0),
-        np.zeros(0),
+        scale_errors,
         "map",
+        scatter,
     )
 
 
@@ -230,7 +241,11 @@ def _vertical(sights: Sequence[PoiSight], has_gravity: bool) -> Vertical:
 def _scale(sights: Sequence[PoiSight]) -> tuple[float, float, Array]:
     """Return the common scale, one sigma of its logarithm, and each POI's difference from it (C eq. 4.2.7)."""
     logs = np.log([sight.distance_m / sight.length for sight in sights])
-    sigmas = np.array([np.hypot(sight.log_sigma, PLAN_SIGMA_SHARE) for sight in sights])
+    return _common_scale(logs, np.array([np.hypot(sight.log_sigma, PLAN_SIGMA_SHARE) for sight in sights]))
+
+
+def _common_scale(logs: Array, sigmas: Array) -> tuple[float, float, Array]:
+    """Return what scales with logarithms (n,) and one sigma of each, (n,), amount to, as `_scale` does."""
     center = _weighted_median(logs, 1.0 / sigmas**2)
     for _ in range(STEPS):
         weights = 1.0 / (sigmas**2 * (1.0 + ((logs - center) / (ROBUST_SIGMAS * sigmas)) ** 2))

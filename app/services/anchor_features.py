@@ -1,8 +1,9 @@
-"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features and the word vector."""
+"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features, and the former's visual words."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,16 +11,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.images import Gray, Rgb, to_gray
+from app.geometry.camera import Camera
+from app.vision.images import Gray, Rgb, shrink, to_gray
+from app.vision.inverted_file import InvertedFile
 from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
 from app.vision.matching import Unit, to_unit_vectors
-from app.vision.vocabulary import Vocabulary
+from app.vision.vocabulary import Vocabulary, Words
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
-XFEAT_FEATURES = 2000
+XFEAT_FEATURES, PHONE_SIDE_PX = 2000, 640
 # A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
 # phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
 MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
+# A lens wider still, a fisheye, shows a POI so large only in a larger picture: where the focal length at the first
+# size is below the limit.
+WIDE_SIDE_PX, MIN_FOCAL_PX = 1280, 420.0
 # Pictures are alike by the matches among so many of their strongest XFeat features, the monitoring camera's and the
 # phone's, that are at least so similar.
 STRONGEST_OF_MONITOR, STRONGEST_OF_PHONE, ALIKE = 600, 400, 0.82
@@ -28,18 +34,20 @@ AKAZE_RATIO = 0.85
 # A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
 MIN_ROLL_DEG, BORDER_PX = 12.0, 6.0
 NO_ROWS = np.zeros(0, np.intp)
+# A query's own words are not kept: each of its features is looked up under several.
+NO_WORDS = np.zeros(0, np.int64)
 NO_LENGTHS = np.zeros(0, np.float32)
 
 
 @dataclass(frozen=True)
 class AnchorFeatures:
     """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
-    `words` (w,) is the bag-of-words vector. Of a calibrated camera `*_length_m` says how far along its ray
+    `words` (n,) are the visual words of the former. Of a calibrated camera `*_length_m` says how far along its ray
     each feature lies by the map, NaN where the map doesn't tell."""
 
     akaze: LocalFeatures
     xfeat: LocalFeatures
-    words: NDArray[np.float32]
+    words: Words
     akaze_length_m: NDArray[np.float32] | None = None
     xfeat_length_m: NDArray[np.float32] | None = None
 
@@ -57,20 +65,22 @@ class AnchorFeatures:
             akaze=self.akaze.descriptors,
             xfeat_px=self.xfeat.keypoints_px,
             xfeat=self.xfeat.descriptors.astype(np.float16),
-            words=self.words.astype(np.float16),
+            akaze_words=self.words.astype(np.uint16),
             akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
             xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
         )
         return buffer.getvalue()
 
     @staticmethod
-    def unpack(data: bytes) -> AnchorFeatures:
-        """Return what `pack` has packed."""
+    def unpack(data: bytes) -> AnchorFeatures | None:
+        """Return what `pack` has packed, None for what an earlier version did: the camera's next frame replaces it."""
         with np.load(io.BytesIO(data)) as arrays:
+            if "akaze_words" not in arrays:
+                return None
             return AnchorFeatures(
                 LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
                 LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
-                arrays["words"].astype(np.float32),
+                arrays["akaze_words"].astype(np.int64),
                 arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
                 arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
             )
@@ -81,37 +91,49 @@ class AnchorDescriber:
 
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
-        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES)
+        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, PHONE_SIDE_PX)
+        # The canvas of a turned picture is larger than it, up to its diagonal; the picture in it must not get smaller.
+        self.turned_xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, 2 * PHONE_SIDE_PX)
         self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
+        self.wide_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, WIDE_SIDE_PX)
         self.vocabulary = vocabulary or Vocabulary.open()
 
-    def describe(self, rgb: Rgb) -> AnchorFeatures:
+    def describe(self, rgb: Rgb, camera: Camera) -> AnchorFeatures:
         """Return all features of a monitoring camera's RGB image (height, width, 3)."""
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
-        return AnchorFeatures(akaze, self.monitor_xfeat.extract(gray), self.word_vector(akaze))
+        shrunk = min(1.0, MONITOR_SIDE_PX / max(gray.shape))
+        xfeat = self.wide_xfeat if shrunk * camera.focal_px < MIN_FOCAL_PX else self.monitor_xfeat
+        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze))
 
-    def word_vector(self, akaze: LocalFeatures) -> NDArray[np.float32]:
-        """Return the bag-of-words vector (w,) of A-KAZE features."""
-        return self.vocabulary.vector(np.asarray(akaze.descriptors, dtype=np.uint8))
+    def words_of(self, akaze: LocalFeatures) -> Words:
+        """Return the visual words (n,) of A-KAZE features."""
+        return self.vocabulary.words_of(np.asarray(akaze.descriptors, dtype=np.uint8))
+
+    def alike_by_words(self, monitors: Sequence[AnchorFeatures], akaze: LocalFeatures) -> NDArray[np.float64]:
+        """Return how much a picture with these A-KAZE features looks like each monitoring frame, (m,)."""
+        pictures = [(one.words, np.asarray(one.akaze.descriptors, dtype=np.uint8)) for one in monitors]
+        return InvertedFile(self.vocabulary, pictures).scores(np.asarray(akaze.descriptors, dtype=np.uint8))
 
     def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
         """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
         be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
         if abs(roll_deg) < MIN_ROLL_DEG:
             return self.xfeat.extract(gray)
-        height, width = gray.shape
+        small, scale = shrink(gray, PHONE_SIDE_PX)
+        height, width = small.shape
         turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
         cos, sin = np.abs(turn[0, :2])
         size = int(np.ceil(width * cos + height * sin)), int(np.ceil(width * sin + height * cos))
         turn[:, 2] = turn[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
         # Grey instead of black outside the picture makes fewer corners along its border.
-        turned = cv2.warpAffine(gray, turn, size, borderValue=128.0)
-        features = self.xfeat.extract(np.asarray(turned, dtype=np.uint8))
+        turned = cv2.warpAffine(small, turn, size, borderValue=128.0)
+        features = self.turned_xfeat.extract(np.asarray(turned, dtype=np.uint8))
         back = cv2.invertAffineTransform(turn)
         points = features.keypoints_px @ back[:, :2].T + back[:, 2]
         inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
-        return LocalFeatures(points[inside].astype(np.float32), features.descriptors[inside])
+        points = (points[inside] + 0.5) / scale - 0.5
+        return LocalFeatures(points.astype(np.float32), features.descriptors[inside])
 
 
 @dataclass(frozen=True, slots=True)

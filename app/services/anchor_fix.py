@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 MAX_ERROR = 2.0 / 525.0
 # A POI may come out this far from its place: this much, and this share of its distance.
 MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
-# So many matches of known distance make a scale that needs no POI.
-MIN_KNOWN_LENGTHS = 8
 # With fewer inliers, or a smaller share of the matches, an answer is not looked at any further.
 MIN_INLIERS, MIN_INLIER_RATIO = 60, 0.22
-# With so many inliers the two halves of the matches have never disagreed.
-SURE_INLIERS = 300
+# With so many inliers the two halves of the matches have hardly ever disagreed.
+SURE_INLIERS = 400
+# One sigma of the phone's direction and attitude, as a share of what the worse half differs by (measured).
+SIGMA_PER_INSTABILITY = 0.5
 # A share of inliers that passes, 0.22, is found by five-point samples in 2000 tries with 64 % chance, and by local
 # optimization from worse samples mostly before.
 ITERATIONS, HALF_ITERATIONS = 2000, 1000
@@ -44,8 +44,9 @@ class AnchorEvidence:
     `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
     `region_matches`, inliers inside POI regions; `parallax_deg`, the median parallax; `poi_error_share`, how far the
     worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, how far
-    (logarithm) the scales of most POIs lie from their common one; `log_scale_sigma`, one sigma of their common one;
-    `instability_deg`, how far off direction or attitude are when either half of the matches decides alone.
+    (logarithm) the scales of most POIs lie from their common one, and `worst_scale_error`, the farthest, or of a map
+    and what it knows; `log_scale_sigma`, one sigma of the common one; `instability_deg`, how far off direction or
+    attitude are when either half of the matches decides alone.
     """
 
     matches: int
@@ -57,6 +58,7 @@ class AnchorEvidence:
     scale_error: float
     log_scale_sigma: float
     instability_deg: float
+    worst_scale_error: float = 0.0
 
     @property
     def inlier_ratio(self) -> float:
@@ -76,18 +78,38 @@ class MountedCamera:
 @dataclass(frozen=True, slots=True)
 class AnchorFix:
     """A phone's place by one anchor, and the matches that agree on it: `position_sigma_m` and
-    `orientation_sigma_deg` are one sigma."""
+    `orientation_sigma_deg` are one sigma.
+
+    `position_covariance` (3, 3), in square metres, is what the noise of matches and measurements makes of it;
+    `unsteady_m` one sigma of what the matches' choice makes of it besides.
+    """
 
     solution: AnchorSolution
     evidence: AnchorEvidence
     position_covariance: Array
     orientation_sigma_deg: float
     inliers: PixelMatches
+    unsteady_m: float = 0.0
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the monitoring camera's pose is from a map."""
+        return self.solution.vertical == "map"
+
+    @property
+    def noise_sigma_m(self) -> float:
+        """One sigma of the place on the plan by noise alone, the root mean square of the error's length."""
+        return float(np.sqrt(np.trace(self.position_covariance[:2, :2])))
 
     @property
     def position_sigma_m(self) -> float:
         """One sigma of the place on the plan, the root mean square of the error's length."""
-        return float(np.sqrt(np.trace(self.position_covariance[:2, :2])))
+        return float(np.hypot(self.noise_sigma_m, self.unsteady_m))
+
+    @property
+    def full_covariance(self) -> Array:
+        """The covariance (3, 3) of the place by all that makes it uncertain, in square metres."""
+        return np.asarray(self.position_covariance + 0.5 * self.unsteady_m**2 * np.eye(3))
 
 
 def fix_by_anchor(
@@ -100,8 +122,8 @@ def fix_by_anchor(
 ) -> AnchorFix | None:
     """Return where the matches put the phone, or None when they hold no relative pose or no scale.
 
-    With `mounted`, for a camera that was calibrated, nothing rests on the POIs but, where the map knows no
-    distances, the scale.
+    With `mounted`, for a camera that was calibrated, nothing rests on the POIs but the scale, and that on what the
+    map knows besides.
     """
     max_error_px = MAX_ERROR * 0.5 * (monitor_camera.focal_px + phone_camera.focal_px)
     relative = estimate_relative_pose(
@@ -127,7 +149,11 @@ def fix_by_anchor(
         covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA)
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
-    orientation = np.trace(covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
+    # A calibrated camera's answers have no other error as large: each is tested.
+    sure_inliers = SURE_INLIERS if mounted is None else len(matches) + 1
+    instability_deg = _instability_deg(
+        matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px, sure_inliers
+    )
     evidence = AnchorEvidence(
         matches=len(matches),
         inliers=int(inliers.sum()),
@@ -137,15 +163,30 @@ def fix_by_anchor(
         poi_error_share=_poi_error_share(solution, [sight for sight, _ in sights]),
         scale_error=_scale_error(solution.scale_errors),
         log_scale_sigma=solution.log_scale_sigma,
-        instability_deg=_instability_deg(
-            matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px
-        ),
+        instability_deg=instability_deg,
+        worst_scale_error=_worst_scale_error(solution),
     )
-    position_covariance = _position_covariance(solution, phone_from_monitor, covariance, rays)
+    return _fix(solution, evidence, phone_from_monitor, covariance, rays, mounted, matches.take(inliers))
+
+
+def _fix(
+    solution: AnchorSolution,
+    evidence: AnchorEvidence,
+    phone_from_monitor: Pose,
+    relative_covariance: Array,
+    rays: tuple[Array, Array],
+    mounted: MountedCamera | None,
+    inliers: PixelMatches,
+) -> AnchorFix:
+    """Return a solution with what makes it uncertain."""
+    orientation = np.trace(relative_covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
+    position_covariance = _position_covariance(solution, phone_from_monitor, relative_covariance, rays)
     if mounted is not None:
         position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
-    orientation_deg = float(np.degrees(np.sqrt(orientation)))
-    return AnchorFix(solution, evidence, position_covariance, orientation_deg, matches.take(inliers))
+    away_m = solution.metres_per_unit * float(np.linalg.norm(phone_from_monitor.translation))
+    unsteady_rad = SIGMA_PER_INSTABILITY * float(np.radians(evidence.instability_deg))
+    orientation_deg = float(np.degrees(np.hypot(np.sqrt(orientation), unsteady_rad)))
+    return AnchorFix(solution, evidence, position_covariance, orientation_deg, inliers, unsteady_rad * away_m)
 
 
 def _solution(
@@ -161,17 +202,23 @@ def _solution(
     if mounted is None:
         center = np.array([spec.x, spec.y])
         return solve_anchor(center, spec.height_m, phone_from_monitor, pois, gravity_in_phone)
-    if np.count_nonzero(np.isfinite(known_lengths_m)) < MIN_KNOWN_LENGTHS:
-        known_lengths_m = np.array([poi.distance_m for poi in pois])
-        lengths = np.array([poi.length for poi in pois])
     return solve_calibrated(
-        mounted.plan_from_monitor, mounted.orientation_sigma_rad, phone_from_monitor, known_lengths_m, lengths
+        mounted.plan_from_monitor,
+        mounted.orientation_sigma_rad,
+        phone_from_monitor,
+        known_lengths_m,
+        lengths,
+        pois,
     )
 
 
 def _scale_error(errors: Array) -> float:
     """Return what all but a minority of POIs agree within: two of two, two of three, three of four."""
     return float(np.sort(np.abs(errors))[len(errors) // 2]) if len(errors) else 0.0
+
+
+def _worst_scale_error(solution: AnchorSolution) -> float:
+    return max(float(np.abs(solution.scale_errors).max(initial=0.0)), solution.length_scatter)
 
 
 def _poi_error_share(solution: AnchorSolution, pois: list[PoiSight]) -> float:
@@ -219,13 +266,14 @@ def _instability_deg(
     phone_from_monitor: Pose,
     cameras: tuple[Camera, Camera],
     max_error_px: float,
+    sure_inliers: int,
 ) -> float:
-    """Return how far off, in degrees, the relative pose is by either half of the matches alone.
+    """Return how far off, in degrees, the relative pose is by either half of the matches alone; 0 with `sure_inliers`.
 
     A wrong pose that chance or one plane made plausible doesn't come out twice.
     """
     count = np.count_nonzero(inliers)
-    if count >= SURE_INLIERS:
+    if count >= sure_inliers:
         return 0.0
     if count < MIN_INLIERS or count < MIN_INLIER_RATIO * len(matches):
         return 180.0

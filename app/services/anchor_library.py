@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class AnchorLibrary:
                 continue
             features = self._features(frame.id)
             if features is not None:
-                mounted = _mounted(anchor, floors[anchor.spec.floor_id])
+                mounted = mounted_camera(anchor.calibration, floors[anchor.spec.floor_id])
                 found.append(LiveAnchor(anchor, frame.id, frame.camera, features, mounted))
         return found
 
@@ -77,6 +78,8 @@ class AnchorLibrary:
         if packed is None:
             return None
         features = AnchorFeatures.unpack(packed)
+        if features is None:
+            return None
         with self._lock:
             self._open[frame_id] = features
             while len(self._open) > CAPACITY:
@@ -84,9 +87,9 @@ class AnchorLibrary:
         return features
 
 
-def _mounted(anchor: Anchor, floor: Floor) -> MountedCamera | None:
+def mounted_camera(stored: dict[str, Any] | None, floor: Floor) -> MountedCamera | None:
     """Return a calibrated camera's pose on its floor's plan, or None."""
-    calibration = calibration_of(anchor.calibration)
+    calibration = calibration_of(stored)
     if calibration is None or floor.plan_from_world is None:
         return None
     plan, pose = PlanTransform(floor.plan_from_world), calibration.world_from_camera

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.services.anchor_features import AnchorDescriber, AnchorFeatures, likeness
+from app.services.anchor_features import NO_WORDS, AnchorDescriber, AnchorFeatures, likeness
 from app.services.anchor_fix import AnchorFix
 from app.services.anchor_library import AnchorLibrary, LiveAnchor
 from app.services.anchor_look import look_closely
@@ -24,8 +24,8 @@ from app.vision.images import Rgb, measure_quality, to_gray
 
 Array = NDArray[np.float64]
 
-# So many anchors, by bag of words, are compared with the picture; of these the most alike get a close look.
-CANDIDATES, CLOSE_LOOKS = 20, 2
+# So many anchors, by visual words, are compared with the picture; of these the most alike get a close look.
+CANDIDATES, CLOSE_LOOKS = 6, 2
 # After a good answer another anchor gets a close look only when it is this share as alike as the first.
 NEARLY_AS_ALIKE = 0.6
 # Two anchors agree when their answers differ by no more than this many sigma, or this many metres.
@@ -82,11 +82,11 @@ class AnchorLocator:
         gray = to_gray(rgb)
         akaze = self._describer.akaze.extract(gray)
         timer.lap("akaze")
-        words = self._describer.word_vector(akaze)
-        order = np.argsort([-float(words @ anchor.features.words) for anchor in live])
+        alike = self._describer.alike_by_words([anchor.features for anchor in live], akaze)
+        order = np.argsort(-alike, kind="stable")
         candidates = [live[int(row)] for row in order[:CANDIDATES]]
         timer.lap("retrieve")
-        phone = AnchorFeatures(akaze, self._describer.upright_xfeat(gray, roll_deg(gravity)), words)
+        phone = AnchorFeatures(akaze, self._describer.upright_xfeat(gray, roll_deg(gravity)), NO_WORDS)
         timer.lap("describe")
         down = None if gravity is None else np.array(gravity, dtype=np.float64)
         fixes, matched = self._fixes(candidates, phone, camera, down, timer)
@@ -189,7 +189,7 @@ def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bo
     if one.anchor.spec.floor_id != other.anchor.spec.floor_id:
         return False
     apart = (a.solution.plan_from_phone.translation - b.solution.plan_from_phone.translation)[:2]
-    sigma = float(np.hypot(a.position_sigma_m, b.position_sigma_m))
+    sigma = float(np.hypot(a.noise_sigma_m, b.noise_sigma_m))
     return float(np.linalg.norm(apart)) <= max(AGREEMENT_SIGMAS * sigma, AGREEMENT_M)
 
 
@@ -197,7 +197,7 @@ def _joined(fixes: Sequence[AnchorFix]) -> tuple[Pose, Array]:
     """Return the least-squares middle of positions by their covariances, with the most certain one's rotation."""
     best = min(fixes, key=lambda fix: fix.orientation_sigma_deg)
     floor = 1e-6 * np.eye(3)
-    information = [np.linalg.inv(fix.position_covariance + floor) for fix in fixes]
+    information = [np.linalg.inv(fix.full_covariance + floor) for fix in fixes]
     covariance = np.linalg.inv(sum(information, np.zeros((3, 3))))
     weighted = sum(
         (

@@ -4,34 +4,49 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.anchor_fix import MIN_INLIER_RATIO, MIN_INLIERS, AnchorFix
+from app.services.anchor_fix import MIN_INLIER_RATIO, MIN_INLIERS, AnchorEvidence, AnchorFix
 from app.services.verification import Reason
 
 MIN_COVERAGE = 0.15
 # Of this much where so many inliers agree, less in proportion where fewer do.
 MAX_INSTABILITY_DEG, STEADY_INLIERS = 20.0, 200
 MIN_PARALLAX_DEG = 1.0
-MAX_POSITION_SIGMA_M = 0.4
+# By noise alone, and by the choice of matches too; of a calibrated camera the first holds for both.
+MAX_POSITION_SIGMA_M, MAX_UNSTEADY_SIGMA_M = 0.4, 0.7
 MAX_LOG_SCALE_SIGMA = 0.25
 # POIs in two directions see different lengths of the same wrong pose.
-MAX_SCALE_ERROR = 0.15
+MAX_SCALE_ERROR = 0.1
+# Where one disagrees it was moved, or the pose is wrong: only a steady pose says which.
+MAX_INSTABILITY_OUTVOTED_DEG = 6.0
 
 
 def judge_fix(fix: AnchorFix) -> Reason | None:
-    """Return why an answer can't be trusted, or None if it can."""
+    """Return why an answer can't be trusted, or None if it can.
+
+    Of a calibrated camera all must agree on the scale, the map and each POI.
+    """
     evidence = fix.evidence
-    if evidence.inliers < MIN_INLIERS or evidence.inlier_ratio < MIN_INLIER_RATIO:
-        return "too_few_inliers"
-    if evidence.coverage < MIN_COVERAGE or evidence.parallax_deg < MIN_PARALLAX_DEG:
-        return "too_few_inliers"
-    if evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA or fix.position_sigma_m > MAX_POSITION_SIGMA_M:
-        return "too_few_inliers"
+    max_sigma_m = MAX_POSITION_SIGMA_M if fix.is_calibrated else MAX_UNSTEADY_SIGMA_M
+    scale_error = evidence.worst_scale_error if fix.is_calibrated else evidence.scale_error
+    failed: tuple[tuple[bool, Reason], ...] = (
+        (evidence.inliers < MIN_INLIERS, "too_few_inliers"),
+        (evidence.inlier_ratio < MIN_INLIER_RATIO, "too_few_inliers"),
+        (evidence.coverage < MIN_COVERAGE, "too_few_inliers"),
+        (evidence.parallax_deg < MIN_PARALLAX_DEG, "too_few_inliers"),
+        (evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA, "too_few_inliers"),
+        (fix.noise_sigma_m > MAX_POSITION_SIGMA_M, "too_few_inliers"),
+        (fix.position_sigma_m > max_sigma_m, "too_few_inliers"),
+        (scale_error > MAX_SCALE_ERROR, "ambiguous"),
+        (evidence.poi_error_share > 1.0, "ambiguous"),
+        (evidence.instability_deg > _max_instability_deg(evidence), "ambiguous"),
+    )
+    return next((reason for fails, reason in failed if fails), None)
+
+
+def _max_instability_deg(evidence: AnchorEvidence) -> float:
     steady = min(1.0, evidence.inliers / STEADY_INLIERS)
-    if evidence.scale_error > MAX_SCALE_ERROR or evidence.poi_error_share > 1.0:
-        return "ambiguous"
-    if evidence.instability_deg > steady * MAX_INSTABILITY_DEG:
-        return "ambiguous"
-    return None
+    outvoted = evidence.worst_scale_error > MAX_SCALE_ERROR
+    return steady * (MAX_INSTABILITY_OUTVOTED_DEG if outvoted else MAX_INSTABILITY_DEG)
 
 
 def confidence_of_fix(fix: AnchorFix) -> float:
@@ -39,6 +54,6 @@ def confidence_of_fix(fix: AnchorFix) -> float:
 
     A logistic curve fitted to 236 answers on pairs of real frames, of which 98 % were.
     """
-    sigma_m = max(fix.position_sigma_m, 0.01)
+    sigma_m = max(fix.noise_sigma_m, 0.01)
     score = -0.87 - 1.41 * np.log(sigma_m) + 1.41 * np.log(max(fix.evidence.inliers, 1) / 100.0)
     return float(1.0 / (1.0 + np.exp(-score)))

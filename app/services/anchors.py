@@ -15,7 +15,7 @@ from app.services.anchor_calibration import calibrate_in_map, calibration_of
 from app.services.anchor_checks import check_anchor
 from app.services.anchor_features import AnchorDescriber, AnchorFeatures
 from app.services.anchor_sights import inside_region, region_in
-from app.services.map_depth import points_seen
+from app.services.map_depth import SeenPoints
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.anchors import (
@@ -115,7 +115,7 @@ class AnchorService:
     def _store(self, anchor: Anchor, image: bytes, rgb: Rgb, received_at: datetime) -> PushedFrame:
         resources, spec = self._resources, anchor.spec
         camera = frame_camera(spec, rgb.shape[1], rgb.shape[0])
-        features = self._with_lengths(anchor, camera, self._describer.describe(rgb))
+        features = self._with_lengths(anchor, camera, self._describer.describe(rgb, camera))
         visible = visible_pois(spec, camera, features)
         blob = resources.blobs.put(image) if spec.store_images else None
         count = len(features.akaze) + len(features.xfeat)
@@ -132,13 +132,13 @@ class AnchorService:
             discard_blobs(resources.database, resources.blobs, [unneeded])
         return PushedFrame(frame.id, count, visible, received_at)
 
-    def _with_lengths(self, anchor: Anchor, camera: Camera, features: AnchorFeatures) -> AnchorFeatures:
+    @staticmethod
+    def _with_lengths(anchor: Anchor, camera: Camera, features: AnchorFeatures) -> AnchorFeatures:
         """Return a calibrated camera's features with their distances by the map; others as they are."""
         calibration = calibration_of(anchor.calibration)
-        serving = None if calibration is None else self._library.active(anchor.spec.venue_id)
-        if calibration is None or serving is None:
+        if calibration is None or calibration.points is None:
             return features
-        seen = points_seen(serving[0].artifact, camera, calibration.world_from_camera)
+        seen = SeenPoints.unpack(calibration.points, camera)
         akaze = seen.lengths_at(features.akaze.keypoints_px.astype(np.float64), camera)
         xfeat = seen.lengths_at(features.xfeat.keypoints_px.astype(np.float64), camera)
         return replace(
@@ -188,7 +188,7 @@ def anchor_as_dict(anchor: Anchor, frame: AnchorFrameRow | None, default_max_age
         "pois": [_poi_as_dict(poi) for poi in spec.pois],
         "store_images": spec.store_images,
         "max_age_s": max_age_s,
-        "calibration": anchor.calibration,
+        "calibration": None if anchor.calibration is None else _without_points(anchor.calibration),
         "uses": anchor.uses,
         "last_used_at": anchor.last_used_at,
         "frame": None
@@ -203,6 +203,10 @@ def anchor_as_dict(anchor: Anchor, frame: AnchorFrameRow | None, default_max_age
             "image_stored": frame.image_blob is not None,
         },
     }
+
+
+def _without_points(calibration: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in calibration.items() if name != "points"}
 
 
 def _poi_as_dict(poi: Poi) -> dict[str, Any]:

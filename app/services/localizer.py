@@ -27,6 +27,7 @@ from app.services.verification import (
 )
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArtifact
+from app.vision.global_descriptor import GlobalDescriptor
 from app.vision.images import Rgb, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.local_features import LocalFeatureExtractor
@@ -124,6 +125,11 @@ class Localizer:
     def retrieval(self) -> Retrieval:
         """Retrieval in this map."""
         return self._retrieval
+
+    @property
+    def global_descriptor(self) -> GlobalDescriptor:
+        """What describes whole images for retrieval in this map."""
+        return self._descriptor
 
     @property
     def extractor(self) -> LocalFeatureExtractor:

@@ -23,6 +23,8 @@ MODELS_DIR = Path(__file__).parent.parent / "models"
 # RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
 ROOT_SIFT_SCALE = 512.0
 SIFT_FEATURES, SIFT_SIDE_PX, SIFT_CONTRAST = 2000, 400, 0.04
+# For a picture that is looked at once: a wide lens shows at 1280 pixels what a phone's shows at 640.
+FINE_FEATURES, FINE_SIDE_PX = 8000, 1280
 FAINT_SIDE_PX = 300
 ORB_FEATURES = {"orb": 1000, "orb-2000": 2000}
 # Binary features work on images of at most this size.
@@ -213,6 +215,15 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
 
         return Surf()
     raise InvalidInputError(f"Features {name!r} are not known; use one of {', '.join(FEATURE_NAMES)}.")
+
+
+def create_fine_extractor(name: str) -> LocalFeatureExtractor:
+    """Return an extractor of the same descriptors that takes its time: more features, found in a larger picture."""
+    if name in ("sift", "sift-full"):
+        return RootSift(FINE_FEATURES, FINE_SIDE_PX, name, 0.5 * SIFT_CONTRAST)
+    if name == "akaze":
+        return Akaze(FULL_SIDE_PX, FINE_FEATURES)
+    return XFeat(FINE_FEATURES // 2, FINE_SIDE_PX) if name == "xfeat" else create_extractor(name)
 
 
 FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat", "surf")

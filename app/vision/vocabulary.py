@@ -1,4 +1,4 @@
-"""A bag of visual words over binary descriptors: which of a few pictures shows what a query shows."""
+"""Visual words for binary descriptors, and what each of them tells."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ DEFAULT_VOCABULARY = Path(__file__).parent.parent / "models" / "akaze_vocabulary
 ROUNDS = 12
 
 Binary = NDArray[np.uint8]
+Words = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +40,15 @@ class Vocabulary:
         """Write the vocabulary to a file."""
         np.savez_compressed(path, words=self.words, idf=self.idf)
 
-    def words_of(self, descriptors: Binary) -> NDArray[np.int64]:
+    def words_of(self, descriptors: Binary) -> Words:
         """Return the nearest word (n,), by Hamming distance, of each descriptor (n, bytes)."""
-        return _nearest(self.words, descriptors)[0]
+        return self.nearest(descriptors, 1)[:, 0]
 
-    def vector(self, descriptors: Binary) -> NDArray[np.float32]:
-        """Return the picture's vector (w,) of descriptors (n, bytes): term frequency times inverse document
-        frequency, of length 1, so that a scalar product of two is their similarity."""
+    def nearest(self, descriptors: Binary, count: int) -> Words:
+        """Return the `count` nearest words (n, count) of each descriptor (n, bytes), nearest first."""
         if len(descriptors) == 0:
-            return np.zeros(len(self.words), np.float32)
-        counts = np.bincount(self.words_of(descriptors), minlength=len(self.words)).astype(np.float32)
-        # The square root keeps one repeated pattern, a tiled wall, from drowning everything else.
-        weighted = np.sqrt(counts) * self.idf
-        return np.asarray(weighted / max(float(np.linalg.norm(weighted)), 1e-9), dtype=np.float32)
+            return np.zeros((0, count), np.int64)
+        return _nearest(self.words, descriptors, min(count, len(self.words)))[0]
 
 
 def train_vocabulary(pictures: list[Binary], size: int, seed: int = 0) -> Vocabulary:
@@ -68,9 +65,10 @@ def train_vocabulary(pictures: list[Binary], size: int, seed: int = 0) -> Vocabu
     words = everything[rng.choice(len(everything), min(size, len(everything)), replace=False)]
     bits = np.unpackbits(everything, axis=1).astype(np.float32)
     for _ in range(ROUNDS):
-        nearest, distances = _nearest(words, everything)
+        rows, distances = _nearest(words, everything)
+        nearest = rows[:, 0]
         words = _majorities(bits, nearest, words)
-        words = _reseeded(words, nearest, everything, distances)
+        words = _reseeded(words, nearest, everything, distances[:, 0])
     documents = np.zeros(len(words))
     for picture in pictures:
         documents[np.unique(_nearest(words, picture)[0])] += 1
@@ -78,11 +76,12 @@ def train_vocabulary(pictures: list[Binary], size: int, seed: int = 0) -> Vocabu
     return Vocabulary(words, idf.astype(np.float32))
 
 
-def _nearest(words: Binary, descriptors: Binary) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _nearest(words: Binary, descriptors: Binary, count: int = 1) -> tuple[Words, NDArray[np.int32]]:
+    """Return the nearest words (n, count) and their distances in bits (n, count)."""
     index = faiss.IndexBinaryFlat(8 * words.shape[1])
     index.add(np.ascontiguousarray(words))
-    distances, rows = index.search(np.ascontiguousarray(descriptors), 1)
-    return rows[:, 0].astype(np.int64), distances[:, 0]
+    distances, rows = index.search(np.ascontiguousarray(descriptors), count)
+    return rows.astype(np.int64), distances
 
 
 def _majorities(bits: NDArray[np.float32], nearest: NDArray[np.int64], words: Binary) -> Binary:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from app.demonstration.decor import wall_prints
 from app.demonstration.layout import room_by_id
 from app.demonstration.monitor_views import MIN_POIS, sample_view
-from app.demonstration.monitors import MONITOR_CAMERA
+from app.demonstration.monitors import MONITOR_CAMERA, MonitorPair, render_rolled_phones
 from app.demonstration.queries import PHONE_CAMERA
+from app.geometry.camera import Camera
+from app.vision.images import decode_image
+from tests.scenes import pose_at
 
 pytest.importorskip("embreex")
 
@@ -43,3 +48,23 @@ def test_a_room_without_prints_has_no_view() -> None:
     rng = np.random.default_rng(0)
     cameras = MONITOR_CAMERA, PHONE_CAMERA
     assert sample_view(rng, demo_scene(), room_by_id("0-lift"), cameras, (3.0, 45.0), (2.0, 10.0)) is None
+
+
+def test_a_phone_that_is_rolled_sees_its_picture_turned(tmp_path: Path) -> None:
+    camera = Camera("PINHOLE", 96, 96, (80.0, 80.0, 47.5, 47.5))
+    room = room_by_id("0-lobby")
+    x0, y0, x1, y1 = room.interior
+    pose = pose_at(0.5 * (x0 + x1), 0.5 * (y0 + y1), 1.5, 20.0, 5.0)
+    name = "pair_0000"
+    pair = MonitorPair(
+        name, 0, tmp_path / "monitor.jpg", tmp_path / "phone.jpg", pose, pose, (), (), 0.0, 3.0
+    )
+    shown = {}
+    for roll_deg in (0.0, 90.0):
+        folder = tmp_path / f"{roll_deg:.0f}"
+        (rolled,) = render_rolled_phones(folder, [pair], roll_deg, phone_camera=camera)
+        assert rolled.phone.is_file()
+        assert np.allclose(rolled.world_from_phone.rotation[:, 2], pose.rotation[:, 2])
+        shown[roll_deg] = decode_image(rolled.phone.read_bytes()).astype(float)
+    turned = np.abs(np.rot90(shown[0.0], -1) - shown[90.0]).mean()
+    assert turned < 0.3 * np.abs(shown[0.0] - shown[90.0]).mean()

@@ -93,10 +93,25 @@ def test_what_leaves_the_plan_open_is_refused() -> None:
 
 def test_a_calibrated_camera_needs_distances_alone() -> None:
     phone = pose_at(5.5, 2.0, 1.5, 50.0, -30.0)
-    lengths = np.array([4.0, 5.0, 6.0, 50.0])
-    known = np.array([4.0, 5.0, 6.0, np.nan]) * UNIT
+    lengths = np.array([4.0, 5.0, 6.0, 4.5, 5.5, 50.0])
+    known = UNIT * np.array([*lengths[:5], np.nan])
     found = solve_calibrated(MONITOR, 0.01, relative(phone), known, lengths)
     assert found.vertical == "map"
     assert np.allclose(found.plan_from_phone.translation, phone.translation, atol=1e-9)
+    assert found.length_scatter == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(DegenerateGeometryError):
-        solve_calibrated(MONITOR, 0.01, relative(phone), known[3:], lengths[3:])
+        solve_calibrated(MONITOR, 0.01, relative(phone), known[2:], lengths[2:])
+
+
+def test_map_and_pois_hold_the_scale_of_a_calibrated_camera_together() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0, -30.0)
+    lengths = np.array([4.0, 5.0, 6.0, 4.5, 5.5])
+    none = np.full(5, np.nan)
+    by_pois = solve_calibrated(MONITOR, 0.01, relative(phone), none, lengths, [sight(POIS[0])])
+    assert by_pois.metres_per_unit == pytest.approx(UNIT)
+    wrong = solve_calibrated(
+        MONITOR, 0.01, relative(phone), 1.5 * UNIT * lengths, lengths, [sight(POIS[0]), sight(POIS[1])]
+    )
+    assert np.abs(wrong.scale_errors).max() > 0.3
+    uneven = UNIT * lengths * np.array([0.6, 0.8, 1.0, 1.3, 1.7])
+    assert solve_calibrated(MONITOR, 0.01, relative(phone), uneven, lengths).length_scatter > 0.2

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import io
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
-from app.services.anchor_features import AnchorFeatures, likeness
+from app.geometry.anchor_pose import AnchorSolution, Vertical
+from app.geometry.se3 import Pose
+from app.services.anchor_features import AnchorFeatures, PixelMatches, likeness
 from app.services.anchor_fix import AnchorEvidence, AnchorFix, _scale_error
 from app.services.anchor_locator import ranked
 from app.services.anchor_verification import MAX_SCALE_ERROR, judge_fix
@@ -14,9 +20,7 @@ from app.vision.local_features import LocalFeatures
 def features(descriptors: np.ndarray) -> AnchorFeatures:
     points = np.zeros((len(descriptors), 2), np.float32)
     akaze = LocalFeatures(points[:0], np.zeros((0, 61), np.uint8))
-    return AnchorFeatures(
-        akaze, LocalFeatures(points, descriptors.astype(np.float32)), np.zeros(4, np.float32)
-    )
+    return AnchorFeatures(akaze, LocalFeatures(points, descriptors.astype(np.float32)), np.zeros(0, np.int64))
 
 
 def test_likeness_counts_similar_features() -> None:
@@ -39,11 +43,49 @@ def test_one_moved_poi_of_three_is_outvoted_but_one_of_two_is_not() -> None:
     assert _scale_error(np.array([-0.3, 0.1])) == 0.3
 
 
-def evidence(scale_error: float) -> AnchorEvidence:
-    return AnchorEvidence(800, 500, 0.6, 60, 12.0, 0.1, scale_error, 0.05, 0.0)
+def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFix:
+    """Return a good answer, with some of its evidence changed."""
+    still = Pose(np.eye(3), np.zeros(3))
+    none = np.zeros(0)
+    solution = AnchorSolution(still, still, 1.0, 0.05, np.zeros((3, 3)), none, none, vertical)
+    evidence = replace(AnchorEvidence(800, 500, 0.6, 60, 12.0, 0.1, 0.01, 0.05, 0.0), **changes)
+    matches = PixelMatches(np.zeros((0, 2)), np.zeros((0, 2)), none)
+    return AnchorFix(solution, evidence, 1e-3 * np.eye(3), 1.0, matches, unsteady_m)
 
 
 def test_pois_that_disagree_on_the_scale_make_an_answer_ambiguous() -> None:
-    for scale_error, reason in ((0.01, None), (MAX_SCALE_ERROR + 0.01, "ambiguous")):
-        fix = AnchorFix(None, evidence(scale_error), 1e-3 * np.eye(3), 1.0, None)  # type: ignore[arg-type]
-        assert judge_fix(fix) == reason
+    assert judge_fix(fix("gravity")) is None
+    assert judge_fix(fix("gravity", scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
+
+
+def test_a_poi_is_outvoted_only_by_a_steady_pose() -> None:
+    moved = {"worst_scale_error": 0.6}
+    assert judge_fix(fix("gravity", instability_deg=2.0, **moved)) is None
+    assert judge_fix(fix("gravity", instability_deg=15.0)) is None
+    assert judge_fix(fix("gravity", instability_deg=15.0, **moved)) == "ambiguous"
+
+
+def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:
+    assert judge_fix(fix("map")) is None
+    assert judge_fix(fix("map", worst_scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
+    assert judge_fix(fix("map", unsteady_m=0.6)) == "too_few_inliers"
+    assert judge_fix(fix("gravity", unsteady_m=0.6)) is None
+    assert judge_fix(fix("gravity", unsteady_m=0.8)) == "too_few_inliers"
+
+
+def test_what_the_choice_of_matches_moves_is_part_of_the_accuracy() -> None:
+    steady, unsteady = fix("gravity"), fix("gravity", unsteady_m=0.3)
+    assert steady.position_sigma_m == steady.noise_sigma_m == unsteady.noise_sigma_m
+    assert np.isclose(unsteady.position_sigma_m**2, steady.noise_sigma_m**2 + 0.09)
+    assert np.isclose(np.trace(unsteady.full_covariance[:2, :2]), unsteady.position_sigma_m**2)
+
+
+def test_what_an_earlier_version_packed_is_not_read() -> None:
+    rng = np.random.default_rng(0)
+    packed = features(rng.normal(size=(3, 64)))
+    again = AnchorFeatures.unpack(packed.pack())
+    assert again is not None
+    assert np.allclose(again.xfeat.descriptors, packed.xfeat.descriptors, atol=1e-2)
+    buffer = io.BytesIO()
+    np.savez(buffer, words=np.zeros(1000, np.float16))
+    assert AnchorFeatures.unpack(buffer.getvalue()) is None
