@@ -92,7 +92,9 @@ class _Live:
 class _NoMap:
     """The fixes of a venue without a map."""
 
-    def locate(self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None) -> NoFix:
+    def locate(
+        self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None, _reach_m: float
+    ) -> NoFix:
         """Return that there is none."""
         return NoFix("no_map")
 
