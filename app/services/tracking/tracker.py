@@ -243,7 +243,9 @@ class Tracker:
     def _just_searched(self, time_s: float) -> bool:
         """Whether somebody who has been lost for a while was looked for everywhere a moment ago."""
         memory = self.memory
-        is_lost = memory.world_from_camera is not None and abs(time_s - memory.time_s) > MAX_EAGER_S
+        if memory.world_from_camera is None or memory.pending is not None:
+            return False
+        is_lost = abs(time_s - memory.time_s) > MAX_EAGER_S
         return is_lost and abs(time_s - self._searched_s) < SEARCH_EVERY_S
 
     def _near_last(self, frame: TrackingFrame, camera: Camera | None, predicted: Pose | None) -> Fix | None:
