@@ -92,9 +92,7 @@ class _Live:
 class _NoMap:
     """The fixes of a venue without a map."""
 
-    def locate(
-        self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None, _reach_m: float
-    ) -> NoFix:
+    def locate(self, _frame: TrackingFrame, _camera: Camera | None, _near: Pose | None) -> NoFix:
         """Return that there is none."""
         return NoFix("no_map")
 
