@@ -49,11 +49,9 @@ class _Gate:
     source: FixSource
     is_open: bool = True
 
-    def locate(
-        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, reach_m: float
-    ) -> Fix | NoFix:
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
         """Return the source's fix, none while closed."""
-        return self.source.locate(frame, camera, near, reach_m) if self.is_open else NoFix("no_map")
+        return self.source.locate(frame, camera, near) if self.is_open else NoFix("no_map")
 
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the source's fix, none while closed."""

@@ -116,9 +116,7 @@ class AnotherView(MapFixes):
         self._anchor = anchor
         self._extractor = RootSift(max_side_px=960)
 
-    def locate(
-        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, reach_m: float
-    ) -> Fix | NoFix:
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
         assert camera is not None
         ours, theirs = self._extractor.extract(frame.gray), self._extractor.extract(to_gray(self._anchor.rgb))
         a, b, _ = match_unit_vectors(
@@ -148,7 +146,7 @@ class AnotherView(MapFixes):
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         return None
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
         return None
 
 

@@ -53,7 +53,7 @@ def view(room: Room) -> View:
 
 
 def test_a_picture_alone_is_refused(twins: MapFixes, view: View) -> None:
-    found = twins.locate(TrackingFrame.of(view.rgb, 0.0), CAMERA, None, 0.0)
+    found = twins.locate(TrackingFrame.of(view.rgb, 0.0), CAMERA, None)
     assert isinstance(found, NoFix)
     assert found.reason == "ambiguous"
 

@@ -12,8 +12,6 @@ from app.services.tracking.state import TrackingMemory
 MAX_SPEED_M_S, JERK_M = 3.0, 0.4
 # However long a camera was not seen, what is further from where it was is believed only when it is seen twice.
 MAX_FREE_M = 4.0
-# A walk, and the least radius that is searched: what odometry is off by is no more than a guess.
-WALK_M_S, MIN_SEARCH_M = 2.0, 2.0
 # What odometry is off by after a metre of path (roomfix track).
 DRIFT_SHARE = 0.04
 # What it is off by after a turn, as a share of the turn, and at what distance a turn looks like a step: a lens that
@@ -49,9 +47,3 @@ def reach_m(memory: TrackingMemory, time_s: float, fix_position_m: float = 0.0) 
     drift_m = float(np.linalg.norm([memory.fix_position_m, DRIFT_SHARE * memory.unaided_m, turned_m]))
     moved_m = min(MAX_SPEED_M_S * waited_s, MAX_FREE_M)
     return JERK_M + moved_m + 3.0 * float(np.hypot(drift_m, fix_position_m))
-
-
-def search_reach_m(memory: TrackingMemory, time_s: float) -> float:
-    """Return how far from its last place a camera is looked for at a time, by what a person walks."""
-    waited_s = max(time_s - memory.time_s, 0.0)
-    return max(MIN_SEARCH_M, reach_m(memory, memory.time_s) + WALK_M_S * waited_s)

@@ -13,7 +13,7 @@ from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.localization import KeyframeVote, same_place
+from app.services.localization import KeyframeVote, Localization, same_place
 from app.services.localizer import Localizer
 from app.services.map_accuracy import accuracy_of, sigma_across
 from app.services.matches import Matches
@@ -32,8 +32,8 @@ SEARCH_RADIUS, FOUND_RADIUS = 24.0 / 525.0, 8.0 / 525.0
 MAX_ERROR = 6.0 / 525.0
 # Points looked for where they should be agree more easily by chance than those found anywhere.
 GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
-# Stairs climb so much of the way on them; so little is within a floor.
-CLIMB_SHARE, MIN_CLIMB_M = 0.6, 2.0
+# A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
+PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
 # Tilted by less than 45 degrees.
 UPRIGHT_COSINE = 0.7
 # Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
@@ -87,17 +87,12 @@ def plan_frame(floor_id: str) -> str:
     return f"plan:{floor_id}"
 
 
-def _is_far(pose: Pose | None, near: Pose, reach_m: float) -> bool:
-    """Whether a pose is out of reach: another place, or another floor."""
+def _is_far(pose: Pose | None, near: Pose) -> bool:
+    """Whether a pose is out of the prior's reach: another place, or another floor."""
     if pose is None:
         return False
     offset = pose.translation - near.translation
-    return bool(np.linalg.norm(offset) > reach_m or abs(offset[2]) > _climb_m(reach_m))
-
-
-def _climb_m(reach_m: float) -> float:
-    """Return how far up or down stairs lead somebody who comes so far."""
-    return max(MIN_CLIMB_M, CLIMB_SHARE * reach_m)
+    return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
 
 
 def _is_upright(pose: Pose) -> bool:
@@ -108,11 +103,8 @@ def _is_upright(pose: Pose) -> bool:
 class FixSource(Protocol):
     """What gives fixes."""
 
-    def locate(
-        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, reach_m: float, /
-    ) -> Fix | NoFix:
-        """Return where a frame is, looking everywhere; `near`, and how far from there the camera can be, may decide
-        between places that look alike.
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, /) -> Fix | NoFix:
+        """Return where a frame is, looking everywhere; `near` may decide between places that look alike.
 
         `camera` is the one of the frame at tracking size; without it the focal length is searched for.
         """
@@ -133,22 +125,21 @@ class MapFixes:
         self.localizer = localizer
         self._described: tuple[TrackingFrame, LocalFeatures] | None = None
 
-    def locate(
-        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, reach_m: float
-    ) -> Fix | NoFix:
-        """Locate by the whole map, as a single photo is (`Localizer.localize`); where that finds two places that look
-        alike, or one out of reach, by what the map holds within reach."""
+    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+        """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
         full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         upright = near is not None and _is_upright(near)
         found = self.localizer.localize(frame.rgb, full, upright=upright)
-        if near is not None and (
-            found.reason == "ambiguous" or _is_far(found.world_from_camera, near, reach_m)
-        ):
-            allowed = np.flatnonzero(self._is_close(near, reach_m + VIEW_REACH_M)).astype(np.int64)
+        if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
+            positions = self.localizer.artifact.arrays.positions
+            close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
+            close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
+            allowed = np.flatnonzero(close).astype(np.int64)
             nearer = self.localizer.localize(frame.rgb, full, allowed, upright)
-            in_reach = not _is_far(nearer.world_from_camera, near, reach_m)
-            sure = self._is_sure(nearer.evidence.inliers, nearer.evidence.coverage)
-            if nearer.world_from_camera is not None and in_reach and sure:
+            told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
+            if told_apart is not None:
+                return told_apart
+            if found.reason == "ambiguous" or nearer.world_from_camera is not None:
                 found = nearer
         evidence = found.evidence
         if found.world_from_camera is None or found.camera is None:
@@ -170,6 +161,13 @@ class MapFixes:
             keyframes=found.keyframes,
         )
 
+    def _by_prior(self, frame: TrackingFrame, camera: Camera, nearer: Localization, near: Pose) -> Fix | None:
+        """Return the fix of a pose near the prior that alone is ambiguous: the prior tells it from its look-alikes."""
+        pose = nearer.candidate
+        if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
+            return None
+        return self._concluded(self._near(self._features(frame), camera, pose, FOUND_RADIUS), camera, pose)
+
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
         matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
@@ -185,13 +183,10 @@ class MapFixes:
         keyframes = self._around(frame, near, reach_m)
         found: list[Fix] = []
         for pose in poses_of(features, self.localizer, keyframes, camera):
-            if _is_far(pose, near, reach_m):
+            if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
                 continue
             fix = self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
-            if fix is None:
-                continue
-            share = coverage(fix.points_px, (camera.width, camera.height))
-            if reach_m <= KNOWN_REACH_M or self._is_sure(fix.inliers, share):
+            if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
                 found.append(fix)
         best = max(found, key=lambda fix: fix.inliers, default=None)
         if best is None:
@@ -199,22 +194,22 @@ class MapFixes:
         others = [fix for fix in found if not same_place(fix.world_from_camera, best.world_from_camera)]
         return None if any(fix.inliers > MAX_RIVAL_SHARE * best.inliers for fix in others) else best
 
-    def _is_close(self, near: Pose, radius_m: float) -> NDArray[np.bool_]:
-        """Return which keyframes (n,) are within a radius of a place, and on no floor out of reach."""
-        offsets = self.localizer.artifact.arrays.positions - near.translation
-        on_floor = np.abs(offsets[:, 2]) < _climb_m(radius_m - VIEW_REACH_M)
-        return np.asarray(on_floor & (np.linalg.norm(offsets, axis=1) < radius_m))
-
-    def _is_sure(self, inliers: int, share: float) -> bool:
-        """Whether so much agrees, over such a share of the image, that it is no part of another place which the map
-        knows better than the true one."""
-        return inliers >= SURE_INLIER_FACTOR * self.localizer.extractor.min_inliers and share >= SURE_COVERAGE
+    def _is_sure(self, fix: Fix) -> bool:
+        """Whether so much agrees that it is no part of another place which the map knows better than the true one."""
+        enough = fix.inliers >= SURE_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        return enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= SURE_COVERAGE
 
     def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
         """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
-        allowed = np.flatnonzero(self._is_close(near, reach_m + VIEW_REACH_M)).astype(np.int64)
-        keyframes = self.localizer.retrieval.covisible(near, NEARBY_KEYFRAMES, set(), allowed)
+        positions = self.localizer.artifact.arrays.positions
+        offsets = positions - near.translation
+        on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
+        keyframes = self.localizer.retrieval.covisible(
+            near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor)
+        )
         if reach_m > KNOWN_REACH_M:
+            close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
+            allowed = np.flatnonzero(close).astype(np.int64)
             keyframes += self.localizer.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
         return list(dict.fromkeys(keyframes))
 

@@ -9,16 +9,7 @@ import numpy as np
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
-from app.services.tracking.drift import (
-    JERK_M,
-    MAX_FREE_M,
-    MAX_SPEED_M_S,
-    MIN_SEARCH_M,
-    reach_m,
-    search_reach_m,
-    sigma_of,
-    unaided,
-)
+from app.services.tracking.drift import JERK_M, MAX_FREE_M, MAX_SPEED_M_S, reach_m, sigma_of, unaided
 from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, confidence_of_sigma
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.odometry import Odometry, OdometryStep
@@ -52,7 +43,7 @@ MAX_ASTRAY_M = 1.0
 MAX_CONFIRMATION_S = 5.0
 # Where places look alike, so long after a camera was seen the one nearer to it is meant; and so long another place,
 # out of reach or on another floor, isn't believed at all: from one look-alike all frames confirm each other.
-MAX_PRIOR_S, MIN_AWAY_S = 15.0, 10.0
+MAX_PRIOR_S, MIN_AWAY_S = 30.0, 10.0
 # Where odometry's answers end.
 MAX_SIGMA_M = 1.0
 # A phone's own odometry and ours agree on a step within this and this share of it.
@@ -173,8 +164,7 @@ class Tracker:
         fix = self._refreshed(frame, camera, step, unaided_m, unaided_rad)
         if fix is None and settings.use_relocation and self._since_search >= self._search_every():
             self._since_search = 0
-            reach = max(MIN_SEARCH_M, JERK_M + 3.0 * position_m)
-            found = self.source.locate(frame, camera, step.world_from_camera, reach)
+            found = self.source.locate(frame, camera, step.world_from_camera)
             if isinstance(found, Fix):
                 fix = at_common_scale(found, step.world_from_camera, memory.fix_scale_sigma)
                 if fix is None:
@@ -239,8 +229,7 @@ class Tracker:
             self.memory = replace(memory, state="lost")
             return _nothing("lost", self._why_lost, 0, 0, camera, memory)
         self._searched_s = frame.time_s
-        near_pose = predicted if away_s <= MAX_PRIOR_S else None
-        found = self.source.locate(frame, camera, near_pose, search_reach_m(memory, frame.time_s))
+        found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
         if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
         if isinstance(found, NoFix):
