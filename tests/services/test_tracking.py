@@ -146,7 +146,7 @@ class AnotherView(MapFixes):
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         return None
 
-    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose) -> Fix | None:
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
         return None
 
 
