@@ -18,9 +18,8 @@ from app.vision.similarity import content_similarity
 ALPHA, BETA = 0.35, 0.2
 # What is usual in a scan is known once this many frames were seen.
 WARM_UP = 30
-# A frame with less than this share of the sharpness that a quarter of the frames around it exceed is blurred. So many
-# before and after it show about what it shows: how sharp a picture can be depends on that.
-SHARP_PERCENTILE, BLURRED_SHARE, AROUND = 75.0, 0.6, 15
+# A frame this much less sharp than what is usual is blurred.
+BLURRED_SHARE = 0.5
 # A frame that shares less than this part of what neighbours usually share, with both of its own, shows
 # nothing that can be found again: blur, or a wall without anything on it.
 UNSTABLE_SHARE = 0.5
@@ -72,7 +71,6 @@ class FrameContent:
 @dataclass(frozen=True, slots=True)
 class _Frame:
     row: int
-    place: int
     content: FrameContent
     unit: Unit
     to_previous: float
@@ -153,7 +151,7 @@ class ContentSelector:
             self._sharpness.append(content.sharpness)
             if previous is not None:
                 self._to_previous.append(similarity)
-            yield _Frame(row, len(self._sharpness) - 1, content, unit, similarity)
+            yield _Frame(row, content, unit, similarity)
             previous = unit
 
     def _warmed_up(self, frames: Iterator[_Frame]) -> Iterator[_Frame]:
@@ -164,15 +162,14 @@ class ContentSelector:
         content = frame.content
         if content.is_poor or len(frame.unit) == 0:
             return False
-        around = self._sharpness[max(0, frame.place - AROUND) : frame.place + AROUND + 1]
-        if content.sharpness < BLURRED_SHARE * float(np.percentile(around, SHARP_PERCENTILE)):
+        if content.sharpness < BLURRED_SHARE * float(np.median(self._sharpness)):
             return False
         usual = float(np.median(self._to_previous)) if self._to_previous else 0.0
         return max(frame.to_previous, to_next) >= UNSTABLE_SHARE * usual
 
     def _joins(self, frame: _Frame, ahead: _Ahead) -> bool:
         if self._rule.steady:
-            following = ahead.look(AROUND)
+            following = ahead.look(1)
             to_next = following[0].to_previous if following else 0.0
             if not self._is_usual(frame, to_next):
                 return False
