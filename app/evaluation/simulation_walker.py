@@ -17,7 +17,7 @@ STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
 # Without a word they walk on for so long, then stand and look around once, then go back where they came from.
-WALK_ON_S, LOOK_AROUND_S, GO_BACK_S, WANDER_S = 1.0, 13.0, 6.0, 2.5
+WALK_ON_S, LOOK_AROUND_S, GO_BACK_S, WANDER_S = 1.0, 13.0, 6.0, 4.0
 # They remember where they walked by points so far apart.
 TRAIL_M = 0.5
 STEP_S = 0.1

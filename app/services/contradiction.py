@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.services.map_accuracy import seen_from_one_side
 from app.storage.map_artifact import MapArtifact
 from app.vision.matching import to_unit_vectors
 
@@ -76,9 +77,9 @@ def _expected(
         artifact.arrays.positions[keyframes], [each.stop - each.start for each in slices], axis=0
     )
     points = artifact.arrays.points_in_world[rows].astype(np.float64)
-    mapped, seen = points - centres, points - world_from_camera.translation
-    mapped_m, seen_m = np.linalg.norm(mapped, axis=1), np.linalg.norm(seen, axis=1)
-    alike = np.einsum("ij,ij->i", mapped, seen) > MIN_COSINE * mapped_m * seen_m
+    mapped_m = np.linalg.norm(points - centres, axis=1)
+    seen_m = np.linalg.norm(points - world_from_camera.translation, axis=1)
+    alike = seen_from_one_side(points, centres, world_from_camera.translation, MIN_COSINE)
     alike &= (seen_m > MIN_RATIO * mapped_m) & (seen_m < MAX_RATIO * mapped_m)
     pixels = camera.project(world_from_camera.inverse().apply(points[alike]))
     inside = camera.contains(pixels)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of, refine_camera
-from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
+from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm
 from app.geometry.se3 import Pose
 from app.services.contradiction import KEYFRAMES, contradicted_share
 from app.services.localization import Localization, StageTimer, nothing_found, same_place, votes_of
-from app.services.map_accuracy import accuracy_in_map, seen_from_one_side
+from app.services.map_accuracy import accuracy_in_map
+from app.services.map_pose import pose_in_map
 from app.services.map_surroundings import MapSurroundings
 from app.services.matches import Matches, QueryMatcher
 from app.services.retrieval import Retrieval
@@ -22,20 +23,17 @@ from app.services.verification import (
     Limits,
     confidence_of,
     coverage,
-    gather_evidence,
+    evidence_of,
     judge,
 )
 from app.services.vision_models import VisionModels
 from app.storage.map_artifact import MapArtifact
-from app.vision.global_descriptor import GlobalDescriptor
 from app.vision.images import Rgb, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.local_features import LocalFeatureExtractor
 
 # A rival below this share of the best pose's features is not worth a closer look.
 RIVAL_SHARE = 0.1
-# A pose with fewer inliers is none: three points fit any.
-MIN_INLIERS = 4
 MIN_RIVAL_INLIERS = 8
 # A first pose with this many times the inliers that are asked for, spread over this share of the image, gets no
 # better by more keyframes (measured: docs/features.md).
@@ -125,11 +123,6 @@ class Localizer:
     def retrieval(self) -> Retrieval:
         """Retrieval in this map."""
         return self._retrieval
-
-    @property
-    def global_descriptor(self) -> GlobalDescriptor:
-        """What describes whole images for retrieval in this map."""
-        return self._descriptor
 
     @property
     def extractor(self) -> LocalFeatureExtractor:
@@ -312,20 +305,11 @@ class Localizer:
     def _estimate(
         self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int = 5000
     ) -> PnpEstimate | None:
-        limit_px = self._settings.max_error * camera.focal_px
-        points = matches.points_px, matches.points_in_world
+        limit = self._settings.max_error
         if self._settings.estimator == "epnp_lm":
-            return estimate_pose_epnp_lm(*points, camera, max_error_px=limit_px)
-        found = estimate_pose_lo_ransac(
-            *points, camera, max_error_px=limit_px, max_iterations=max_iterations, prior=prior
-        )
-        if found is None:
-            return None
-        # A wall in a mirror is the wall seen from behind.
-        centres = self.artifact.arrays.positions[matches.keyframes]
-        front = seen_from_one_side(matches.points_in_world, centres, found.world_from_camera.translation)
-        inliers = found.inlier_mask & front
-        return replace(found, inlier_mask=inliers) if np.count_nonzero(inliers) >= MIN_INLIERS else None
+            points = matches.points_px, matches.points_in_world
+            return estimate_pose_epnp_lm(*points, camera, max_error_px=limit * camera.focal_px)
+        return pose_in_map(self.artifact, matches, camera, limit, max_iterations, prior)
 
     def _conclude(
         self,
@@ -338,15 +322,8 @@ class Localizer:
         timer: StageTimer,
     ) -> Localization:
         pose, inliers = best.estimate.world_from_camera, best.inliers
-        evidence = gather_evidence(
-            best.matches.query_rows,
-            inliers.query_rows,
-            inliers.points_px,
-            inliers.distinct_count,
-            np.zeros(0, np.intp) if rival is None else rival.inliers.query_rows,
-            (camera.width, camera.height),
-            self._retrieval.distance_m(pose),
-        )
+        against = None if rival is None else rival.inliers
+        evidence = evidence_of(best.matches, inliers, camera, self._retrieval.distance_m(pose), against)
         centres = self.artifact.arrays.positions[inliers.keyframes]
         position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, focal_sigma)
         unrepeated = query.unrepeated_count(inliers, self._surroundings)

@@ -68,13 +68,16 @@ def sigma_across(
 
 
 def seen_from_one_side(
-    points: NDArray[np.float64], keyframe_centres: NDArray[np.float64], centre: NDArray[np.float64]
+    points: NDArray[np.float64],
+    keyframe_centres: NDArray[np.float32] | NDArray[np.float64],
+    centre: NDArray[np.float64],
+    min_cosine: float = MAX_TURN_COSINE,
 ) -> NDArray[np.bool_]:
     """Return which points (n, 3) a camera at `centre` (3,) sees from the side that their keyframes, at (n, 3), saw
-    them from, or one keyframe at (3,): within `MAX_TURN_COSINE`, beyond which no feature is matched."""
+    them from, or one keyframe at (3,): by default within `MAX_TURN_COSINE`, beyond which no feature is matched."""
     a, b = points - keyframe_centres, points - centre
     lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    return np.asarray(np.einsum("ij,ij->i", a, b) > MAX_TURN_COSINE * lengths)
+    return np.asarray(np.einsum("ij,ij->i", a, b) > min_cosine * lengths)
 
 
 def _sines(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.geometry.pnp import MIN_POINTS, PnpEstimate, estimate_pose_lo_ransac
+from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.services.localizer import Localizer
 from app.services.map_accuracy import accuracy_in_map, seen_from_one_side
 from app.services.map_depth import SeenPoints, points_seen
+from app.services.map_pose import pose_in_map
 from app.services.matches import Matches, QueryMatcher
-from app.services.verification import Limits, gather_evidence, judge
+from app.services.verification import Limits, evidence_of, judge
 from app.storage.map_artifact import MapArtifact
 from app.vision.images import Rgb, to_gray
 from app.vision.local_features import create_fine_extractor
@@ -64,8 +65,7 @@ def find_monitor(localizer: Localizer, camera: Camera, rgb: Rgb, near: Rows) -> 
     artifact = localizer.artifact
     extractor = create_fine_extractor(artifact.metadata.features)
     query = QueryMatcher(to_gray(rgb), artifact, extractor, False, near)
-    descriptor = localizer.global_descriptor.describe(rgb)
-    matches = query.match(localizer.retrieval.similar(descriptor, FIRST_KEYFRAMES, 0, near))
+    matches = query.match(localizer.similar(rgb, FIRST_KEYFRAMES, near))
     found = _estimate(artifact, matches, camera, None)
     for _ in range(ROUNDS if found is not None else 0):
         assert found is not None  # noqa: S101 - the loop ends where it is None
@@ -88,9 +88,7 @@ def sharing_keyframes(
         if rows.stop - rows.start < MIN_SHARED_POINTS or np.linalg.norm(keyframe - centre) > MAX_DISTANCE_M:
             continue
         points = arrays.points_in_world[rows].astype(np.float64)
-        a, b = points - keyframe, points - centre
-        lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-        alike = np.einsum("ij,ij->i", a, b) > MIN_COSINE * lengths
+        alike = seen_from_one_side(points, keyframe, centre, MIN_COSINE)
         count = np.count_nonzero(alike & camera.contains(camera.project(camera_from_world.apply(points))))
         if count >= MIN_SHARED_POINTS:
             shared.append((int(count), row))
@@ -100,20 +98,8 @@ def sharing_keyframes(
 def _estimate(
     artifact: MapArtifact, matches: Matches, camera: Camera, prior: Pose | None
 ) -> PnpEstimate | None:
-    found = estimate_pose_lo_ransac(
-        matches.points_px,
-        matches.points_in_world,
-        camera,
-        max_error_px=MAX_ERROR * camera.focal_px,
-        max_iterations=FIRST_ITERATIONS if prior is None else MORE_ITERATIONS,
-        prior=prior,
-    )
-    if found is None:
-        return None
-    centres = artifact.arrays.positions[matches.keyframes]
-    front = seen_from_one_side(matches.points_in_world, centres, found.world_from_camera.translation)
-    inliers = found.inlier_mask & front
-    return replace(found, inlier_mask=inliers) if np.count_nonzero(inliers) >= MIN_POINTS else None
+    iterations = FIRST_ITERATIONS if prior is None else MORE_ITERATIONS
+    return pose_in_map(artifact, matches, camera, MAX_ERROR, iterations, prior)
 
 
 def _judged(localizer: Localizer, camera: Camera, matches: Matches, found: PnpEstimate) -> MonitorPose | str:
@@ -125,15 +111,7 @@ def _judged(localizer: Localizer, camera: Camera, matches: Matches, found: PnpEs
     metadata = artifact.metadata
     position_m = float(np.hypot(max(position_m, apart_m), metadata.position_sigma_m))
     orientation_deg = float(np.hypot(max(orientation_deg, apart_deg), metadata.orientation_sigma_deg))
-    evidence = gather_evidence(
-        matches.query_rows,
-        inliers.query_rows,
-        inliers.points_px,
-        inliers.distinct_count,
-        np.zeros(0, np.intp),
-        (camera.width, camera.height),
-        localizer.retrieval.distance_m(pose),
-    )
+    evidence = evidence_of(matches, inliers, camera, localizer.retrieval.distance_m(pose))
     evidence = replace(evidence, position_sigma_m=position_m)
     reason = judge(evidence, min(position_m, MAX_POSITION_SIGMA_M), LIMITS)
     if reason is not None:

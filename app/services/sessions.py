@@ -36,7 +36,8 @@ from app.services.tracking.memory import (
     memory_to_json,
     pose_to_json,
 )
-from app.services.tracking.tracker import State, Tracked, Tracker, TrackerSettings
+from app.services.tracking.state import State
+from app.services.tracking.tracker import Tracked, Tracker, TrackerSettings
 from app.storage.floors import Floor, list_floors
 from app.storage.sessions import (
     Session,

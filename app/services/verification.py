@@ -8,6 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from app.geometry.camera import Camera
+from app.services.matches import Matches
+
 Reason = Literal["no_match", "too_few_inliers", "ambiguous", "outside_venue", "poor_image", "no_map"]
 
 GRID = (8, 6)
@@ -107,6 +110,25 @@ def gather_evidence(
         len(np.unique(rival_rows)),
         len(np.setdiff1d(rival_rows, inlier_rows)),
         len(np.setdiff1d(inlier_rows, rival_rows)),
+        keyframe_distance_m,
+    )
+
+
+def evidence_of(
+    matches: Matches,
+    inliers: Matches,
+    camera: Camera,
+    keyframe_distance_m: float,
+    rival: Matches | None = None,
+) -> Evidence:
+    """Return the evidence from a picture's matches with a map, those that agree, and those that agree with a rival."""
+    return gather_evidence(
+        matches.query_rows,
+        inliers.query_rows,
+        inliers.points_px,
+        inliers.distinct_count,
+        np.zeros(0, np.intp) if rival is None else rival.query_rows,
+        (camera.width, camera.height),
         keyframe_distance_m,
     )
 

@@ -26,21 +26,26 @@ FEATURES = collection(
 )
 
 
+def furnish(server: Server, venue: str) -> None:
+    """Give a venue a ground floor whose plan is the world's, with landmarks."""
+    body = {
+        "name": "Ground",
+        "level": 0,
+        "z_min_m": -1.0,
+        "z_max_m": 3.0,
+        "plan_from_world": np.eye(4).tolist(),
+    }
+    assert server.client.put(f"/venues/{venue}/floors/ground", json=body).status_code == 200
+    assert put_features(server, "ground", FEATURES, venue).status_code == 200
+
+
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterator[Server]:
     """A server with a mapped room whose plan is the world's, with landmarks."""
     with running(tmp_path_factory.mktemp("house")) as server:
         server.add_venue("house")
         assert server.build(scan_zip, "house", world_from_scan=np.eye(4).tolist())["state"] == "succeeded"
-        body = {
-            "name": "Ground",
-            "level": 0,
-            "z_min_m": -1.0,
-            "z_max_m": 3.0,
-            "plan_from_world": np.eye(4).tolist(),
-        }
-        assert server.client.put("/venues/house/floors/ground", json=body).status_code == 200
-        assert put_features(server, "ground", FEATURES, "house").status_code == 200
+        furnish(server, "house")
         yield server
 
 
@@ -150,15 +155,7 @@ def test_a_session_of_another_venue_has_no_place_here(house: Server, video: list
     session = start(house, "house")
     send(house, session, video[0], 0.0)
     house.add_venue("other")
-    body = {
-        "name": "Ground",
-        "level": 0,
-        "z_min_m": -1.0,
-        "z_max_m": 3.0,
-        "plan_from_world": np.eye(4).tolist(),
-    }
-    assert house.client.put("/venues/other/floors/ground", json=body).status_code == 200
-    assert put_features(house, "ground", FEATURES, "other").status_code == 200
+    furnish(house, "other")
     answer = house.client.get("/venues/other/route", params={"from": f"session:{session}", "to": "gate"})
     assert "session" in assert_problem(answer, 404, "not_found")
 

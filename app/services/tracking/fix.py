@@ -20,7 +20,7 @@ from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.guided_matching import match_near_projections
 from app.services.tracking.hypotheses import poses_of
-from app.services.verification import Reason, confidence_of, coverage, gather_evidence
+from app.services.verification import Reason, confidence_of, coverage, evidence_of
 from app.vision.local_features import LocalFeatures
 
 Array = NDArray[np.float64]
@@ -244,15 +244,7 @@ class MapFixes:
             inliers.points_px, inliers.points_in_world, across, camera, pose
         )
         # The predicted pose tells what looks alike apart: all that was found near it is distinct.
-        evidence = gather_evidence(
-            matches.query_rows,
-            inliers.query_rows,
-            inliers.points_px,
-            inliers.distinct_count,
-            np.zeros(0, np.intp),
-            (camera.width, camera.height),
-            self.localizer.retrieval.distance_m(pose),
-        )
+        evidence = evidence_of(matches, inliers, camera, self.localizer.retrieval.distance_m(pose))
         evidence = replace(evidence, position_sigma_m=position_m)
         return Fix(
             pose,

@@ -9,7 +9,7 @@ from typing import Any
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.services.build_options import parse_camera
-from app.services.tracking.tracker import TrackingMemory
+from app.services.tracking.state import TrackingMemory
 
 
 def pose_to_json(pose: Pose | None) -> list[float] | None:

@@ -17,8 +17,6 @@ from app.services.tracking.state import State, TrackingMemory
 from app.services.tracking.two_view_fix import at_common_scale
 from app.services.verification import Reason
 
-__all__ = ["State", "Tracked", "Tracker", "TrackerSettings", "TrackingMemory"]
-
 # A storey: a change of height that no step explains.
 MAX_CLIMB_M = 1.2
 # After so long without a frame nothing can be followed from the one before.
