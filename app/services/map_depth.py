@@ -48,10 +48,11 @@ class SeenPoints:
         return out
 
     def pack(self, camera: Camera) -> str:
-        """Return the points as text, to store."""
+        """Return the points as text, to store; those more than 65 m away, which 16 bits don't hold, are left out."""
         shares = (self.pixels + 0.5) / np.array([camera.width, camera.height])
-        numbers = np.column_stack([shares * STEPS, self.lengths_m * STEPS_PER_M])
-        return base64.b64encode(np.clip(np.rint(numbers), 0, STEPS).astype("<u2").tobytes()).decode()
+        numbers = np.rint(np.column_stack([shares * STEPS, self.lengths_m * STEPS_PER_M]))
+        fit = numbers[:, 2] <= STEPS
+        return base64.b64encode(np.clip(numbers[fit], 0, STEPS).astype("<u2").tobytes()).decode()
 
     @staticmethod
     def unpack(text: str, camera: Camera) -> SeenPoints:

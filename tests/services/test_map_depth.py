@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from app.geometry.camera import Camera
 from app.services.map_depth import STEPS_PER_M, SeenPoints, points_seen
@@ -42,3 +43,8 @@ def test_packed_points_come_back_in_a_frame_of_another_size() -> None:
     assert np.allclose(again.lengths_m, seen.lengths_m, atol=0.5 / STEPS_PER_M + 1e-9)
     double = Camera("PINHOLE", 640, 480, tuple(2 * value for value in CAMERA.params))
     assert np.allclose(SeenPoints.unpack(seen.pack(CAMERA), double).pixels, 2 * GRID + 0.5, atol=0.02)
+
+
+def test_what_is_too_far_to_be_stored_is_left_out() -> None:
+    seen = SeenPoints(GRID[:2], np.array([3.0, 80.0]))
+    assert SeenPoints.unpack(seen.pack(CAMERA), CAMERA).lengths_m == pytest.approx([3.0])
