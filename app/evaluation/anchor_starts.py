@@ -76,7 +76,7 @@ class _OneAnchor:
         self._pair, self._monitor, self._evaluator = pair, monitor, evaluator
         self.is_open = True
 
-    def locate(self, frame: TrackingFrame, camera: Any, _near: Any) -> Fix | NoFix:
+    def locate(self, frame: TrackingFrame, camera: Any, _near: Any, _any_floor: bool = False) -> Fix | NoFix:
         """Return the anchor's fix of a frame."""
         if not self.is_open:
             return NoFix("no_map")

@@ -16,8 +16,8 @@ SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.2, 40.0, 30.0
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
-# Without a word they walk on for so long, then stand and look around once, then go back where they came from.
-WALK_ON_S, LOOK_AROUND_S, GO_BACK_S, WANDER_S = 1.0, 13.0, 6.0, 4.0
+# Told no way they stand and look around once, then go back where they came from, and so on.
+LOOK_AROUND_S, GO_BACK_S, WANDER_S = 13.0, 6.0, 4.0
 # They remember where they walked by points so far apart.
 TRAIL_M = 0.5
 STEP_S = 0.1
@@ -77,7 +77,9 @@ class Walker:
     _climbs: bool = False
     _trail: list[tuple[float, float]] = field(default_factory=list)
     _stride: float = 1.0
-    _untold_s: float = WALK_ON_S
+    _untold_s: float = 0.0
+    _owed_deg: float = 0.0
+    _gone_on_m: float = 0.0
 
     def __post_init__(self) -> None:
         self._stride = 1.0 + self.gait.person * float(np.clip(self.rng.standard_normal(), -2, 2))
@@ -85,13 +87,16 @@ class Walker:
     def follow(self, told: Mapping[str, Any] | None, seconds: float) -> list[tuple[float, float, int]]:
         """Walk for a while as told and return the places (x, y, floor) that were passed."""
         stairs = self._on_stairs(told)
+        goes_on_m = 0.0 if told is None else (told.get("go_on_m") or 0.0) - self._gone_on_m
         if stairs is not None:
             self._untold_s, turn_deg, reach_m = 0.0, *stairs
+        elif told is not None and goes_on_m > 0.0:
+            self._untold_s, turn_deg, reach_m = 0.0, self._owed_deg, goes_on_m
         elif told is None or told.get("problem") is not None:
             self._untold_s += seconds
             turn_deg, reach_m = self._untold(seconds)
         else:
-            self._untold_s = 0.0
+            self._untold_s = self._gone_on_m = 0.0
             turn_deg, reach_m = self._told(told)
             here = (self.x, self.y)
             if (
@@ -99,7 +104,7 @@ class Walker:
                 or np.hypot(here[0] - self._trail[-1][0], here[1] - self._trail[-1][1]) >= TRAIL_M
             ):
                 self._trail.append(here)
-        passed, before_deg = [], self.heading_deg
+        passed, before_deg, before_m = [], self.heading_deg, self.walked_m
         for _ in range(max(round(seconds / STEP_S), 1)):
             step_s = seconds / max(round(seconds / STEP_S), 1)
             turn_deg -= self._turn(turn_deg, step_s)
@@ -107,6 +112,8 @@ class Walker:
                 reach_m -= self._walk(min(SPEED_M_S * step_s, max(reach_m, 0.0)))
             self.time_s += step_s
             passed.append((self.x, self.y, self.floor))
+        # Who was told to turn does so to the end, seen or not.
+        self._owed_deg, self._gone_on_m = turn_deg, self._gone_on_m + self.walked_m - before_m
         self.turned_deg_s = ((self.heading_deg - before_deg + 180.0) % 360.0 - 180.0) / seconds
         return passed
 
@@ -134,10 +141,8 @@ class Walker:
         return turn_deg, np.inf if remaining_m is None else remaining_m
 
     def _untold(self, seconds: float) -> tuple[float, float]:
-        """Return how far to turn and to walk when no way is told: on, then around, then back, and so on."""
-        if self._untold_s <= WALK_ON_S:
-            return 0.0, np.inf
-        phase_s = (self._untold_s - WALK_ON_S) % (LOOK_AROUND_S + GO_BACK_S)
+        """Return how far to turn and to walk when no way is told: around, then back, and so on."""
+        phase_s = self._untold_s % (LOOK_AROUND_S + GO_BACK_S)
         if phase_s <= LOOK_AROUND_S:
             return LOOK_DEG_S * seconds, 0.0
         return self._back(phase_s - LOOK_AROUND_S)

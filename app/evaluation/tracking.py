@@ -49,9 +49,11 @@ class _Gate:
     source: FixSource
     is_open: bool = True
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False
+    ) -> Fix | NoFix:
         """Return the source's fix, none while closed."""
-        return self.source.locate(frame, camera, near) if self.is_open else NoFix("no_map")
+        return self.source.locate(frame, camera, near, any_floor) if self.is_open else NoFix("no_map")
 
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the source's fix, none while closed."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from app.errors import NoRouteError, OffNetworkError
 from app.services.floor_plans import PlanPoint
-from app.services.guidance import guide
+from app.services.guidance import ARROW_AHEAD_M, Guidance, guide
 from app.services.navigation.language import Speaker, language_of
 from app.services.navigation.model import Route
 from app.services.navigation.places import PlanPlace, parse_place
@@ -17,6 +17,10 @@ from app.storage.floors import Floor
 # Somebody who is off the route on so many frames in a row gets a new one; one frame may be wrong.
 OFF_ROUTE_FRAMES = 3
 LOST = "The last frame was not located: the way goes on as soon as one is."
+# Who is not seen for a moment goes on as told: for so far at most, turning and walking no slower than this.
+GO_ON_M, TURN_DEG_S, PACE_M_S = 4.0, 30.0, 0.9
+# On stairs and lifts little is seen: there it takes as long as a floor.
+GO_ON_FLOOR_S = 20.0
 
 
 @dataclass(slots=True)
@@ -27,6 +31,8 @@ class Way:
     route: Route | None = None
     along_m: float = 0.0
     off_route: int = 0
+    told: Guidance | None = None
+    told_s: float = 0.0
 
 
 class SessionGuide:
@@ -50,15 +56,23 @@ class SessionGuide:
         floor: Floor | None,
         plan: PlanPoint | None,
         located: bool = True,
+        time_s: float = 0.0,
     ) -> dict[str, Any] | None:
         """Return what to tell a walker at a point of a floor's plan, None without a destination or a plan.
 
-        Somebody who is not located is told how to be. Plans the way when there is none yet, and again when the
-        walker has left it.
+        Somebody who is not located is told to go on as told before, and when that is done, how to be located.
+        Plans the way when there is none yet, and again when the walker has left it. `time_s` is the frame's.
         """
         if destination is not None and not located:
-            said = Speaker(language_of(language), {}).say("lost")
-            return {"instruction": said, "arrived": False, "problem": "lost", "detail": LOST}
+            go_on_m = _go_on_m(way, time_s) if way.destination == destination else None
+            said = Speaker(language_of(language), {}).say("lost" if go_on_m is None else "go_on")
+            return {
+                "instruction": said,
+                "arrived": False,
+                "problem": "lost",
+                "detail": LOST,
+                "go_on_m": go_on_m,
+            }
         if destination is None or floor is None or plan is None:
             return None
         planned = way.route is None or way.destination != destination or way.off_route >= OFF_ROUTE_FRAMES
@@ -69,6 +83,7 @@ class SessionGuide:
         assert way.route is not None  # noqa: S101 - planned above
         spoken = language_of(language)
         told = guide(way.route, floor.id, plan.x, plan.y, plan.heading_deg, spoken, way.along_m)
+        way.told, way.told_s = told, time_s
         way.off_route = way.off_route + 1 if told.off_route else 0
         if told.along_m is not None and not told.off_route:
             # Somebody who comes back from a dead end is past it, though they are where they were before.
@@ -81,8 +96,23 @@ class SessionGuide:
         """Plan the way from a point; return the guidance that there is none to give, if so."""
         start = PlanPlace(floor.id, plan.x, plan.y)
         way.destination, way.route, way.along_m, way.off_route = destination, None, 0.0, 0
+        way.told = None
         try:
             way.route = self._routes.route(venue_id, start, destination, heading_deg=plan.heading_deg)
         except (NoRouteError, OffNetworkError) as error:
             return {"instruction": None, "arrived": False, "problem": error.code, "detail": str(error)}
         return None
+
+
+def _go_on_m(way: Way, time_s: float) -> float | None:
+    """Return how far somebody not located any more goes as told when they last were; None when that is done, or
+    when nothing was told that could be gone on with."""
+    told = way.told
+    if told is None or told.off_route or told.arrived or told.distance_m is None:
+        return None
+    away_s = abs(time_s - way.told_s)
+    if told.turn in ("up", "down") and told.bearing_deg is None:
+        return told.distance_m if away_s <= GO_ON_FLOOR_S else None
+    stretch_m = min(max(told.distance_m, ARROW_AHEAD_M), GO_ON_M)
+    needed_s = abs(told.bearing_deg or 0.0) / TURN_DEG_S + stretch_m / PACE_M_S
+    return stretch_m if away_s <= needed_s else None

@@ -17,6 +17,7 @@ from app.geometry.se3 import Pose
 from app.services.anchor_locator import AnchorLocator
 from app.services.build_options import parse_camera
 from app.services.camera_sources import CameraSource, query_camera
+from app.services.floor_changes import can_have_changed_floor
 from app.services.floor_features.library import FeatureLibrary
 from app.services.floor_plans import PlanPoint, floor_of, plan_point
 from app.services.localizer import Localizer
@@ -108,6 +109,7 @@ class SessionService:
         self._resources = resources
         self._library = library
         self._features = features
+        self._routes = routes
         self._guide = SessionGuide(routes)
         self._anchors = anchors
         self._tracking = tracking or TrackerSettings()
@@ -232,6 +234,9 @@ class SessionService:
         tracker, before = live.tracker, live.tracker.memory
         tracker.source = self._source(session.venue_id, None if serving is None else serving[0], floors)
         tracker.is_inside = lambda pose: not floors or floor_of(floors, pose) is not None
+        tracker.can_change_floor = lambda pose, away_s: self._can_change_floor(
+            session.venue_id, floors, pose, away_s
+        )
         time_s = time.time() if frame.time_s is None else frame.time_s
         tracked = tracker.process(TrackingFrame.of(rgb, time_s, frame.gravity), camera, frame.motion)
         timings["track"] = 1e3 * (time.perf_counter() - started) - timings["decode"]
@@ -256,10 +261,19 @@ class SessionService:
             floor,
             plan,
             tracked.world_from_camera is not None,
+            time_s,
         )
         return SessionResult(
             result, session.id, point.frame, tracked.state, tracked.unaided_m, tuple(live.recent), guidance
         )
+
+    def _can_change_floor(self, venue_id: str, floors: list[Floor], pose: Pose, away_s: float) -> bool:
+        floor = floor_of(floors, pose)
+        plan = None if floor is None else plan_point(floor, pose)
+        if floor is None or plan is None:
+            return len(floors) > 1
+        network = self._routes.network(venue_id)
+        return can_have_changed_floor(network, PlanPlace(floor.id, plan.x, plan.y), away_s)
 
     def _source(self, venue_id: str, localizer: Localizer | None, floors: list[Floor]) -> FixSource:
         """Return what gives fixes: the map, and the anchors where it shows nothing."""

@@ -92,6 +92,24 @@ def test_guidance_goes_on_and_follows_a_new_destination(house: Server, video: li
     assert send(house, session, video[4], 0.4)["guidance"] is None
 
 
+def test_who_is_lost_goes_on_as_told_and_then_stands_still(house: Server, video: list[View]) -> None:
+    session = start(house, "house", destination="gate")
+    send(house, session, video[0], 0.0)
+    dark = View(video[1].world_from_camera, np.zeros_like(video[1].rgb), video[1].depth_m)
+    told = [send(house, session, dark, time_s)["guidance"] for time_s in (0.5, 3.0, 30.0)]
+    assert [one["problem"] for one in told] == ["lost", "lost", "lost"]
+    # The way is straight for longer than anybody is sent on unseen.
+    assert [one["go_on_m"] for one in told] == [4.0, 4.0, None]
+    assert told[0]["instruction"].endswith("Go on as you were told.")
+    assert told[2]["instruction"].startswith("Your place is not known. Stand still")
+
+
+def test_who_was_never_seen_is_not_sent_on(house: Server, video: list[View]) -> None:
+    dark = View(video[1].world_from_camera, np.zeros_like(video[1].rgb), video[1].depth_m)
+    told = send(house, start(house, "house", destination="gate"), dark, 0.0)["guidance"]
+    assert (told["problem"], told["go_on_m"]) == ("lost", None)
+
+
 def test_who_leaves_the_route_gets_a_new_one(house: Server, video: list[View]) -> None:
     session = start(house, "house", destination="gate")
     assert not send(house, session, video[0], 0.0)["guidance"]["off_route"]
@@ -163,12 +181,12 @@ def test_a_session_of_another_venue_has_no_place_here(house: Server, video: list
 def test_who_is_lost_is_told_what_to_do(house: Server, video: list[View]) -> None:
     session = start(house, "house", destination="gate")
     dark = View(video[0].world_from_camera, np.zeros_like(video[0].rgb), video[0].depth_m)
-    for view, at_s in ((dark, 0.0), (video[0], 0.1), (dark, 5.0)):
+    for view, at_s in ((dark, 0.0), (video[0], 0.1), (dark, 30.0)):
         found = send(house, session, view, at_s)
         told = found["guidance"]
         if view is dark:
             assert (found["located"], told["problem"], told["arrived"]) == (False, "lost", False)
-            assert told["instruction"].startswith("Your place is not known.")
+            assert told["instruction"].startswith("Your place is not known. Stand still")
         else:
             assert told["problem"] is None
     assert send(house, start(house, "house"), dark, 0.0)["guidance"] is None

@@ -135,6 +135,18 @@ def test_who_is_lost_goes_back_where_they_came_from() -> None:
     assert walker.x < there - 0.5
 
 
+def test_who_was_told_to_turn_turns_and_goes_on_unseen() -> None:
+    walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
+    told = {"turn": "left", "off_route": False, "arrived": False, "bearing_deg": 90.0, "remaining_m": 20.0}
+    walker.follow(told, 0.25)
+    for _ in range(24):
+        walker.follow({"arrived": False, "problem": "lost", "go_on_m": 2.0}, 0.25)
+    # The turn is done and two metres are walked; then the walker looks around.
+    assert walker.y == pytest.approx(3.0, abs=0.4)
+    assert abs(walker.heading_deg - 90.0) > 20.0
+    assert walker.walked_m < 2.6
+
+
 def test_stairs_are_taken_without_an_arrow_and_without_a_word() -> None:
     walker = Walker(Stairwell(), 8.7, 5.0, 0, 90.0, np.random.default_rng(0))
     told = {"turn": "up", "off_route": False, "arrived": False, "bearing_deg": None, "remaining_m": 20.0}

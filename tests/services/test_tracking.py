@@ -116,7 +116,9 @@ class AnotherView(MapFixes):
         self._anchor = anchor
         self._extractor = RootSift(max_side_px=960)
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False
+    ) -> Fix | NoFix:
         assert camera is not None
         ours, theirs = self._extractor.extract(frame.gray), self._extractor.extract(to_gray(self._anchor.rgb))
         a, b, _ = match_unit_vectors(

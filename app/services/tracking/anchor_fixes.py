@@ -29,7 +29,9 @@ class AnchorFixes:
         self._venue_id = venue_id
         self._floors = floors
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, _near: Pose | None) -> Fix | NoFix:
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, _near: Pose | None, _any_floor: bool = False
+    ) -> Fix | NoFix:
         """Locate by the anchors that see what the frame shows; without a camera there is no fix."""
         if camera is None:
             return NoFix("no_match")
@@ -102,11 +104,13 @@ class FirstFixes:
     def __init__(self, sources: Sequence[FixSource]) -> None:
         self.sources = tuple(sources)
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False
+    ) -> Fix | NoFix:
         """Return the first fix; else the first reason that is not the lack of a map."""
         nothing = NoFix("no_map")
         for source in self.sources:
-            found = source.locate(frame, camera, near)
+            found = source.locate(frame, camera, near, any_floor)
             if isinstance(found, Fix):
                 return found
             if nothing.reason == "no_map":

@@ -103,8 +103,11 @@ def _is_upright(pose: Pose) -> bool:
 class FixSource(Protocol):
     """What gives fixes."""
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, /) -> Fix | NoFix:
-        """Return where a frame is, looking everywhere; `near` may decide between places that look alike.
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False, /
+    ) -> Fix | NoFix:
+        """Return where a frame is, looking everywhere; `near` may decide between places that look alike, but not for
+        a camera that may be on `any_floor` by now.
 
         `camera` is the one of the frame at tracking size; without it the focal length is searched for.
         """
@@ -125,11 +128,15 @@ class MapFixes:
         self.localizer = localizer
         self._described: tuple[TrackingFrame, LocalFeatures] | None = None
 
-    def locate(self, frame: TrackingFrame, camera: Camera | None, near: Pose | None) -> Fix | NoFix:
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False
+    ) -> Fix | NoFix:
         """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
         full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         upright = near is not None and _is_upright(near)
         found = self.localizer.localize(frame.rgb, full, upright=upright)
+        if any_floor:
+            near = None
         if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
             positions = self.localizer.artifact.arrays.positions
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M

@@ -85,7 +85,7 @@ class Tracker:
 
     `memory` may come from an earlier process: without the points of its last frame, the next one is located
     anew, and believed at once only near where the camera was. `is_inside` says of a pose in the world whether a
-    camera can be there.
+    camera can be there, `can_change_floor` whether one that was there so many seconds ago may be on another floor.
     """
 
     source: FixSource
@@ -93,6 +93,7 @@ class Tracker:
     settings: TrackerSettings = field(default_factory=TrackerSettings)
     camera: Camera | None = None
     is_inside: Callable[[Pose], bool] = lambda _: True
+    can_change_floor: Callable[[Pose, float], bool] = lambda *_: False
     _odometry: Odometry | None = None
     _since_refresh: int = 0
     _since_search: int = 0
@@ -227,7 +228,8 @@ class Tracker:
             self.memory = replace(memory, state="lost")
             return _nothing("lost", self._why_lost, 0, 0, camera, memory)
         self._searched_s = frame.time_s
-        found = self.source.locate(frame, camera, predicted if away_s <= MAX_PRIOR_S else None)
+        prior = predicted if away_s <= MAX_PRIOR_S else None
+        found = self.source.locate(frame, camera, prior, self._may_be_elsewhere(frame.time_s))
         if isinstance(found, Fix) and not self._can_be(found):
             found = NoFix("outside_venue", found.inliers, found.matches)
         if isinstance(found, NoFix):
@@ -281,7 +283,15 @@ class Tracker:
         apart_m = position_difference_m(fix.world_from_camera, memory.pending)
         turned_rad = attitude_difference_rad(fix.world_from_camera, memory.pending)
         agrees = apart_m <= JERK_M + MAX_SPEED_M_S * waited_s and turned_rad <= np.pi / 6 + np.pi * waited_s
-        return agrees and (self._is_near(fix) or abs(time_s - memory.time_s) >= MIN_AWAY_S)
+        is_far_away = abs(time_s - memory.time_s) >= MIN_AWAY_S or self._may_be_elsewhere(time_s)
+        return agrees and (self._is_near(fix) or is_far_away)
+
+    def _may_be_elsewhere(self, time_s: float) -> bool:
+        """Whether the camera may have left the floor where it was seen last."""
+        memory = self.memory
+        if memory.world_from_camera is None or memory.frame_id != WORLD:
+            return False
+        return self.can_change_floor(memory.world_from_camera, abs(time_s - memory.time_s))
 
     def _is_near(self, fix: Fix) -> bool:
         """Whether a fix is on the floor where the camera was last, and no look-alike place elsewhere."""
