@@ -20,7 +20,7 @@ from app.demonstration.layout import (
 from app.demonstration.raycast import FAST, render
 from app.demonstration.scene import Scene
 from app.demonstration.sensor import JPEG_QUALITY, ColourSensor, colour_picture
-from app.demonstration.walkable import CELL_M, grid_of, ground_z_m
+from app.demonstration.walkable import CELL_M, grid_of, ground_z_m, way_out
 from app.evaluation.simulation import Shot, Told
 from app.geometry.camera import Camera
 from app.services.navigation.places import PlanPlace
@@ -77,6 +77,11 @@ class DemoBuilding:
         door_y = next(door.at_m for door in DOORS if door.b == "stair" and door.floor == int(up))
         there = y > STAIR_TOP_Y_M + BODY_M if up else y < STAIR_START_Y_M - BODY_M
         return (x0 - OUTSIDE_M, door_y) if there else ((x0 + x1) / 2, door_y)
+
+    def way_out(self, x: float, y: float, floor: int) -> list[tuple[float, float]]:
+        """Return the way through the nearest door, as points."""
+        found = way_out((x, y), floor)
+        return [] if found is None else [(float(u), float(v)) for u, v in found]
 
 
 def _on_stairs(x: float, y: float) -> bool:

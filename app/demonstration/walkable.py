@@ -21,6 +21,8 @@ from app.demonstration.layout import (
     STAIR_START_Y_M,
     STAIR_TREAD_M,
     WALL_THICKNESS_M,
+    Door,
+    room_at,
     room_by_id,
     shared_wall,
 )
@@ -30,6 +32,8 @@ Floats = NDArray[np.float64]
 # The camera and the arms that hold it.
 CLEARANCE_M = 0.25
 CELL_M = 0.1
+# So far beyond a door somebody is out of the room.
+OUTSIDE_M = 1.0
 # Higher than this nobody walks into a thing.
 HEAD_ROOM_M = 1.9
 
@@ -156,3 +160,26 @@ def way(start_xy: tuple[float, float], end_xy: tuple[float, float], floor: int) 
             raise ValueError(f"no way from {start_xy} to {end_xy} on floor {floor}")
     rows, columns = np.divmod(np.array(cells[::-1]), grid.clearance_m.shape[1])
     return np.asarray((np.column_stack([columns, rows]) + 0.5) * CELL_M)
+
+
+def way_out(start_xy: tuple[float, float], floor: int) -> Floats | None:
+    """Return the way (n, 2) from a point through the nearest open door of its room, None where there is none."""
+    room = room_at(*start_xy, floor)
+    doors = [
+        door
+        for door in DOORS
+        if room is not None and door.floor == floor and room.id in (door.a, door.b) and not door.closed
+    ]
+    if room is None or not doors:
+        return None
+    ends = [_beyond(door, room.id) for door in doors]
+    nearest = min(ends, key=lambda end: float(np.hypot(end[0] - start_xy[0], end[1] - start_xy[1])))
+    return way(start_xy, nearest, floor)
+
+
+def _beyond(door: Door, room_id: str) -> tuple[float, float]:
+    """Return a point outside a room in front of one of its doors."""
+    side_a, side_b, line_m = shared_wall(door)
+    side = side_a if room_id == door.a else side_b
+    away_m = OUTSIDE_M if side in "NE" else -OUTSIDE_M
+    return (door.at_m, line_m + away_m) if side in "NS" else (line_m + away_m, door.at_m)

@@ -16,8 +16,8 @@ SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.2, 40.0, 30.0
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
-# Told no way they stand and look around once, then go back where they came from, and so on.
-LOOK_AROUND_S, GO_BACK_S, WANDER_S = 13.0, 6.0, 4.0
+# Told no way they stand and look around once, then go back where they came from, or out by the door, and so on.
+LOOK_AROUND_S, GO_BACK_S = 13.0, 6.0
 # They remember where they walked by points so far apart.
 TRAIL_M = 0.5
 STEP_S = 0.1
@@ -43,6 +43,9 @@ class Building(Protocol):
     def stairs_end(self, x: float, y: float, up: bool, /) -> tuple[float, float] | None:
         """Return where a person in a stairwell goes who takes the stairs up or down: to the other end, then out by
         its door; None outside."""
+
+    def way_out(self, x: float, y: float, floor: int, /) -> list[tuple[float, float]]:
+        """Return the way of a person who leaves a room by the nearest door: points, none without a door."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,15 +148,15 @@ class Walker:
         phase_s = self._untold_s % (LOOK_AROUND_S + GO_BACK_S)
         if phase_s <= LOOK_AROUND_S:
             return LOOK_DEG_S * seconds, 0.0
-        return self._back(phase_s - LOOK_AROUND_S)
+        return self._back(begins=phase_s - LOOK_AROUND_S <= seconds)
 
-    def _back(self, since_s: float) -> tuple[float, float]:
-        """Return how far to turn and to walk to where the walker was before; a little on if they were nowhere."""
+    def _back(self, begins: bool) -> tuple[float, float]:
+        """Return how far to turn and to walk to where the walker was before; out by the door if they were nowhere."""
         while self._trail and np.hypot(self._trail[-1][0] - self.x, self._trail[-1][1] - self.y) < TRAIL_M:
             self._trail.pop()
-        if not self._trail:
-            return 0.0, np.inf if since_s <= WANDER_S else 0.0
-        return self._towards(*self._trail[-1])
+        if begins and not self._trail:
+            self._trail = self.building.way_out(self.x, self.y, self.floor)[::-1]
+        return self._towards(*self._trail[-1]) if self._trail else (0.0, 0.0)
 
     def _towards(self, x: float, y: float) -> tuple[float, float]:
         angle_deg = float(np.degrees(np.arctan2(y - self.y, x - self.x)))

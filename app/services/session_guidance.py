@@ -64,8 +64,10 @@ class SessionGuide:
         Plans the way when there is none yet, and again when the walker has left it. `time_s` is the frame's.
         """
         if destination is not None and not located:
-            go_on_m = _go_on_m(way, time_s) if way.destination == destination else None
-            said = Speaker(language_of(language), {}).say("lost" if go_on_m is None else "go_on")
+            known = way.destination == destination and way.told is not None
+            go_on_m = _go_on_m(way, time_s) if known else None
+            key = "go_on" if go_on_m is not None else "lost" if known else "unknown"
+            said = Speaker(language_of(language), {}).say(key)
             return {
                 "instruction": said,
                 "arrived": False,

@@ -186,7 +186,8 @@ def test_who_is_lost_is_told_what_to_do(house: Server, video: list[View]) -> Non
         told = found["guidance"]
         if view is dark:
             assert (found["located"], told["problem"], told["arrived"]) == (False, "lost", False)
-            assert told["instruction"].startswith("Your place is not known. Stand still")
+            known = "." if at_s else " yet."
+            assert told["instruction"].startswith(f"Your place is not known{known} Stand still")
         else:
             assert told["problem"] is None
     assert send(house, start(house, "house"), dark, 0.0)["guidance"] is None

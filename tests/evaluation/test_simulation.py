@@ -44,6 +44,9 @@ class Yard:
     def stairs_end(self, _x: float, _y: float, _up: bool) -> tuple[float, float] | None:
         return None
 
+    def way_out(self, x: float, y: float, _floor: int) -> list[tuple[float, float]]:
+        return [(x, y), (x, y + 1.0), (x, y + 3.0)]
+
 
 class Stairwell(Yard):
     """Stairs from x = 9 up to x = 12 on the next floor."""
@@ -133,6 +136,15 @@ def test_who_is_lost_goes_back_where_they_came_from() -> None:
     for _ in range(40):
         walker.follow({"instruction": "Stand still.", "arrived": False, "problem": "lost"}, 0.5)
     assert walker.x < there - 0.5
+
+
+def test_who_was_nowhere_yet_goes_out_by_the_door() -> None:
+    walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
+    for _ in range(44):
+        walker.follow(
+            {"instruction": "Stand still.", "arrived": False, "problem": "lost", "go_on_m": None}, 0.5
+        )
+    assert walker.y > 2.5
 
 
 def test_who_was_told_to_turn_turns_and_goes_on_unseen() -> None:
