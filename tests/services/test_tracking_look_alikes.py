@@ -82,3 +82,17 @@ def test_a_session_that_lost_sight_of_a_room_finds_itself_in_it_again(twins: Map
     assert tracked.world_from_camera is not None
     truth = moved(view.world_from_camera, APART_M)
     assert np.linalg.norm(tracked.world_from_camera.translation - truth.translation) < 0.03
+
+
+def test_a_place_that_much_of_the_picture_speaks_against_is_none(
+    twins: MapFixes, view: View, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # In the right half of the picture hangs something else than in the map.
+    altered = view.rgb.copy()
+    half = altered.shape[1] // 2
+    altered[:, half:] = np.rot90(altered[:, half:], 2)
+    frame = TrackingFrame.of(altered, 0.0)
+    assert twins.refresh(frame, CAMERA, view.world_from_camera) is None
+    monkeypatch.setattr("app.services.tracking.fix.MAX_CONTRADICTED", 1.0)
+    assert twins.refresh(frame, CAMERA, view.world_from_camera) is not None
+    assert twins.refresh(TrackingFrame.of(view.rgb, 0.0), CAMERA, view.world_from_camera) is not None

@@ -13,6 +13,7 @@ from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
+from app.services.contradiction import KEYFRAMES, contradicted_share
 from app.services.localization import KeyframeVote, Localization, same_place
 from app.services.localizer import Localizer
 from app.services.map_accuracy import accuracy_of, sigma_across
@@ -22,6 +23,7 @@ from app.services.tracking.guided_matching import match_near_projections
 from app.services.tracking.hypotheses import poses_of
 from app.services.verification import Reason, confidence_of, coverage, evidence_of
 from app.vision.local_features import LocalFeatures
+from app.vision.matching import to_unit_vectors
 
 Array = NDArray[np.float64]
 WORLD = "world"
@@ -39,6 +41,8 @@ UPRIGHT_COSINE = 0.7
 # Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
 KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
 SURE_INLIER_FACTOR, SURE_COVERAGE = 2.5, 0.2
+# Of a place that is found where it was looked for no more of the picture may speak against it (docs/sessions.md).
+MAX_CONTRADICTED = 0.12
 # Of two places within reach the one must have so much more that agrees.
 MAX_RIVAL_SHARE = 0.45
 
@@ -173,12 +177,11 @@ class MapFixes:
         pose = nearer.candidate
         if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
             return None
-        return self._concluded(self._near(self._features(frame), camera, pose, FOUND_RADIUS), camera, pose)
+        return self._found(self._features(frame), camera, pose, FOUND_RADIUS)
 
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
-        matches = self._near(self._features(frame), camera, predicted, SEARCH_RADIUS)
-        return self._concluded(matches, camera, predicted)
+        return self._found(self._features(frame), camera, predicted, SEARCH_RADIUS)
 
     def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
         """Match all features with keyframes around a place, and go on as `refresh` does with each pose in reach
@@ -192,7 +195,7 @@ class MapFixes:
         for pose in poses_of(features, self.localizer, keyframes, camera):
             if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
                 continue
-            fix = self._concluded(self._near(features, camera, pose, FOUND_RADIUS), camera, pose)
+            fix = self._found(features, camera, pose, FOUND_RADIUS)
             if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
                 found.append(fix)
         best = max(found, key=lambda fix: fix.inliers, default=None)
@@ -225,6 +228,22 @@ class MapFixes:
         if self._described is None or self._described[0] is not frame:
             self._described = frame, self.localizer.extractor.extract(frame.gray)
         return self._described[1]
+
+    def _found(self, features: LocalFeatures, camera: Camera, near: Pose, radius: float) -> Fix | None:
+        """Return the fix of the map's points around where a pose nearly right has them, None unless the picture
+        speaks for it and not against it."""
+        fix = self._concluded(self._near(features, camera, near, radius), camera, near)
+        return None if fix is None or self._contradicted(features, fix) > MAX_CONTRADICTED else fix
+
+    def _contradicted(self, features: LocalFeatures, fix: Fix) -> float:
+        """Return the share of the picture that speaks against a fix."""
+        localizer, binary = self.localizer, self.localizer.extractor.binary
+        pose, keyframes = (
+            fix.world_from_camera,
+            localizer.retrieval.covisible(fix.world_from_camera, KEYFRAMES, set()),
+        )
+        own = features.keypoints_px.astype(np.float64), to_unit_vectors(features.descriptors, binary)
+        return contradicted_share(localizer.artifact, keyframes, pose, fix.camera, own, fix.points_px, binary)
 
     def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""
