@@ -20,7 +20,8 @@ from tests.scenes import CAMERA, Room, pose_at
 
 # What the sensor shows over what there is, at depth z': 1.03 at no depth, 1.09 at 3 m, more to the right.
 RESPONSE = DepthResponse((1.03, 0.02, 0.03, 0.0))
-EXTRACTOR = RootSift()
+# So few that keyframes have room.
+EXTRACTOR = RootSift(max_features=250)
 
 
 @pytest.fixture(scope="module")
