@@ -45,11 +45,9 @@ def with_left_out(
     They get the pixel at which the keyframe would see them. Those known best come first.
     """
     room = ENOUGH_FEATURES - len(own.features)
-    if not others:
+    if room <= 0 or not others:
         return own
     offered = MapPoints.merge([_inside(other, world_from_camera, camera) for other in others])
-    if room <= 0 or len(offered.features) == 0:
-        return own
     offered = offered.take(np.argsort(offered.sigma_m, kind="stable"))
     radius = SAME_PX * max(camera.width, camera.height) / 640.0
     known = np.any(_same(offered.features, own.features, radius, binary), axis=1)

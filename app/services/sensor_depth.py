@@ -41,7 +41,7 @@ def learn_depth_response(
     def known(pair: tuple[View, Sequence[View]]) -> tuple[Array, Array, Array, Array]:
         return _known_depths(*pair, camera, extractor)
 
-    found = list(map_in_order(executor, known, pairs, "sensor", progress))
+    found = list(map_in_order(executor, known, pairs, "check_sensor", progress))
     shown_m, image_plane, depth_m, sigma = (np.concatenate(part) for part in zip(*found, strict=True))
     return fit_depth_response(shown_m, image_plane, depth_m, sigma)
 
