@@ -43,12 +43,17 @@ class RefinedDepth:
 
 
 def refine_depth_along_rays(
-    rays_in_world: Array, origin_in_world: Array, depth_m: Array, seen: Observations, steps: int = 8
+    rays_in_world: Array,
+    origin_in_world: Array,
+    depth_m: Array,
+    seen: Observations,
+    steps: int = 8,
+    prior_sigma: float = DEPTH_PRIOR_SIGMA,
 ) -> RefinedDepth:
     """Return the depths that agree best with the sensor and with all other views.
 
     For each point the unknown is one number, the logarithm s of its depth along its ray: Gauss-Newton on
-    `sum_j rho(|u_j(s) - p_j|^2) + ((s - s_sensor) / 0.03)^2` with a Cauchy loss rho, all points at once.
+    `sum_j rho(|u_j(s) - p_j|^2) + ((s - s_sensor) / prior_sigma)^2` with a Cauchy loss rho, all points at once.
     `rays_in_world` (n, 3) are directions scaled to z = 1 in the keyframe's camera, so that
     `origin_in_world + depth * ray` is the point. Triangulation takes out the sensor's systematic error and what
     depth and colour images are misaligned by; the prior keeps points that are seen without parallax.
@@ -56,7 +61,7 @@ def refine_depth_along_rays(
     n = len(depth_m)
     log_depth = np.log(depth_m)
     start = log_depth.copy()
-    prior = (SIGMA_PX / DEPTH_PRIOR_SIGMA) ** 2
+    prior = (SIGMA_PX / prior_sigma) ** 2
     along = np.einsum("mij,mj->mi", seen.rotations, rays_in_world[seen.rows])
     offset = np.einsum("mij,j->mi", seen.rotations, origin_in_world) + seen.translations
     information = np.full(n, prior)

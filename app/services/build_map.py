@@ -21,8 +21,9 @@ from app.services.calibration_curves import Calibration
 from app.services.frame_images import frame_rgb
 from app.services.keyframe_quality import blur_limit, fault_of, find_replacements
 from app.services.keyframe_rule import KeyframeRule
-from app.services.map_points import MapPoints, View, nearby_views, points_from_depth, refined_points
+from app.services.map_points import MapPoints, View, points_from_depth
 from app.services.progress import Progress, map_in_order
+from app.services.refine_scan import refined_scan
 from app.services.repetition import elsewhere
 from app.services.select_keyframes import select_keyframes
 from app.services.sparse_map import feature_limit, thin_out
@@ -33,7 +34,7 @@ from app.vision.index import GlobalIndex
 from app.vision.keyframes import PoseThresholds, select_by_pose
 from app.vision.local_features import LocalFeatureExtractor, LocalFeatures
 
-# Supporting frames, which only refine points, lie this much closer together than keyframes.
+# Supporting frames, which refine points and lend features, lie this much closer together than keyframes.
 SUPPORT_SPACING = 0.45
 
 
@@ -100,7 +101,11 @@ def build_map(
     clock.lap("describe")
     usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
     clock.lap("quality")
-    refined = _refine(described, usable, source, options, extractor, executor, progress)
+    views = {row: item.view for row, item in described.items()}
+    if options.refine_depth:
+        refined = refined_scan(views, usable, _sharp(described), source.camera, extractor, executor, progress)
+    else:
+        refined = [points_from_depth(views[row], source.camera) for row in usable]
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, source.camera, limit) for own in refined]
     clock.lap("refine")
@@ -180,26 +185,10 @@ def _usable(
     return usable, left_out, {names[old]: names[new] for old, new in replaced.items()}
 
 
-def _refine(
-    described: dict[int, _Described],
-    keyframes: Sequence[int],
-    source: FrameSource,
-    options: BuildOptions,
-    extractor: LocalFeatureExtractor,
-    executor: Executor,
-    progress: Progress,
-) -> list[MapPoints]:
-    rows = sorted(described)
-    poses = [described[row].view.world_from_camera for row in rows]
-
-    def refine(row: int) -> MapPoints:
-        view = described[row].view
-        if not options.refine_depth:
-            return points_from_depth(view, source.camera)
-        others = [described[rows[i]].view for i in nearby_views(view.world_from_camera, poses)]
-        return refined_points(view, others, source.camera, extractor.ratio, extractor.binary)
-
-    return list(map_in_order(executor, refine, keyframes, "refine", progress))
+def _sharp(described: dict[int, _Described]) -> list[int]:
+    """Return the frames that are good enough to take features from."""
+    limit = blur_limit([item.quality for item in described.values()])
+    return [row for row, item in described.items() if fault_of(item.quality, limit) is None]
 
 
 def _pack(

@@ -49,6 +49,20 @@ class MapPoints:
             self.features.take(rows), self.points_in_world[rows], self.sigma_m[rows], self.views[rows]
         )
 
+    @staticmethod
+    def merge(parts: Sequence[MapPoints]) -> MapPoints:
+        """Return the points of all parts, at least one."""
+        features = LocalFeatures(
+            np.concatenate([part.features.keypoints_px for part in parts]),
+            np.concatenate([part.features.descriptors for part in parts]),
+        )
+        return MapPoints(
+            features,
+            np.concatenate([part.points_in_world for part in parts]),
+            np.concatenate([part.sigma_m for part in parts]),
+            np.concatenate([part.views for part in parts]),
+        )
+
 
 def nearby_views(keyframe: Pose, views: Sequence[Pose]) -> list[int]:
     """Return the views that can see what the keyframe sees, at most `MAX_VIEWS`, spread over the distances."""
@@ -83,7 +97,7 @@ def refined_points(
     depth_m = view.depth_m[view.depth_m > 0].astype(np.float64)
     rays = camera.unproject(own.features.keypoints_px, np.ones(len(depth_m)))
     rays_in_world = rays @ view.world_from_camera.rotation.T
-    seen = _observations(own, others, camera, ratio, binary)
+    seen = observations_by(others, own, camera, ratio, binary)
     if len(seen) == 0:
         return own
     refined = refine_depth_along_rays(rays_in_world, view.world_from_camera.translation, depth_m, seen)
@@ -92,9 +106,10 @@ def refined_points(
     return MapPoints(own.features, points, refined.sigma_m, refined.views).take(keep)
 
 
-def _observations(
-    own: MapPoints, others: Sequence[View], camera: Camera, ratio: float, binary: bool
+def observations_by(
+    others: Sequence[View], own: MapPoints, camera: Camera, ratio: float, binary: bool
 ) -> Observations:
+    """Return where other views see a keyframe's points: matches that lie near where their poses put the points."""
     descriptors = to_unit_vectors(own.features.descriptors, binary)
     gate = GATE_PX * max(camera.width, camera.height) / 640.0
     rows, normalized, poses = [], [], []
