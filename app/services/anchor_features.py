@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
+from app.vision.edges import down_in_picture
 from app.vision.images import Gray, Rgb, shrink, to_gray
 from app.vision.inverted_file import InvertedFile
 from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
@@ -37,19 +38,22 @@ NO_ROWS = np.zeros(0, np.intp)
 # A query's own words are not kept: each of its features is looked up under several.
 NO_WORDS = np.zeros(0, np.int64)
 NO_LENGTHS = np.zeros(0, np.float32)
+NO_DOWN = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class AnchorFeatures:
     """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
     `words` (n,) are the visual words of the former. Of a calibrated camera `*_length_m` says how far along its ray
-    each feature lies by the map, NaN where the map doesn't tell."""
+    each feature lies by the map, NaN where the map doesn't tell. `down` (3,) is the vertical in camera axes, where the
+    edges in a monitoring camera's picture show it."""
 
     akaze: LocalFeatures
     xfeat: LocalFeatures
     words: Words
     akaze_length_m: NDArray[np.float32] | None = None
     xfeat_length_m: NDArray[np.float32] | None = None
+    down: NDArray[np.float64] | None = None
 
     @cached_property
     def xfeat_unit(self) -> Unit:
@@ -68,6 +72,7 @@ class AnchorFeatures:
             akaze_words=self.words.astype(np.uint16),
             akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
             xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
+            down=NO_DOWN if self.down is None else self.down,
         )
         return buffer.getvalue()
 
@@ -83,6 +88,7 @@ class AnchorFeatures:
                 arrays["akaze_words"].astype(np.int64),
                 arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
                 arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
+                arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
             )
 
 
@@ -104,7 +110,8 @@ class AnchorDescriber:
         akaze = self.akaze.extract(gray)
         shrunk = min(1.0, MONITOR_SIDE_PX / max(gray.shape))
         xfeat = self.wide_xfeat if shrunk * camera.focal_px < MIN_FOCAL_PX else self.monitor_xfeat
-        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze))
+        down = down_in_picture(gray, camera)
+        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze), down=down)
 
     def words_of(self, akaze: LocalFeatures) -> Words:
         """Return the visual words (n,) of A-KAZE features."""
@@ -148,8 +155,8 @@ class PixelMatches:
     def __len__(self) -> int:
         return len(self.monitor_px)
 
-    def take(self, rows: NDArray[np.bool_]) -> PixelMatches:
-        """Return the matches of a mask (n,)."""
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> PixelMatches:
+        """Return the matches of a mask (n,) or of rows."""
         return PixelMatches(self.monitor_px[rows], self.phone_px[rows], self.length_m[rows])
 
     def with_more(self, other: PixelMatches) -> PixelMatches:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.anchor_fix import MIN_INLIER_RATIO, MIN_INLIERS, AnchorEvidence, AnchorFix
+from app.services.anchor_fix import AnchorEvidence, AnchorFix
+from app.services.anchor_relative import MIN_INLIER_RATIO, MIN_INLIERS
 from app.services.verification import Reason
 
 MIN_COVERAGE = 0.15
