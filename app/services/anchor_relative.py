@@ -29,7 +29,7 @@ SAMPLES, HALF_SAMPLES = 400, 200
 EDGES_SIGMA_RAD = float(np.radians(1.0))
 # An upright pose with such a share of the matches needs no comparison. Else one that fits the matches less well than
 # this share of what any pose fits them is none: a vertical was wrong.
-SURE_RATIO, MIN_SUPPORT = 0.45, 0.6
+SURE_RATIO, MIN_SUPPORT = 0.35, 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def phone_beside_monitor(
     upright = None if verticals is None else _upright(matches, cameras, verticals, SAMPLES)
     if upright is not None and np.count_nonzero(upright.inlier_mask) >= SURE_RATIO * len(matches):
         return PhoneBesideMonitor(upright, verticals)
-    free = _free(matches, cameras, ITERATIONS)
+    free = _free(matches, cameras, ITERATIONS if upright is None else HALF_ITERATIONS)
     if upright is not None:
         needed = 0 if free is None else MIN_SUPPORT * np.count_nonzero(free.inlier_mask)
         if np.count_nonzero(upright.inlier_mask) >= needed:
