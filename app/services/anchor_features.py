@@ -20,7 +20,7 @@ from app.vision.matching import Unit, to_unit_vectors
 from app.vision.vocabulary import Vocabulary, Words
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
-XFEAT_FEATURES, PHONE_SIDE_PX = 2000, 640
+XFEAT_FEATURES, TURNED_FEATURES, PHONE_SIDE_PX = 2000, 2300, 640
 # A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
 # phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
 MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
@@ -99,7 +99,8 @@ class AnchorDescriber:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
         self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, PHONE_SIDE_PX)
         # The canvas of a turned picture is larger than it, up to its diagonal; the picture in it must not get smaller.
-        self.turned_xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, 2 * PHONE_SIDE_PX)
+        # What it finds along the picture's border is left out.
+        self.turned_xfeat: LocalFeatureExtractor = XFeat(TURNED_FEATURES, 2 * PHONE_SIDE_PX)
         self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
         self.wide_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, WIDE_SIDE_PX)
         self.vocabulary = vocabulary or Vocabulary.open()
@@ -139,8 +140,9 @@ class AnchorDescriber:
         back = cv2.invertAffineTransform(turn)
         points = features.keypoints_px @ back[:, :2].T + back[:, 2]
         inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
-        points = (points[inside] + 0.5) / scale - 0.5
-        return LocalFeatures(points.astype(np.float32), features.descriptors[inside])
+        rows = np.flatnonzero(inside)[:XFEAT_FEATURES]
+        points = (points[rows] + 0.5) / scale - 0.5
+        return LocalFeatures(points.astype(np.float32), features.descriptors[rows])
 
 
 @dataclass(frozen=True, slots=True)
