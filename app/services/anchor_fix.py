@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 # A POI may come out this far from its place: this much, and this share of its distance.
 MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
+# A scale known less well holds no answer.
+MAX_LOG_SCALE_SIGMA = 0.25
 # With so many inliers the two halves of the matches have hardly ever disagreed.
 SURE_INLIERS = 400
 # One sigma of the phone's direction and attitude, as a share of what the worse half differs by (measured).
@@ -39,7 +41,7 @@ class AnchorEvidence:
     worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, how far
     (logarithm) the scales of most POIs lie from their common one, and `worst_scale_error`, the farthest, or of a map
     and what it knows; `log_scale_sigma`, one sigma of the common one; `instability_deg`, how far off direction or
-    attitude are when either half of the matches decides alone.
+    attitude are when either half of the matches decides alone; `is_upright`, whether both verticals held the pose.
     """
 
     matches: int
@@ -52,6 +54,7 @@ class AnchorEvidence:
     log_scale_sigma: float
     instability_deg: float
     worst_scale_error: float = 0.0
+    is_upright: bool = False
 
     @property
     def inlier_ratio(self) -> float:
@@ -137,7 +140,7 @@ def fix_by_anchor(
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
     seen = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
-    sights = [sight for sight in seen if sight is not None]
+    sights = _firm([sight for sight in seen if sight is not None])
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
@@ -158,6 +161,7 @@ def fix_by_anchor(
         log_scale_sigma=solution.log_scale_sigma,
         instability_deg=instability_deg(matches, cameras, found, sure_inliers),
         worst_scale_error=_worst_scale_error(solution),
+        is_upright=found.verticals is not None,
     )
     return _fix(solution, evidence, phone_from_monitor, covariance, rays, mounted, matches.take(inliers))
 
@@ -203,6 +207,12 @@ def _solution(
         lengths,
         pois,
     )
+
+
+def _firm(sights: list[tuple[PoiSight, int]]) -> list[tuple[PoiSight, int]]:
+    """Return the POIs that tell the scale well enough to do so alone, or all when none does: one with a few stray
+    matches says nothing against another."""
+    return [sight for sight in sights if sight[0].log_sigma <= MAX_LOG_SCALE_SIGMA] or sights
 
 
 def _scale_error(errors: Array) -> float:

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 MAX_ERROR = 2.0 / 525.0
 # With fewer inliers, or a smaller share of the matches, an answer is not looked at any further.
 MIN_INLIERS, MIN_INLIER_RATIO = 60, 0.22
+# Chance finds fewer matches for a pose that both verticals hold: it has three unknowns instead of five.
+MIN_UPRIGHT_INLIER_RATIO = 0.19
 # A share of inliers that passes, 0.22, is found by five-point samples in 2000 tries with 64 % chance, and by local
 # optimization from worse samples mostly before.
 ITERATIONS, HALF_ITERATIONS = 2000, 1000
@@ -58,6 +60,11 @@ def known_verticals(
     )
 
 
+def min_inlier_ratio(is_upright: bool) -> float:
+    """Return the share of the matches that a pose needs, by whether both verticals hold it."""
+    return MIN_UPRIGHT_INLIER_RATIO if is_upright else MIN_INLIER_RATIO
+
+
 def phone_beside_monitor(
     matches: PixelMatches, cameras: tuple[Camera, Camera], verticals: KnownVerticals | None
 ) -> PhoneBesideMonitor | None:
@@ -83,7 +90,7 @@ def instability_deg(
     count = np.count_nonzero(found.estimate.inlier_mask)
     if count >= sure_inliers:
         return 0.0
-    if count < MIN_INLIERS or count < MIN_INLIER_RATIO * len(matches):
+    if count < MIN_INLIERS or count < min_inlier_ratio(found.verticals is not None) * len(matches):
         return 180.0
     order = np.random.default_rng(0).permutation(len(matches))
     worst = 0.0
