@@ -35,8 +35,9 @@ def relative_pose_covariance(
     """Return the covariance (5, 5) of a relative pose fitted to image-plane matches (n, 2), (n, 2).
 
     Order as in `perturbed_relative`. The noise comes from the residuals, at least `min_sigma`, in image-plane
-    units. `known_rotation` (3, 3) is what else is known of the rotation, as an inverse covariance. Raises `DegenerateGeometryError` when the matches leave the pose open, as without any parallax. Source:
-    first-order propagation of the Sampson error.
+    units. `known_rotation` (3, 3) is what else is known of the rotation, as an inverse covariance. Raises
+    `DegenerateGeometryError` when the matches leave the pose open, as without any parallax. Source: first-order
+    propagation of the Sampson error.
     """
     if len(normalized_a) < 6:
         raise DegenerateGeometryError("A relative pose's covariance needs six matches.")

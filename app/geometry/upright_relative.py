@@ -115,9 +115,7 @@ def _about_the_vertical(angles_rad: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def _support(
-    rays_a: Array, rays_b: Array, rotations: Array, translations: Array, max_error: float
-) -> Array:
+def _support(rays_a: Array, rays_b: Array, rotations: Array, translations: Array, max_error: float) -> Array:
     """Return how well the matches support each pose, (k,): one for a match in place, less to none at `max_error`.
 
     The error is the angle between b's ray and the epipolar plane of a's, from matrix products alone.

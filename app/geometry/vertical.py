@@ -32,12 +32,12 @@ class VerticalDirection:
 
 
 def vertical_direction(starts: ArrayLike, ends: ArrayLike, lengths: ArrayLike) -> VerticalDirection | None:
-    """Return where most straight edges point that run from `starts` (n, 2) to `ends` (n, 2), in image-plane coordinates,
-    weighted by their `lengths` (n,), or None when fewer than three are steep.
+    """Return where most straight edges point, weighted by `lengths` (n,), or None when fewer than three are steep.
 
-    Random pairs of edges cross at vanishing points; the best supported one within 45 degrees of the image's lower side is
-    refined by least squares. Source: interpretation planes of line segments, Barnard, "Interpreting perspective images",
-    1983.
+    They run from `starts` (n, 2) to `ends` (n, 2), in image-plane coordinates. Random pairs of edges cross at vanishing
+    points; the best supported one within 45 degrees of the image's lower side is refined by least squares. Raises
+    `InvalidInputError` for arrays of different lengths. Source: the planes through edges and the camera of Barnard,
+    "Interpreting perspective images", 1983.
     """
     a, b = homogeneous(starts), homogeneous(ends)
     weights = np.asarray(lengths, dtype=np.float64)
@@ -45,12 +45,16 @@ def vertical_direction(starts: ArrayLike, ends: ArrayLike, lengths: ArrayLike) -
         raise InvalidInputError("Each edge needs a start, an end and a length.")
     normals = np.cross(a, b)
     sines = np.linalg.norm(normals, axis=1)
-    chosen = np.argsort(-weights * (np.abs(normals[:, 1]) < np.sin(MAX_TILT_RAD) * sines) * (sines > 0))[:LONGEST]
+    chosen = np.argsort(-weights * (np.abs(normals[:, 1]) < np.sin(MAX_TILT_RAD) * sines) * (sines > 0))[
+        :LONGEST
+    ]
     chosen = chosen[np.abs(normals[chosen, 1]) < np.sin(MAX_TILT_RAD) * sines[chosen]]
     if len(chosen) < 3:
         return None
     edges = _Edges(
-        normals[chosen] / sines[chosen, None], _unit(a[chosen] + b[chosen]), weights[chosen] / weights[chosen].sum()
+        normals[chosen] / sines[chosen, None],
+        _unit(a[chosen] + b[chosen]),
+        weights[chosen] / weights[chosen].sum(),
     )
     down = edges.best_crossing()
     if down is None:
@@ -101,7 +105,7 @@ class _Edges:
         rows, residuals = self.normals @ axes.T, self.normals @ down
         hessian = (rows * weights[:, None]).T @ rows
         step = -np.linalg.solve(hessian + 1e-9 * np.eye(2), (rows * weights[:, None]).T @ residuals)
-        return _unit((down + step @ axes)[None])[0]
+        return np.asarray(_unit((down + step @ axes)[None])[0])
 
 
 def _unit(rays: Array) -> Array:

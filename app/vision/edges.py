@@ -12,7 +12,7 @@ from app.vision.images import Gray
 
 # Of the picture's longer side; a shorter edge doesn't tell its direction well.
 MIN_LENGTH_SHARE = 0.03
-# So many edges, and such a share of the length of all steep ones, must agree on the vertical (measured: docs/anchors.md).
+# So many edges, and such a share of the length of all steep ones, must agree on the vertical.
 MIN_EDGES, MIN_SHARE = 12, 0.4
 
 

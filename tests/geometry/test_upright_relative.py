@@ -15,7 +15,9 @@ from tests.synthetic import CAMERAS, MODELS, make_two_views
 SIGMA = float(np.radians(1.8))
 
 
-def verticals_of(b_from_a: Pose, rng: np.random.Generator | None = None, off_deg: float = 0.0) -> KnownVerticals:
+def verticals_of(
+    b_from_a: Pose, rng: np.random.Generator | None = None, off_deg: float = 0.0
+) -> KnownVerticals:
     """Return the verticals of two cameras, the second one's off by about so much."""
     in_a = np.array([0.1, 0.95, 0.3]) / np.linalg.norm([0.1, 0.95, 0.3])
     off = np.zeros(3) if rng is None else rng.normal(size=3)
@@ -71,7 +73,8 @@ def test_a_wall_leaves_one_pose_where_the_verticals_are_known() -> None:
         a, b = wall(np.random.default_rng(seed), true)
         one = estimate_relative_pose(a, b, CAMERA, CAMERA, max_error_px=2.0)
         other = estimate_upright_relative_pose(a, b, CAMERA, CAMERA, verticals_of(true), max_error_px=2.0)
-        assert one is not None and other is not None
+        assert one is not None
+        assert other is not None
         free.append(off_deg(one.b_from_a, true))
         upright.append(off_deg(other.b_from_a, true))
     assert max(upright) < 10.0 < max(free)

@@ -14,7 +14,9 @@ def edges(
     rng: np.random.Generator, upright: np.ndarray, direction: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the image-plane ends of straight edges along a direction of a room, seen by a camera turned in it."""
-    middles = np.column_stack([rng.uniform(-2.5, 2.5, count), rng.uniform(-1.5, 1.5, count), rng.uniform(3, 6, count)])
+    middles = np.column_stack(
+        [rng.uniform(-2.5, 2.5, count), rng.uniform(-1.5, 1.5, count), rng.uniform(3, 6, count)]
+    )
     ends = [(middles + sign * 0.4 * direction) @ upright.T for sign in (-1.0, 1.0)]
     start, end = (side[:, :2] / side[:, 2:] + rng.normal(0, 2e-4, (count, 2)) for side in ends)
     return start, end
@@ -48,6 +50,6 @@ def test_no_edges_tell_nothing() -> None:
     none = np.zeros((0, 2))
     assert vertical_direction(none, none, np.zeros(0)) is None
     level = np.array([[0.0, 0.1 * k] for k in range(5)])
-    assert vertical_direction(level, level + [0.5, 0.0], np.ones(5)) is None
+    assert vertical_direction(level, level + np.array([0.5, 0.0]), np.ones(5)) is None
     with pytest.raises(InvalidInputError):
         vertical_direction(level, level, np.ones(4))

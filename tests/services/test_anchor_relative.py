@@ -25,7 +25,8 @@ def test_verticals_need_both_sides() -> None:
     assert known is not None
     assert np.linalg.norm(known.in_b) == pytest.approx(1.0)
     mounted = known_verticals(DOWN, DOWN, 1e-4)
-    assert mounted is not None and mounted.sigma_rad < known.sigma_rad
+    assert mounted is not None
+    assert mounted.sigma_rad < known.sigma_rad
 
 
 @pytest.mark.parametrize("outlier_ratio", [0.3, 0.7])
@@ -34,7 +35,8 @@ def test_right_verticals_hold_the_pose(outlier_ratio: float) -> None:
     cameras = views.camera_a, views.camera_b
     known = known_verticals(DOWN, views.b_from_a.rotation @ DOWN)
     found = phone_beside_monitor(matches, cameras, known)
-    assert found is not None and found.verticals is known
+    assert found is not None
+    assert found.verticals is known
     assert found.information is not None
     assert rotation_angle_deg(found.estimate.b_from_a.rotation.T @ views.b_from_a.rotation) < 1.0
     assert instability_deg(matches, cameras, found, 10_000) < 3.0
@@ -45,7 +47,9 @@ def test_a_wrong_vertical_is_set_aside() -> None:
     views, matches = two_views(2, 0.4)
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ views.b_from_a.rotation @ DOWN
     found = phone_beside_monitor(matches, (views.camera_a, views.camera_b), known_verticals(DOWN, turned))
-    assert found is not None and found.verticals is None and found.information is None
+    assert found is not None
+    assert found.verticals is None
+    assert found.information is None
     assert rotation_angle_deg(found.estimate.b_from_a.rotation.T @ views.b_from_a.rotation) < 1.0
 
 
