@@ -21,6 +21,8 @@ from app.vision.vocabulary import Vocabulary, Words
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
 XFEAT_FEATURES, TURNED_FEATURES, PHONE_SIDE_PX = 2000, 2300, 640
+# A smaller picture is enlarged by as much, or less; beyond that it shows nothing more.
+MAX_ENLARGED = 2.0
 # A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
 # phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
 MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
@@ -126,9 +128,11 @@ class AnchorDescriber:
     def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
         """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
         be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
+        small, scale = _phone_sized(gray)
         if abs(roll_deg) < MIN_ROLL_DEG:
-            return self.xfeat.extract(gray)
-        small, scale = shrink(gray, PHONE_SIDE_PX)
+            features = self.xfeat.extract(small)
+            points = (features.keypoints_px + 0.5) / scale - 0.5
+            return LocalFeatures(points.astype(np.float32), features.descriptors)
         height, width = small.shape
         turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
         cos, sin = np.abs(turn[0, :2])
@@ -143,6 +147,17 @@ class AnchorDescriber:
         rows = np.flatnonzero(inside)[:XFEAT_FEATURES]
         points = (points[rows] + 0.5) / scale - 0.5
         return LocalFeatures(points.astype(np.float32), features.descriptors[rows])
+
+
+def _phone_sized(gray: Gray) -> tuple[Gray, float]:
+    """Return an image (height, width) at the size at which XFeat sees phones', and the scale: what a small picture shows
+    must be as large there as in the monitoring frame."""
+    scale = PHONE_SIDE_PX / max(gray.shape)
+    if scale <= 1.0:
+        return shrink(gray, PHONE_SIDE_PX)
+    scale = min(scale, MAX_ENLARGED)
+    enlarged = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(enlarged, dtype=np.uint8), scale
 
 
 @dataclass(frozen=True, slots=True)
