@@ -150,7 +150,7 @@ class AnchorDescriber:
 
 
 def _phone_sized(gray: Gray) -> tuple[Gray, float]:
-    """Return an image (height, width) at the size at which XFeat sees phones', and the scale: what a small picture shows
+    """Return an image (height, width) at the size at which XFeat sees phones', and the scale: what a small one shows
     must be as large there as in the monitoring frame."""
     scale = PHONE_SIDE_PX / max(gray.shape)
     if scale <= 1.0:
