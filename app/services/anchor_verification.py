@@ -12,7 +12,7 @@ MIN_COVERAGE = 0.15
 # Of this much where so many inliers agree, less in proportion where fewer do.
 MAX_INSTABILITY_DEG, STEADY_INLIERS = 20.0, 200
 # Where both verticals hold the pose, halves of right matches hardly ever differ by more.
-MAX_INSTABILITY_UPRIGHT_DEG = 10.0
+MAX_INSTABILITY_UPRIGHT_DEG, STEADY_UPRIGHT_INLIERS = 10.0, 300
 MIN_PARALLAX_DEG = 1.0
 # By noise alone, and by the choice of matches too; of a calibrated camera the first holds for both.
 MAX_POSITION_SIGMA_M, MAX_UNSTEADY_SIGMA_M = 0.4, 0.7
@@ -46,10 +46,12 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
 
 
 def _max_instability_deg(evidence: AnchorEvidence) -> float:
-    steady = min(1.0, evidence.inliers / STEADY_INLIERS)
+    enough, limit_deg = STEADY_INLIERS, MAX_INSTABILITY_DEG
+    if evidence.is_upright:
+        enough, limit_deg = STEADY_UPRIGHT_INLIERS, MAX_INSTABILITY_UPRIGHT_DEG
     if evidence.worst_scale_error > MAX_SCALE_ERROR:
-        return steady * MAX_INSTABILITY_OUTVOTED_DEG
-    return steady * (MAX_INSTABILITY_UPRIGHT_DEG if evidence.is_upright else MAX_INSTABILITY_DEG)
+        limit_deg = MAX_INSTABILITY_OUTVOTED_DEG
+    return min(1.0, evidence.inliers / enough) * limit_deg
 
 
 def confidence_of_fix(fix: AnchorFix) -> float:
