@@ -29,9 +29,9 @@ ITERATIONS, HALF_ITERATIONS = 2000, 1000
 SAMPLES, HALF_SAMPLES = 400, 200
 # Edges in a monitoring camera's picture tell its vertical about that well, lens and mount included.
 EDGES_SIGMA_RAD = float(np.radians(1.0))
-# An upright pose with such a share of the matches needs no comparison. Else one that fits the matches less well than
-# this share of what any pose fits them is none: a vertical was wrong.
-SURE_RATIO, MIN_SUPPORT = 0.35, 0.6
+# A pose that right verticals hold fits nearly all matches that any pose fits, found in so many tries; with less than
+# this share a vertical was wrong: a phone that is shaken feels more than gravity.
+MIN_SUPPORT, COMPARED_ITERATIONS = 0.9, 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +70,12 @@ def phone_beside_monitor(
 ) -> PhoneBesideMonitor | None:
     """Return the pose of a phone, the second of `cameras`, beside the first, or None when the matches hold none."""
     upright = None if verticals is None else _upright(matches, cameras, verticals, SAMPLES)
-    if upright is not None and np.count_nonzero(upright.inlier_mask) >= SURE_RATIO * len(matches):
-        return PhoneBesideMonitor(upright, verticals)
-    free = _free(matches, cameras, ITERATIONS if upright is None else HALF_ITERATIONS)
     if upright is not None:
-        needed = 0 if free is None else MIN_SUPPORT * np.count_nonzero(free.inlier_mask)
+        free = _free(matches, cameras, COMPARED_ITERATIONS)
+        needed = 0.0 if free is None else MIN_SUPPORT * np.count_nonzero(free.inlier_mask)
         if np.count_nonzero(upright.inlier_mask) >= needed:
             return PhoneBesideMonitor(upright, verticals)
+    free = _free(matches, cameras, ITERATIONS)
     return None if free is None else PhoneBesideMonitor(free, None)
 
 

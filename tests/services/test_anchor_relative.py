@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.geometry.se3 import rotation_angle_deg
+from app.geometry.se3 import rotation_angle_deg, rotation_from_vector
 from app.services.anchor_features import PixelMatches
 from app.services.anchor_relative import instability_deg, known_verticals, phone_beside_monitor
 from tests.synthetic import TwoViews, make_two_views
@@ -50,6 +50,14 @@ def test_a_wrong_vertical_is_set_aside() -> None:
     assert found is not None
     assert found.verticals is None
     assert found.information is None
+    assert rotation_angle_deg(found.estimate.b_from_a.rotation.T @ views.b_from_a.rotation) < 1.0
+
+
+def test_the_gravity_of_a_shaken_phone_is_set_aside() -> None:
+    views, matches = two_views(4, 0.4)
+    shaken = rotation_from_vector([0.1, 0.0, 0.12]) @ views.b_from_a.rotation @ DOWN
+    found = phone_beside_monitor(matches, (views.camera_a, views.camera_b), known_verticals(DOWN, shaken))
+    assert found is not None
     assert rotation_angle_deg(found.estimate.b_from_a.rotation.T @ views.b_from_a.rotation) < 1.0
 
 
