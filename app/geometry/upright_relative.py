@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 DOWN = np.array([0.0, 1.0, 0.0])
 # A sample's pose is off by the errors of three matches and of the verticals. So many of the best are refined in a few
 # steps, and the best of these to the end.
-SAMPLE_SLACK, REFINED, FIRST_STEPS, STEPS = 2.0, 4, 3, 6
+SAMPLE_SLACK, REFINED, FIRST_STEPS, STEPS = 2.0, 3, 3, 5
 # So many matches, evenly spread over all, rank the samples.
-RANKING_MATCHES = 300
+RANKING_MATCHES = 250
 # One sigma of a match, as a share of the largest error; one further off than that error counts for nothing.
 SIGMA_SHARE = 0.35
 
@@ -54,7 +54,7 @@ def estimate_upright_relative_pose(
     verticals: KnownVerticals,
     *,
     max_error_px: float = 1.5,
-    samples: int = 400,
+    samples: int = 300,
     seed: int = 0,
 ) -> RelativePoseEstimate | None:
     """Return the relative pose that most matched pixels (n, 2), (n, 2) and the verticals agree on, or None.
@@ -92,11 +92,11 @@ def _sampled(
     units_a = rays_a / np.linalg.norm(rays_a, axis=1, keepdims=True) @ level_a.T
     units_b = rays_b / np.linalg.norm(rays_b, axis=1, keepdims=True) @ level_b.T
     rows = np.random.default_rng(seed).integers(0, len(rays_a), (samples, 3))
+    rows = rows[(np.diff(np.sort(rows, axis=1), axis=1) > 0).all(axis=1)]
     found = [
         pose
-        for three in rows
-        if len(set(three.tolist())) == 3
-        for pose in poselib.relpose_upright_3pt(list(units_a[three]), list(units_b[three]))
+        for three_a, three_b in zip(units_a[rows], units_b[rows], strict=True)
+        for pose in poselib.relpose_upright_3pt(list(three_a), list(three_b))
     ]
     if not found:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
