@@ -26,7 +26,7 @@ MIN_UPRIGHT_INLIER_RATIO = 0.19
 # optimization from worse samples mostly before.
 ITERATIONS, HALF_ITERATIONS = 2000, 1000
 # Three-point samples find it in 300 tries with 96 % chance.
-SAMPLES, HALF_SAMPLES = 300, 120
+SAMPLES, HALF_SAMPLES = 300, 200
 # Edges in a monitoring camera's picture tell its vertical about that well, lens and mount included.
 EDGES_SIGMA_RAD = float(np.radians(1.0))
 # A pose that right verticals hold fits nearly all matches that any pose fits, found in so many tries; with less than
