@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -37,6 +37,7 @@ from app.services.build_options import parse_build_options
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
 from app.storage.floors import list_floors
+from app.vision.images import Rgb
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
@@ -64,6 +65,9 @@ def evaluate_anchors(
     hard: Annotated[
         int, typer.Option(min=0, help="Pairs of roll, light, blur, resolution and people; 0 leaves them out.")
     ] = HARD_CONDITIONS_PAIRS,
+    conditions: Annotated[
+        bool, typer.Option(help="Of those pairs light, blur, resolution and people too, not roll alone.")
+    ] = True,
     data_dir: Annotated[
         Path | None,
         typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
@@ -95,7 +99,7 @@ def evaluate_anchors(
         figures["retrieval"] = _retrieval(evaluator, pairs)
         figures["timings"] = _timings(describer, demo, seed, workers)
     besides = dict(figures)
-    tables = _located(evaluator, pairs, turned, title, out)
+    tables = _located(evaluator, pairs, turned, title, out, CONDITIONS if conditions else {})
     figures |= {
         name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()
     }
@@ -106,7 +110,12 @@ def evaluate_anchors(
 
 
 def _located(
-    evaluator: PairEvaluator, pairs: list[AnchorPair], turned: list[AnchorPair], title: str, out: Path | None
+    evaluator: PairEvaluator,
+    pairs: list[AnchorPair],
+    turned: list[AnchorPair],
+    title: str,
+    out: Path | None,
+    changes: Mapping[str, Callable[[Rgb], Rgb] | None],
 ) -> dict[str, dict[str, AnchorSummary]]:
     plain, upright = _all(evaluator, pairs, "gravity"), _all(evaluator, pairs, "upright", with_gravity=False)
     ways = {"gravity": plain, "upright assumed": upright}
@@ -117,7 +126,7 @@ def _located(
         ways["30 deg roll, gravity"] = _all(evaluator, turned, "tilted")
         ways["30 deg roll, upright assumed"] = _all(evaluator, turned, "tilted, assumed", with_gravity=False)
         conditions = {
-            name: [evaluator.evaluate(pair, change) for pair in few] for name, change in CONDITIONS.items()
+            name: [evaluator.evaluate(pair, change) for pair in few] for name, change in changes.items()
         }
     tables = {
         "vertical": _summaries(ways),

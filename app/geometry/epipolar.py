@@ -99,7 +99,7 @@ def estimate_relative_pose(
     length = float(np.linalg.norm(found.t))
     if info["num_inliers"] < MIN_FUNDAMENTAL_POINTS or not np.isfinite(length) or length < 1e-9:
         return None
-    return _relative_estimate(a, b, camera_a, camera_b, Pose(found.R, found.t / length), max_error_px)
+    return relative_estimate(a, b, camera_a, camera_b, Pose(found.R, found.t / length), max_error_px)
 
 
 def estimate_relative_pose_svd(
@@ -132,7 +132,7 @@ def estimate_relative_pose_svd(
         b_from_a = relative_pose_from_essential(E, rays_a[chosen], rays_b[chosen])
     except DegenerateGeometryError:
         return None
-    return _relative_estimate(a, b, camera_a, camera_b, b_from_a, max_error_px)
+    return relative_estimate(a, b, camera_a, camera_b, b_from_a, max_error_px)
 
 
 def essential_from_points(normalized_a: ArrayLike, normalized_b: ArrayLike) -> Array:
@@ -204,14 +204,20 @@ def sampson_errors(E: ArrayLike, normalized_a: ArrayLike, normalized_b: ArrayLik
     """Return how far (n,) matches (n, 2), (n, 2) are from b^T E a = 0, to first order, in their unit."""
     matrix = np.asarray(E, dtype=np.float64)
     a, b = homogeneous(normalized_a), homogeneous(normalized_b)
-    line_b, line_a = a @ matrix.T, b @ matrix
-    slope = np.sqrt(np.sum(line_a[:, :2] ** 2, axis=1) + np.sum(line_b[:, :2] ** 2, axis=1))
-    return np.asarray(np.abs(np.sum(b * line_b, axis=1)) / np.maximum(slope, 1e-15))
+    return np.asarray(np.abs(np.sum(b * (a @ matrix.T), axis=1)) / sampson_slopes(matrix, a, b))
 
 
-def _relative_estimate(
+def sampson_slopes(E: Array, rays_a: Array, rays_b: Array) -> Array:
+    """Return how fast (n,) b^T E a changes with both image-plane points of matched rays (n, 3), (n, 3)."""
+    line_b, line_a = rays_a @ E.T, rays_b @ E
+    squared = np.sum(line_a[:, :2] ** 2, axis=1) + np.sum(line_b[:, :2] ** 2, axis=1)
+    return np.asarray(np.maximum(np.sqrt(squared), 1e-15))
+
+
+def relative_estimate(
     a: Array, b: Array, camera_a: Camera, camera_b: Camera, b_from_a: Pose, max_error_px: float
 ) -> RelativePoseEstimate | None:
+    """Return a pose with the matched pixels (n, 2), (n, 2) that agree with it, or None when fewer than eight do."""
     rays_a, rays_b = camera_a.normalize(a), camera_b.normalize(b)
     errors = sampson_errors(essential_from_pose(b_from_a), rays_a, rays_b)
     near = errors * _mean_focal_px(camera_a, camera_b) <= max_error_px

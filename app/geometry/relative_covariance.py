@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
 from app.geometry.covariance import SIGMA_PER_MAD
-from app.geometry.epipolar import essential_from_pose
+from app.geometry.epipolar import essential_from_pose, sampson_slopes
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.geometry.triangulation import homogeneous
 
@@ -26,13 +26,18 @@ def perturbed_relative(b_from_a: Pose, change: Array) -> Pose:
 
 
 def relative_pose_covariance(
-    normalized_a: Array, normalized_b: Array, b_from_a: Pose, min_sigma: float
+    normalized_a: Array,
+    normalized_b: Array,
+    b_from_a: Pose,
+    min_sigma: float,
+    known_rotation: Array | None = None,
 ) -> Array:
     """Return the covariance (5, 5) of a relative pose fitted to image-plane matches (n, 2), (n, 2).
 
     Order as in `perturbed_relative`. The noise comes from the residuals, at least `min_sigma`, in image-plane
-    units. Raises `DegenerateGeometryError` when the matches leave the pose open, as without any parallax. Source:
-    first-order propagation of the Sampson error.
+    units. `known_rotation` (3, 3) is what else is known of the rotation, as an inverse covariance. Raises
+    `DegenerateGeometryError` when the matches leave the pose open, as without any parallax. Source: first-order
+    propagation of the Sampson error.
     """
     if len(normalized_a) < 6:
         raise DegenerateGeometryError("A relative pose's covariance needs six matches.")
@@ -47,6 +52,8 @@ def relative_pose_covariance(
     freedom = np.sqrt(len(residuals) / (len(residuals) - 5))
     sigma = max(float(SIGMA_PER_MAD * np.median(np.abs(residuals)) * freedom), min_sigma)
     hessian = jacobian.T @ jacobian
+    if known_rotation is not None:
+        hessian[:3, :3] += sigma**2 * known_rotation
     values = np.linalg.eigvalsh(hessian)
     if not values[0] * MAX_CONDITION > values[-1]:
         raise DegenerateGeometryError("The matches leave the relative pose open: is there any parallax?")
@@ -56,6 +63,4 @@ def relative_pose_covariance(
 def _signed_sampson(normalized_a: Array, normalized_b: Array, b_from_a: Pose) -> Array:
     matrix = essential_from_pose(b_from_a)
     a, b = homogeneous(normalized_a), homogeneous(normalized_b)
-    line_b, line_a = a @ matrix.T, b @ matrix
-    slope = np.sqrt(np.sum(line_a[:, :2] ** 2, axis=1) + np.sum(line_b[:, :2] ** 2, axis=1))
-    return np.asarray(np.sum(b * line_b, axis=1) / np.maximum(slope, 1e-15))
+    return np.asarray(np.sum(b * (a @ matrix.T), axis=1) / sampson_slopes(matrix, a, b))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
+from app.vision.edges import down_in_picture
 from app.vision.images import Gray, Rgb, shrink, to_gray
 from app.vision.inverted_file import InvertedFile
 from app.vision.local_features import FULL_SIDE_PX, Akaze, LocalFeatureExtractor, LocalFeatures, XFeat
@@ -19,7 +20,9 @@ from app.vision.matching import Unit, to_unit_vectors
 from app.vision.vocabulary import Vocabulary, Words
 
 # With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
-XFEAT_FEATURES, PHONE_SIDE_PX = 2000, 640
+XFEAT_FEATURES, TURNED_FEATURES, PHONE_SIDE_PX = 2000, 2300, 640
+# A smaller picture is enlarged by as much, or less; beyond that it shows nothing more.
+MAX_ENLARGED = 2.0
 # A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
 # phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
 MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
@@ -37,19 +40,22 @@ NO_ROWS = np.zeros(0, np.intp)
 # A query's own words are not kept: each of its features is looked up under several.
 NO_WORDS = np.zeros(0, np.int64)
 NO_LENGTHS = np.zeros(0, np.float32)
+NO_DOWN = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class AnchorFeatures:
     """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
     `words` (n,) are the visual words of the former. Of a calibrated camera `*_length_m` says how far along its ray
-    each feature lies by the map, NaN where the map doesn't tell."""
+    each feature lies by the map, NaN where the map doesn't tell. `down` (3,) is the vertical in camera axes, where the
+    edges in a monitoring camera's picture show it."""
 
     akaze: LocalFeatures
     xfeat: LocalFeatures
     words: Words
     akaze_length_m: NDArray[np.float32] | None = None
     xfeat_length_m: NDArray[np.float32] | None = None
+    down: NDArray[np.float64] | None = None
 
     @cached_property
     def xfeat_unit(self) -> Unit:
@@ -68,6 +74,7 @@ class AnchorFeatures:
             akaze_words=self.words.astype(np.uint16),
             akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
             xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
+            down=NO_DOWN if self.down is None else self.down,
         )
         return buffer.getvalue()
 
@@ -83,6 +90,7 @@ class AnchorFeatures:
                 arrays["akaze_words"].astype(np.int64),
                 arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
                 arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
+                arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
             )
 
 
@@ -93,7 +101,8 @@ class AnchorDescriber:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
         self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, PHONE_SIDE_PX)
         # The canvas of a turned picture is larger than it, up to its diagonal; the picture in it must not get smaller.
-        self.turned_xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, 2 * PHONE_SIDE_PX)
+        # What it finds along the picture's border is left out.
+        self.turned_xfeat: LocalFeatureExtractor = XFeat(TURNED_FEATURES, 2 * PHONE_SIDE_PX)
         self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
         self.wide_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, WIDE_SIDE_PX)
         self.vocabulary = vocabulary or Vocabulary.open()
@@ -104,7 +113,8 @@ class AnchorDescriber:
         akaze = self.akaze.extract(gray)
         shrunk = min(1.0, MONITOR_SIDE_PX / max(gray.shape))
         xfeat = self.wide_xfeat if shrunk * camera.focal_px < MIN_FOCAL_PX else self.monitor_xfeat
-        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze))
+        down = down_in_picture(gray, camera)
+        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze), down=down)
 
     def words_of(self, akaze: LocalFeatures) -> Words:
         """Return the visual words (n,) of A-KAZE features."""
@@ -118,9 +128,11 @@ class AnchorDescriber:
     def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
         """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
         be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
+        small, scale = _phone_sized(gray)
         if abs(roll_deg) < MIN_ROLL_DEG:
-            return self.xfeat.extract(gray)
-        small, scale = shrink(gray, PHONE_SIDE_PX)
+            features = self.xfeat.extract(small)
+            points = (features.keypoints_px + 0.5) / scale - 0.5
+            return LocalFeatures(points.astype(np.float32), features.descriptors)
         height, width = small.shape
         turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
         cos, sin = np.abs(turn[0, :2])
@@ -132,8 +144,20 @@ class AnchorDescriber:
         back = cv2.invertAffineTransform(turn)
         points = features.keypoints_px @ back[:, :2].T + back[:, 2]
         inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
-        points = (points[inside] + 0.5) / scale - 0.5
-        return LocalFeatures(points.astype(np.float32), features.descriptors[inside])
+        rows = np.flatnonzero(inside)[:XFEAT_FEATURES]
+        points = (points[rows] + 0.5) / scale - 0.5
+        return LocalFeatures(points.astype(np.float32), features.descriptors[rows])
+
+
+def _phone_sized(gray: Gray) -> tuple[Gray, float]:
+    """Return an image (height, width) at the size at which XFeat sees phones', and the scale: what a small one shows
+    must be as large there as in the monitoring frame."""
+    scale = PHONE_SIDE_PX / max(gray.shape)
+    if scale <= 1.0:
+        return shrink(gray, PHONE_SIDE_PX)
+    scale = min(scale, MAX_ENLARGED)
+    enlarged = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(enlarged, dtype=np.uint8), scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +172,8 @@ class PixelMatches:
     def __len__(self) -> int:
         return len(self.monitor_px)
 
-    def take(self, rows: NDArray[np.bool_]) -> PixelMatches:
-        """Return the matches of a mask (n,)."""
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> PixelMatches:
+        """Return the matches of a mask (n,) or of rows."""
         return PixelMatches(self.monitor_px[rows], self.phone_px[rows], self.length_m[rows])
 
     def with_more(self, other: PixelMatches) -> PixelMatches:

@@ -10,29 +10,24 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
 from app.geometry.camera import Camera
-from app.geometry.epipolar import estimate_relative_pose
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
-from app.geometry.se3 import Pose, rotation_angle_deg, skew
+from app.geometry.se3 import Pose, skew
 from app.services.anchor_features import PixelMatches
+from app.services.anchor_relative import instability_deg, known_verticals, phone_beside_monitor
 from app.services.anchor_sights import lengths_along_rays, sight_of
 from app.services.verification import coverage
 from app.storage.anchors import AnchorSpec
 
 Array = NDArray[np.float64]
 
-# The inlier limit as an angle (tangent): two pixels of a 640-pixel picture at an ordinary focal length.
-MAX_ERROR = 2.0 / 525.0
 # A POI may come out this far from its place: this much, and this share of its distance.
 MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
-# With fewer inliers, or a smaller share of the matches, an answer is not looked at any further.
-MIN_INLIERS, MIN_INLIER_RATIO = 60, 0.22
+# A scale known less well holds no answer.
+MAX_LOG_SCALE_SIGMA = 0.25
 # With so many inliers the two halves of the matches have hardly ever disagreed.
 SURE_INLIERS = 400
 # One sigma of the phone's direction and attitude, as a share of what the worse half differs by (measured).
 SIGMA_PER_INSTABILITY = 0.5
-# A share of inliers that passes, 0.22, is found by five-point samples in 2000 tries with 64 % chance, and by local
-# optimization from worse samples mostly before.
-ITERATIONS, HALF_ITERATIONS = 2000, 1000
 # No feature is found better than to this angle (tangent).
 MIN_SIGMA = 0.35 / 525.0
 
@@ -46,7 +41,7 @@ class AnchorEvidence:
     worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, how far
     (logarithm) the scales of most POIs lie from their common one, and `worst_scale_error`, the farthest, or of a map
     and what it knows; `log_scale_sigma`, one sigma of the common one; `instability_deg`, how far off direction or
-    attitude are when either half of the matches decides alone.
+    attitude are when either half of the matches decides alone; `is_upright`, whether both verticals held the pose.
     """
 
     matches: int
@@ -59,6 +54,7 @@ class AnchorEvidence:
     log_scale_sigma: float
     instability_deg: float
     worst_scale_error: float = 0.0
+    is_upright: bool = False
 
     @property
     def inlier_ratio(self) -> float:
@@ -73,6 +69,11 @@ class MountedCamera:
     plan_from_monitor: Pose
     position_sigma_m: float
     orientation_sigma_rad: float
+
+    @property
+    def down(self) -> Array:
+        """Down in its axes, (3,)."""
+        return np.asarray(-self.plan_from_monitor.rotation[2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,41 +120,36 @@ def fix_by_anchor(
     matches: PixelMatches,
     gravity_in_phone: Array | None,
     mounted: MountedCamera | None = None,
+    down_in_monitor: Array | None = None,
 ) -> AnchorFix | None:
     """Return where the matches put the phone, or None when they hold no relative pose or no scale.
 
     With `mounted`, for a camera that was calibrated, nothing rests on the POIs but the scale, and that on what the
-    map knows besides.
+    map knows besides. `down_in_monitor` (3,) is the other cameras' vertical, where their pictures show it.
     """
-    max_error_px = MAX_ERROR * 0.5 * (monitor_camera.focal_px + phone_camera.focal_px)
-    relative = estimate_relative_pose(
-        matches.monitor_px,
-        matches.phone_px,
-        monitor_camera,
-        phone_camera,
-        max_error_px=max_error_px,
-        max_iterations=ITERATIONS,
-    )
-    if relative is None:
+    cameras = monitor_camera, phone_camera
+    verticals = known_verticals(down_in_monitor, gravity_in_phone)
+    if mounted is not None:
+        verticals = known_verticals(mounted.down, gravity_in_phone, mounted.orientation_sigma_rad)
+    found = phone_beside_monitor(matches, cameras, verticals)
+    if found is None:
         return None
+    relative = found.estimate
     inliers, phone_from_monitor = relative.inlier_mask, relative.b_from_a
     monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
-    found = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
-    sights = [sight for sight in found if sight is not None]
+    seen = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
+    sights = _firm([sight for sight in seen if sight is not None])
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
         )
-        covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA)
+        covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA, found.information)
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
     # A calibrated camera's answers have no other error as large: each is tested.
     sure_inliers = SURE_INLIERS if mounted is None else len(matches) + 1
-    instability_deg = _instability_deg(
-        matches, inliers, phone_from_monitor, (monitor_camera, phone_camera), max_error_px, sure_inliers
-    )
     evidence = AnchorEvidence(
         matches=len(matches),
         inliers=int(inliers.sum()),
@@ -163,8 +159,9 @@ def fix_by_anchor(
         poi_error_share=_poi_error_share(solution, [sight for sight, _ in sights]),
         scale_error=_scale_error(solution.scale_errors),
         log_scale_sigma=solution.log_scale_sigma,
-        instability_deg=instability_deg,
+        instability_deg=instability_deg(matches, cameras, found, sure_inliers),
         worst_scale_error=_worst_scale_error(solution),
+        is_upright=found.verticals is not None,
     )
     return _fix(solution, evidence, phone_from_monitor, covariance, rays, mounted, matches.take(inliers))
 
@@ -210,6 +207,12 @@ def _solution(
         lengths,
         pois,
     )
+
+
+def _firm(sights: list[tuple[PoiSight, int]]) -> list[tuple[PoiSight, int]]:
+    """Return the POIs that tell the scale well enough to do so alone, or all when none does: one with a few stray
+    matches says nothing against another."""
+    return [sight for sight in sights if sight[0].log_sigma <= MAX_LOG_SCALE_SIGMA] or sights
 
 
 def _scale_error(errors: Array) -> float:
@@ -258,39 +261,3 @@ def _position_covariance(
         + solution.log_scale_sigma**2 * np.outer(here, here)
         + by_turn @ solution.plan_from_monitor_covariance @ by_turn.T
     )
-
-
-def _instability_deg(
-    matches: PixelMatches,
-    inliers: NDArray[np.bool_],
-    phone_from_monitor: Pose,
-    cameras: tuple[Camera, Camera],
-    max_error_px: float,
-    sure_inliers: int,
-) -> float:
-    """Return how far off, in degrees, the relative pose is by either half of the matches alone; 0 with `sure_inliers`.
-
-    A wrong pose that chance or one plane made plausible doesn't come out twice.
-    """
-    count = np.count_nonzero(inliers)
-    if count >= sure_inliers:
-        return 0.0
-    if count < MIN_INLIERS or count < MIN_INLIER_RATIO * len(matches):
-        return 180.0
-    order = np.random.default_rng(0).permutation(len(matches))
-    worst = 0.0
-    for half in (order[::2], order[1::2]):
-        again = estimate_relative_pose(
-            matches.monitor_px[half],
-            matches.phone_px[half],
-            *cameras,
-            max_error_px=max_error_px,
-            max_iterations=HALF_ITERATIONS,
-        )
-        if again is None:
-            return 180.0
-        turned = rotation_angle_deg(again.b_from_a.rotation.T @ phone_from_monitor.rotation)
-        cosine = float(again.b_from_a.translation @ phone_from_monitor.translation)
-        turned_t = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-        worst = max(worst, turned, turned_t)
-    return worst

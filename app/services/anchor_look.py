@@ -23,6 +23,6 @@ def look_closely(
     """Return an anchor's answer, or None, and the number of matches."""
     matches = match_akaze(monitor[0], phone[0]).with_more(match_xfeat(monitor[0], phone[0]))
     timer.lap("match")
-    fix = fix_by_anchor(spec, monitor[1], phone[1], matches, gravity, mounted)
+    fix = fix_by_anchor(spec, monitor[1], phone[1], matches, gravity, mounted, monitor[0].down)
     timer.lap("pose")
     return fix, len(matches)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.anchor_fix import MIN_INLIER_RATIO, MIN_INLIERS, AnchorEvidence, AnchorFix
+from app.services.anchor_fix import MAX_LOG_SCALE_SIGMA, AnchorEvidence, AnchorFix
+from app.services.anchor_relative import MIN_INLIERS, min_inlier_ratio
 from app.services.verification import Reason
 
 MIN_COVERAGE = 0.15
 # Of this much where so many inliers agree, less in proportion where fewer do.
 MAX_INSTABILITY_DEG, STEADY_INLIERS = 20.0, 200
+# Where both verticals hold the pose, halves of right matches hardly ever differ by more.
+MAX_INSTABILITY_UPRIGHT_DEG, STEADY_UPRIGHT_INLIERS = 10.0, 300
 MIN_PARALLAX_DEG = 1.0
 # By noise alone, and by the choice of matches too; of a calibrated camera the first holds for both.
 MAX_POSITION_SIGMA_M, MAX_UNSTEADY_SIGMA_M = 0.4, 0.7
-MAX_LOG_SCALE_SIGMA = 0.25
 # POIs in two directions see different lengths of the same wrong pose.
 MAX_SCALE_ERROR = 0.1
 # Where one disagrees it was moved, or the pose is wrong: only a steady pose says which.
@@ -30,7 +32,7 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
     scale_error = evidence.worst_scale_error if fix.is_calibrated else evidence.scale_error
     failed: tuple[tuple[bool, Reason], ...] = (
         (evidence.inliers < MIN_INLIERS, "too_few_inliers"),
-        (evidence.inlier_ratio < MIN_INLIER_RATIO, "too_few_inliers"),
+        (evidence.inlier_ratio < min_inlier_ratio(evidence.is_upright), "too_few_inliers"),
         (evidence.coverage < MIN_COVERAGE, "too_few_inliers"),
         (evidence.parallax_deg < MIN_PARALLAX_DEG, "too_few_inliers"),
         (evidence.log_scale_sigma > MAX_LOG_SCALE_SIGMA, "too_few_inliers"),
@@ -44,9 +46,12 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
 
 
 def _max_instability_deg(evidence: AnchorEvidence) -> float:
-    steady = min(1.0, evidence.inliers / STEADY_INLIERS)
-    outvoted = evidence.worst_scale_error > MAX_SCALE_ERROR
-    return steady * (MAX_INSTABILITY_OUTVOTED_DEG if outvoted else MAX_INSTABILITY_DEG)
+    enough, limit_deg = STEADY_INLIERS, MAX_INSTABILITY_DEG
+    if evidence.is_upright:
+        enough, limit_deg = STEADY_UPRIGHT_INLIERS, MAX_INSTABILITY_UPRIGHT_DEG
+    if evidence.worst_scale_error > MAX_SCALE_ERROR:
+        limit_deg = MAX_INSTABILITY_OUTVOTED_DEG
+    return min(1.0, evidence.inliers / enough) * limit_deg
 
 
 def confidence_of_fix(fix: AnchorFix) -> float:

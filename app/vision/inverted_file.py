@@ -12,7 +12,7 @@ from app.vision.vocabulary import Binary, Vocabulary, Words
 Scores = NDArray[np.float64]
 
 # So many of a query's features, evenly spread over them, are looked up, each under so many of its nearest words.
-MAX_FEATURES, LOOKED_UP = 500, 3
+MAX_FEATURES, LOOKED_UP = 500, 5
 # Descriptors that share a word are of the same thing only when they differ in fewer than this share of their bits; how
 # fast a vote fades with that share.
 MAX_SHARE, FADING = 110.0 / 486.0, 50.0 / 486.0

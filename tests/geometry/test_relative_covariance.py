@@ -40,3 +40,14 @@ def test_a_change_keeps_the_translations_length() -> None:
 def test_too_few_matches_are_refused() -> None:
     with pytest.raises(DegenerateGeometryError):
         relative_pose_covariance(np.zeros((5, 2)), np.zeros((5, 2)), B_FROM_A, 1e-3)
+
+
+def test_what_is_known_of_the_rotation_narrows_it() -> None:
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-1.2, 1.2, 80), rng.uniform(-1, 1, 80), rng.uniform(3.9, 4.1, 80)])
+    rays = CAMERA.normalize(CAMERA.project(points)), CAMERA.normalize(CAMERA.project(B_FROM_A.apply(points)))
+    open_, known = (
+        relative_pose_covariance(*rays, B_FROM_A, 1e-3, more) for more in (None, np.diag([1e6, 1e6, 0.0]))
+    )
+    assert known[0, 0] < 1.01e-6 < open_[0, 0]
+    assert (np.diag(known) <= np.diag(open_) * (1 + 1e-9)).all()

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from app.geometry.anchor_pose import AnchorSolution, Vertical
+from app.geometry.anchor_pose import AnchorSolution, PoiSight, Vertical
 from app.geometry.se3 import Pose
 from app.services.anchor_features import AnchorFeatures, PixelMatches, likeness
-from app.services.anchor_fix import AnchorEvidence, AnchorFix, _scale_error
+from app.services.anchor_fix import AnchorEvidence, AnchorFix, _firm, _scale_error
 from app.services.anchor_locator import ranked
 from app.services.anchor_verification import MAX_SCALE_ERROR, judge_fix
 from app.vision.local_features import LocalFeatures
@@ -65,6 +65,20 @@ def test_a_poi_is_outvoted_only_by_a_steady_pose() -> None:
     assert judge_fix(fix("gravity", instability_deg=15.0, **moved)) == "ambiguous"
 
 
+def test_a_pose_that_verticals_hold_needs_fewer_matches_and_steadier_halves() -> None:
+    assert judge_fix(fix("gravity", matches=2500)) == "too_few_inliers"
+    assert judge_fix(fix("gravity", matches=2500, is_upright=True)) is None
+    assert judge_fix(fix("gravity", instability_deg=15.0, is_upright=True)) == "ambiguous"
+
+
+def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
+    clear, faint = (
+        PoiSight(np.array([0.0, 0.0, 1.0]), np.zeros(2), 3.0, 1.0, sigma) for sigma in (0.07, 0.3)
+    )
+    assert _firm([(clear, 80), (faint, 4)]) == [(clear, 80)]
+    assert _firm([(faint, 4)]) == [(faint, 4)]
+
+
 def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:
     assert judge_fix(fix("map")) is None
     assert judge_fix(fix("map", worst_scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
@@ -86,6 +100,10 @@ def test_what_an_earlier_version_packed_is_not_read() -> None:
     again = AnchorFeatures.unpack(packed.pack())
     assert again is not None
     assert np.allclose(again.xfeat.descriptors, packed.xfeat.descriptors, atol=1e-2)
+    assert again.down is None
+    tilted = AnchorFeatures.unpack(replace(packed, down=np.array([0.0, 0.8, 0.6])).pack())
+    assert tilted is not None
+    assert np.array_equal(tilted.down, [0.0, 0.8, 0.6])
     buffer = io.BytesIO()
     np.savez(buffer, words=np.zeros(1000, np.float16))
     assert AnchorFeatures.unpack(buffer.getvalue()) is None
