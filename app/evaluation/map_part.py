@@ -26,7 +26,8 @@ def part_of_map(
     rows = np.concatenate([np.arange(rows.start, rows.stop) for rows in slices])
     offsets = np.cumsum([0, *(rows.stop - rows.start for rows in slices)]).astype(np.int64)
     points, descriptors = arrays.points_in_world[rows], arrays.descriptors[rows]
-    distances, others = elsewhere(descriptors, extractor.binary, points, offsets)
+    poses = [artifact.pose(int(keyframe)) for keyframe in keyframes]
+    distances, others = elsewhere(descriptors, extractor.binary, points, offsets, poses)
     part = replace(
         arrays,
         positions=arrays.positions[keyframes],

@@ -213,7 +213,7 @@ def _pack(
     points_in_world = np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32)
     progress.report("distinguish", 0, 1)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets)
+    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses)
     progress.report("distinguish", 1, 1)
     arrays = MapArrays(
         positions=np.stack([pose.translation for pose in poses]),

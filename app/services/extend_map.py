@@ -29,7 +29,8 @@ def join_maps(
     descriptors = np.concatenate([a.descriptors, b.descriptors])
     offsets = np.concatenate([a.offsets, a.offsets[-1] + b.offsets[1:]])
     # What was distinct in one map may have its look-alike in the other.
-    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets)
+    poses = [part.pose(row) for part in (old, new) for row in range(part.keyframe_count)]
+    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses)
     arrays = MapArrays(
         positions=np.concatenate([a.positions, b.positions]),
         quaternions=np.concatenate([a.quaternions, b.quaternions]),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from app.services.repetition import rows_of_views
 from app.storage.map_artifact import MapArtifact
 
 # Features within this radius of a point are views of the same thing. Smaller, and not all views are among them;
@@ -25,9 +26,11 @@ class MapSurroundings:
 
     def __init__(self, artifact: MapArtifact) -> None:
         self._artifact = artifact
-        keys = _keys(_cells(artifact.arrays.points_in_world))
-        self._order = np.argsort(keys, kind="stable").astype(np.int32)
-        self._keys = keys[self._order]
+        poses = [artifact.pose(keyframe) for keyframe in range(artifact.keyframe_count)]
+        rows = rows_of_views(poses, artifact.arrays.offsets)
+        keys = _keys(_cells(artifact.arrays.points_in_world[rows]))
+        order = np.argsort(keys, kind="stable")
+        self._order, self._keys = rows[order].astype(np.int32), keys[order]
 
     def distance_elsewhere(
         self, points_in_world: NDArray[np.float64], excluded: NDArray[np.bool_] | None = None

@@ -31,22 +31,29 @@ class Repetition:
 
 
 def find_repetition(
-    descriptors: Descriptors | NDArray[np.float16], binary: bool, points_in_world: NDArray[np.float32]
+    descriptors: Descriptors | NDArray[np.float16],
+    binary: bool,
+    points_in_world: NDArray[np.float32],
+    among: NDArray[np.int64],
 ) -> Repetition:
-    """Return how far features (n, d) at world points (n, 3) are from looking like something elsewhere.
+    """Return how far features (n, d) at world points (n, 3) are from looking like something elsewhere: like one of
+    those in the rows `among` (m,).
 
     Approximate: an inverted file finds nearly all. Where all of the nearest 64 are at the same place the distance
     is that of the last of them, which the true one can't be below.
     """
-    if len(descriptors) < 2:
+    if len(descriptors) < 2 or len(among) == 0:
         return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
     unit = to_unit_vectors(descriptors, binary)
-    index = _inverted_file(unit)
+    index = _inverted_file(unit[among])
     scaled = points_in_world * np.array([1.0, 1.0, HEIGHT_WEIGHT], np.float32)
     parts = [
-        _search(index, unit[i : i + CHUNK], scaled[i : i + CHUNK], scaled) for i in range(0, len(unit), CHUNK)
+        _search(index, unit[i : i + CHUNK], scaled[i : i + CHUNK], scaled[among])
+        for i in range(0, len(unit), CHUNK)
     ]
-    return Repetition(np.concatenate([p.distance for p in parts]), np.concatenate([p.row for p in parts]))
+    found = np.concatenate([p.row for p in parts])
+    rows = np.where(found < 0, -1, among[np.maximum(found, 0)])
+    return Repetition(np.concatenate([p.distance for p in parts]), rows)
 
 
 def _inverted_file(unit: NDArray[np.float32]) -> faiss.Index:

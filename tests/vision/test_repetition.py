@@ -22,8 +22,9 @@ def test_what_is_repeated_elsewhere_is_near_and_what_is_not_is_far() -> None:
     here = rng.uniform(0, 1, (COUNT, 3))
     there = here[: COUNT // 2] + np.array([10.0, 0, 0])
     points = np.concatenate([here, here, there]).astype(np.float32)
-    found = find_repetition(descriptors.astype(np.uint8), False, points).distance
-    rows = find_repetition(descriptors.astype(np.uint8), False, points).row
+    every = np.arange(len(points))
+    found = find_repetition(descriptors.astype(np.uint8), False, points, every).distance
+    rows = find_repetition(descriptors.astype(np.uint8), False, points, every).row
     assert np.mean(rows[2 * COUNT :] % COUNT == np.arange(COUNT // 2)) > 0.95
     repeated = np.r_[found[: COUNT // 2], found[2 * COUNT :]]
     single = found[COUNT // 2 : COUNT]
@@ -38,8 +39,9 @@ def test_the_next_floor_is_elsewhere() -> None:
     twice = np.concatenate([prints, prints]).astype(np.uint8)
     above = np.concatenate([points, points + np.array([0, 0, 3.0])]).astype(np.float32)
     beside = np.concatenate([points, points + np.array([3.0, 0, 0])]).astype(np.float32)
-    assert np.median(find_repetition(twice, False, above).distance) < 0.01
-    assert np.median(find_repetition(twice, False, beside).distance) > 0.1
+    every = np.arange(len(twice))
+    assert np.median(find_repetition(twice, False, above, every).distance) < 0.01
+    assert np.median(find_repetition(twice, False, beside, every).distance) > 0.1
     assert ELSEWHERE_M > 3.0
 
 
@@ -47,7 +49,20 @@ def test_the_next_floor_is_elsewhere() -> None:
 def test_tiny_maps_have_nothing_elsewhere(count: int) -> None:
     rng = np.random.default_rng(2)
     descriptors = rng.integers(0, 255, (count, 32), dtype=np.uint8)
-    found = find_repetition(descriptors, True, np.zeros((count, 3), np.float32))
+    found = find_repetition(descriptors, True, np.zeros((count, 3), np.float32), np.arange(count))
     assert found.distance.shape == found.row.shape == (count,)
     assert np.all(np.isinf(found.distance))
     assert np.all(found.row == -1)
+
+
+def test_what_looks_alike_is_found_past_many_views_of_the_same_thing() -> None:
+    rng = np.random.default_rng(3)
+    prints = rng.uniform(0, 255, (20, 128))
+    # A video's hundred frames of each thing, and one of its like in another room.
+    frames = [noisy_copies(rng, prints) for _ in range(100)]
+    descriptors = np.concatenate([*frames, noisy_copies(rng, prints)]).astype(np.uint8)
+    points = np.zeros((len(descriptors), 3), np.float32)
+    points[-20:, 0] = 10.0
+    views = np.r_[:40, len(points) - 20 : len(points)].astype(np.int64)
+    found = find_repetition(descriptors, False, points, views)
+    assert np.all(found.row[:2000] >= len(points) - 20)
