@@ -23,9 +23,7 @@ def test_what_only_the_rest_repeats_is_not_repeated() -> None:
     # The first and the last place look the same.
     whole = map_of(poses, points, [prints, others, prints])
     arrays = whole.arrays
-    distances, _ = elsewhere(
-        arrays.descriptors, False, arrays.points_in_world, arrays.offsets, poses
-    )
+    distances, _ = elsewhere(arrays.descriptors, False, arrays.points_in_world, arrays.offsets, poses)
     assert np.all(distances[:COUNT] < 0.01)
     index = GlobalIndex.from_descriptors(np.eye(3, 8, dtype=np.float32))
     keep = np.array([0, 1], np.int64)
