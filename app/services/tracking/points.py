@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 # What flow is off by, as a tangent; more than its noise, since its errors persist from frame to frame.
 FLOW_SIGMA = 1.5 / 525.0
 # A new point is taken to be as far as the others, give or take this share.
-NEW_DEPTH_SIGMA = 0.5
+NEW_DEPTH_SIGMA = 0.75
 # Nearer or further than this from the camera nothing is placed.
 MIN_DISTANCE_M, MAX_DISTANCE_M = 0.15, 60.0
 # However often a point was seen, poses that are off by something don't place it better than this share.

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
 # Views that are adjusted together, and how many of the oldest keep their poses: they hold place and scale.
-WINDOW, HELD = 12, 2
+WINDOW, HELD = 24, 2
 # A point that was seen less often says nothing that the pose doesn't need to explain it.
 MIN_VIEWS = 2
 # Fewer leave poses undetermined.
