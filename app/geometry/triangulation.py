@@ -23,6 +23,11 @@ def homogeneous(normalized: ArrayLike) -> Array:
     return np.hstack([points, np.ones((len(points), 1))])
 
 
+def unit_rays(rays: Array) -> Array:
+    """Return rays (n, 3) with length 1."""
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
 def parallax_deg(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a: Pose) -> Array:
     """Return the angles (n,) between rays that meet, of image-plane coordinates (n, 2), (n, 2).
 

@@ -17,7 +17,7 @@ from app.geometry.epipolar import (
     sampson_slopes,
 )
 from app.geometry.se3 import Pose, rotation_between, rotation_from_vector, skew
-from app.geometry.triangulation import homogeneous
+from app.geometry.triangulation import homogeneous, unit_rays
 from app.geometry.validation import finite_pairs
 
 Array = NDArray[np.float64]
@@ -89,8 +89,7 @@ def _sampled(
 ) -> tuple[Array, Array]:
     """Return the rotations (k, 3, 3) and directions (k, 3) of all poses that three matches each leave."""
     level_a, level_b = rotation_between(verticals.in_a, DOWN), rotation_between(verticals.in_b, DOWN)
-    units_a = rays_a / np.linalg.norm(rays_a, axis=1, keepdims=True) @ level_a.T
-    units_b = rays_b / np.linalg.norm(rays_b, axis=1, keepdims=True) @ level_b.T
+    units_a, units_b = unit_rays(rays_a) @ level_a.T, unit_rays(rays_b) @ level_b.T
     rows = np.random.default_rng(seed).integers(0, len(rays_a), (samples, 3))
     rows = rows[(np.diff(np.sort(rows, axis=1), axis=1) > 0).all(axis=1)]
     found = [
@@ -120,8 +119,7 @@ def _support(rays_a: Array, rays_b: Array, rotations: Array, translations: Array
 
     The error is the angle between b's ray and the epipolar plane of a's, from matrix products alone.
     """
-    unit_a = (rays_a / np.linalg.norm(rays_a, axis=1, keepdims=True)).astype(np.float32)
-    unit_b = (rays_b / np.linalg.norm(rays_b, axis=1, keepdims=True)).astype(np.float32)
+    unit_a, unit_b = unit_rays(rays_a).astype(np.float32), unit_rays(rays_b).astype(np.float32)
     essential = np.cross(translations[:, :, None], rotations, axis=1).astype(np.float32)
     products = (unit_b[:, :, None] * unit_a[:, None, :]).reshape(-1, 9)
     error = essential.reshape(-1, 9) @ products.T

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.errors import InvalidInputError
-from app.geometry.triangulation import homogeneous
+from app.geometry.triangulation import homogeneous, unit_rays
 
 Array = NDArray[np.float64]
 
@@ -45,15 +45,13 @@ def vertical_direction(starts: ArrayLike, ends: ArrayLike, lengths: ArrayLike) -
         raise InvalidInputError("Each edge needs a start, an end and a length.")
     normals = np.cross(a, b)
     sines = np.linalg.norm(normals, axis=1)
-    chosen = np.argsort(-weights * (np.abs(normals[:, 1]) < np.sin(MAX_TILT_RAD) * sines) * (sines > 0))[
-        :LONGEST
-    ]
-    chosen = chosen[np.abs(normals[chosen, 1]) < np.sin(MAX_TILT_RAD) * sines[chosen]]
+    steep = np.flatnonzero(np.abs(normals[:, 1]) < np.sin(MAX_TILT_RAD) * sines)
+    chosen = steep[np.argsort(-weights[steep])[:LONGEST]]
     if len(chosen) < 3:
         return None
     edges = _Edges(
         normals[chosen] / sines[chosen, None],
-        _unit(a[chosen] + b[chosen]),
+        unit_rays(a[chosen] + b[chosen]),
         weights[chosen] / weights[chosen].sum(),
     )
     down = edges.best_crossing()
@@ -105,8 +103,4 @@ class _Edges:
         rows, residuals = self.normals @ axes.T, self.normals @ down
         hessian = (rows * weights[:, None]).T @ rows
         step = -np.linalg.solve(hessian + 1e-9 * np.eye(2), (rows * weights[:, None]).T @ residuals)
-        return np.asarray(_unit((down + step @ axes)[None])[0])
-
-
-def _unit(rays: Array) -> Array:
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        return np.asarray(unit_rays((down + step @ axes)[None])[0])

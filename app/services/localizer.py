@@ -133,6 +133,19 @@ class Localizer:
         """Return the `count` of the allowed keyframes that look most like an image (height, width, 3)."""
         return self._retrieval.similar(self._descriptor.describe(rgb), count, 0, allowed)
 
+    def contradicted(
+        self,
+        features: tuple[NDArray[np.float64], NDArray[np.float32]],
+        pose: Pose,
+        camera: Camera,
+        inliers_px: NDArray[np.float64],
+        allowed: NDArray[np.int64] | None = None,
+    ) -> float:
+        """Return the share of a picture that speaks against a pose in this map (`contradicted_share`)."""
+        keyframes = self._retrieval.covisible(pose, KEYFRAMES, set(), allowed)
+        binary = self._extractor.binary
+        return contradicted_share(self.artifact, keyframes, pose, camera, features, inliers_px, binary)
+
     def localize(
         self,
         rgb: Rgb,
@@ -333,7 +346,8 @@ class Localizer:
         orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
         reason = judge(evidence, position_m, self._limits)
         if reason is None:
-            evidence = replace(evidence, contradicted=self._contradicted(query, best, camera, allowed))
+            share = self.contradicted(query.features, pose, camera, inliers.points_px, allowed)
+            evidence = replace(evidence, contradicted=share)
             reason = judge(evidence, position_m, self._limits)
         votes = votes_of(best.matches, inliers)
         timer.lap("pose")
@@ -359,11 +373,3 @@ class Localizer:
             orientation_deg=None,
             confidence=0.0,
         )
-
-    def _contradicted(
-        self, query: QueryMatcher, best: Hypothesis, camera: Camera, allowed: NDArray[np.int64] | None
-    ) -> float:
-        pose = best.estimate.world_from_camera
-        keyframes = self._retrieval.covisible(pose, KEYFRAMES, set(), allowed)
-        inliers_px, binary = best.inliers.points_px, self._extractor.binary
-        return contradicted_share(self.artifact, keyframes, pose, camera, query.features, inliers_px, binary)

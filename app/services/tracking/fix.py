@@ -13,7 +13,6 @@ from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.services.contradiction import KEYFRAMES, contradicted_share
 from app.services.localization import KeyframeVote, Localization, same_place
 from app.services.localizer import Localizer
 from app.services.map_accuracy import accuracy_of, sigma_across
@@ -237,13 +236,9 @@ class MapFixes:
 
     def _contradicted(self, features: LocalFeatures, fix: Fix) -> float:
         """Return the share of the picture that speaks against a fix."""
-        localizer, binary = self.localizer, self.localizer.extractor.binary
-        pose, keyframes = (
-            fix.world_from_camera,
-            localizer.retrieval.covisible(fix.world_from_camera, KEYFRAMES, set()),
-        )
-        own = features.keypoints_px.astype(np.float64), to_unit_vectors(features.descriptors, binary)
-        return contradicted_share(localizer.artifact, keyframes, pose, fix.camera, own, fix.points_px, binary)
+        unit = to_unit_vectors(features.descriptors, self.localizer.extractor.binary)
+        own = features.keypoints_px.astype(np.float64), unit
+        return self.localizer.contradicted(own, fix.world_from_camera, fix.camera, fix.points_px)
 
     def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""
