@@ -96,3 +96,17 @@ def test_a_place_that_much_of_the_picture_speaks_against_is_none(
     monkeypatch.setattr("app.services.tracking.fix.MAX_CONTRADICTED", 1.0)
     assert twins.refresh(frame, CAMERA, view.world_from_camera) is not None
     assert twins.refresh(TrackingFrame.of(view.rgb, 0.0), CAMERA, view.world_from_camera) is not None
+
+
+def test_the_last_place_tells_rooms_apart_unless_the_floor_can_have_been_left(
+    twins: MapFixes, view: View
+) -> None:
+    # The other room is out of the prior's reach from here.
+    last = moved(view.world_from_camera, -3.0)
+    memory = TrackingMemory("lost", last, time_s=10.0, fix_position_m=0.02)
+    frame = TrackingFrame.of(view.rgb, 20.0)
+    stayed = Tracker(twins, memory)
+    assert stayed.process(frame, CAMERA).world_from_camera is not None
+    gone = Tracker(twins, memory, can_change_floor=lambda _, away_s: away_s >= 10.0)
+    found = gone.process(frame, CAMERA)
+    assert (found.state, found.reason) == ("lost", "ambiguous")
