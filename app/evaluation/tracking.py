@@ -130,7 +130,7 @@ def track_video(
     # A closed gate costs nothing, and an open one is to be used.
     limited = TrackerSettings(relocalize_every=1, use_refresh=False)
     tracker = Tracker(gate, settings=TrackerSettings() if settings.map_frames is None else limited)
-    camera, frames, locate_ms = split.database.camera, [], []
+    camera, frames, locate_ms = localizer.scanned_camera(split.database.camera), [], []
     for i, frame in enumerate(split.queries):
         progress.report("track", i, len(split.queries))
         data = split.database.color_bytes(frame)

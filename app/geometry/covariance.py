@@ -30,6 +30,7 @@ def pose_covariance(
     *,
     point_sigma_m: ArrayLike | None = None,
     focal_sigma: float = 0.0,
+    lens_sigma: float = 0.0,
 ) -> Array:
     """Return the covariance (6, 6) of a pose that fits pixels (n, 2) to world points (n, 3) by least squares.
 
@@ -55,16 +56,22 @@ def pose_covariance(
         sigma_px = _sigma_of_pixels(residuals, noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
     noise = noise + pixel_variance * np.eye(2)
-    if focal_sigma > 0:
-        by_log_focal = project_from_world(points[seen], camera, world_from_camera) - camera.principal_point_px
-        jacobian = np.concatenate([jacobian, by_log_focal[:, :, None]], axis=2)
-        if np.isfinite(focal_sigma):
-            jacobian, noise = _with_prior(jacobian, noise, focal_sigma)
+    by_log_focal = project_from_world(points[seen], camera, world_from_camera) - camera.principal_point_px
+    by_lens = by_log_focal * np.sum((by_log_focal / camera.focal_px) ** 2, axis=1)[:, None]
+    for by_one, sigma in (by_log_focal, focal_sigma), (by_lens, lens_sigma):
+        if sigma > 0:
+            jacobian, noise = _with_unknown(jacobian, noise, by_one, sigma)
     return _least_squares_covariance(jacobian, noise)[:6, :6]
 
 
-def _with_prior(jacobian: Array, noise: Array, sigma: float) -> tuple[Array, Array]:
-    """Add an observation of the last parameter with that error, put in pixels to weigh as much as the others."""
+def _with_unknown(jacobian: Array, noise: Array, by_unknown: Array, sigma: float) -> tuple[Array, Array]:
+    """Add an unknown, with the derivatives (n, 2) by it, that was known to within sigma before: an observation of it,
+    put in pixels to weigh as much as the others."""
+    extra = np.zeros((len(jacobian), 2, 1))
+    extra[: len(by_unknown), :, 0] = by_unknown
+    jacobian = np.concatenate([jacobian, extra], axis=2)
+    if np.isinf(sigma):
+        return jacobian, noise
     typical = float(np.mean(np.diagonal(noise, axis1=1, axis2=2)))
     row = np.zeros((1, 2, jacobian.shape[2]))
     row[0, 0, -1] = np.sqrt(typical) / sigma

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
+from app.geometry.camera import Camera
 from app.geometry.alignment import world_from_scan_by_gravity
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
@@ -25,6 +26,7 @@ from app.services.map_points import MapPoints, View, points_from_depth
 from app.services.progress import Progress, map_in_order
 from app.services.refine_scan import refined_scan
 from app.services.repetition import elsewhere
+from app.services.scan_lens import learn_lens
 from app.services.select_keyframes import select_keyframes
 from app.services.sparse_map import feature_limit, thin_out
 from app.services.vision_models import VisionModels
@@ -102,14 +104,18 @@ def build_map(
     usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
     clock.lap("quality")
     views = {row: item.view for row, item in described.items()}
+    camera, lens = source.camera, None
     if options.refine_depth:
-        refined = refined_scan(views, usable, _sharp(described), source.camera, extractor, executor, progress)
+        lens = learn_lens(views, usable, camera, extractor, executor, progress)
+        camera = camera if lens is None else lens.of(camera)
+        refined = refined_scan(views, usable, _sharp(described), camera, extractor, executor, progress)
     else:
-        refined = [points_from_depth(views[row], source.camera) for row in usable]
+        refined = [points_from_depth(views[row], camera) for row in usable]
     limit = feature_limit(options, extractor, models.global_descriptor.size)
-    points = [thin_out(own, source.camera, limit) for own in refined]
+    points = [thin_out(own, camera, limit) for own in refined]
     clock.lap("refine")
-    artifact, index, kept = _pack(described, usable, points, source, options, models, progress)
+    lens_sigma = 0.0 if lens is None else lens.sigma
+    artifact, index, kept = _pack(described, usable, points, (camera, lens_sigma), options, models, progress)
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}
@@ -195,7 +201,7 @@ def _pack(
     described: dict[int, _Described],
     usable: Sequence[int],
     points: Sequence[MapPoints],
-    source: FrameSource,
+    camera: tuple[Camera, float],
     options: BuildOptions,
     models: VisionModels,
     progress: Progress,
@@ -233,8 +239,9 @@ def _pack(
         options.features,
         model.sha256,
         model.size,
-        (source.camera,),
+        (camera[0],),
         tuple(described[row].frame.name for row, _ in kept),
+        lens_sigmas=(camera[1],),
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
     return MapArtifact(metadata, arrays), index, [row for row, _ in kept]

@@ -51,6 +51,7 @@ def join_maps(
         old.metadata.keyframe_names + new.metadata.keyframe_names,
         max(old.metadata.position_sigma_m, new.metadata.position_sigma_m),
         max(old.metadata.orientation_sigma_deg, new.metadata.orientation_sigma_deg),
+        old.metadata.lens_sigmas + new.metadata.lens_sigmas,
     )
     global_descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
     return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(global_descriptors)

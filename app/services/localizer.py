@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of, refine_camera
+from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of
+from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm
 from app.geometry.se3 import Pose
 from app.services.contradiction import KEYFRAMES, contradicted_share
@@ -18,6 +19,7 @@ from app.services.map_accuracy import accuracy_in_map
 from app.services.map_pose import pose_in_map
 from app.services.map_surroundings import MapSurroundings
 from app.services.matches import Matches, QueryMatcher
+from app.services.query_camera import fit_query_camera, lens_of_query, scanned_camera
 from app.services.retrieval import Retrieval
 from app.services.verification import (
     Limits,
@@ -129,6 +131,10 @@ class Localizer:
         """The extractor of the map's features."""
         return self._extractor
 
+    def scanned_camera(self, known: Camera) -> Camera:
+        """Return a camera behind the lens that the map's scan showed, where it is the camera of the scan."""
+        return scanned_camera(self.artifact.metadata, known)
+
     def similar(self, rgb: Rgb, count: int, allowed: NDArray[np.int64]) -> list[int]:
         """Return the `count` of the allowed keyframes that look most like an image (height, width, 3)."""
         return self._retrieval.similar(self._descriptor.describe(rgb), count, 0, allowed)
@@ -213,27 +219,29 @@ class Localizer:
         if camera is None:
             timer.lap("pose")
             return nothing_found("no_match", timer, matches.feature_count)
+        lens = lens_of_query(self.artifact.metadata, known)
+        camera = camera if lens is None else lens.of(camera)
         best = self._hypothesis(query, matches, camera, allowed, timer)
-        if not isinstance(known, Camera) and best is not None:
-            camera, best = self._refine_camera(best, camera, known)
+        if best is not None and (lens is not None or not isinstance(known, Camera)):
+            camera, best = self._fit_camera(best, camera, known, lens)
             timer.lap("pose")
         if best is None:
             return nothing_found("no_match", timer, matches.feature_count, camera)
         rival = self._rival(query, best, camera, allowed, timer)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
-        return self._conclude(query, best, rival, camera, focal_sigma_of(known, camera), allowed, timer)
+        sigmas = focal_sigma_of(known, camera), 0.0 if lens is None else lens.sigma
+        return self._conclude(query, best, rival, camera, sigmas, allowed, timer)
 
-    def _refine_camera(
-        self, best: Hypothesis, camera: Camera, near: ApproximateCamera | None
+    def _fit_camera(
+        self, best: Hypothesis, camera: Camera, known: Camera | ApproximateCamera | None, lens: Lens | None
     ) -> tuple[Camera, Hypothesis | None]:
-        """Fit the focal length to all inliers, more than it was searched with, and the pose again."""
-        inliers, pose = best.inliers, best.estimate.world_from_camera
-        refined = refine_camera(inliers.points_px, inliers.points_in_world, camera, pose, near)
-        if refined is None:
+        """Fit the camera to all inliers, and the pose again."""
+        fitted = fit_query_camera(best.inliers, best.estimate, camera, known, lens)
+        if fitted is None:
             return camera, None
-        estimate = self._estimate(best.matches, refined, pose)
-        return refined, None if estimate is None else Hypothesis(estimate, best.matches)
+        estimate = self._estimate(best.matches, fitted, best.estimate.world_from_camera)
+        return fitted, None if estimate is None else Hypothesis(estimate, best.matches)
 
     def _find_camera(
         self, matches: Matches, size: tuple[int, ...], near: ApproximateCamera | None
@@ -330,7 +338,7 @@ class Localizer:
         best: Hypothesis,
         rival: Hypothesis | None,
         camera: Camera,
-        focal_sigma: float,
+        sigmas: tuple[float, float],
         allowed: NDArray[np.int64] | None,
         timer: StageTimer,
     ) -> Localization:
@@ -338,7 +346,7 @@ class Localizer:
         against = None if rival is None else rival.inliers
         evidence = evidence_of(best.matches, inliers, camera, self._retrieval.distance_m(pose), against)
         centres = self.artifact.arrays.positions[inliers.keyframes]
-        position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, focal_sigma)
+        position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, *sigmas)
         unrepeated = query.unrepeated_count(inliers, self._surroundings)
         evidence = replace(evidence, position_sigma_m=position_m, unrepeated=unrepeated)
         # What all points share, the map's own error, is not in the covariance.

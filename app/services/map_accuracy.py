@@ -20,12 +20,13 @@ def accuracy_in_map(
     keyframe_centres: NDArray[np.float64],
     camera: Camera,
     pose: Pose,
-    focal_sigma: float,
+    focal_sigma: float = 0.0,
+    lens_sigma: float = 0.0,
 ) -> tuple[float, float]:
     """Return one sigma of position in metres and orientation in degrees of a pose, by what its inliers and the
     centres (n, 3) of their keyframes tell; infinity for what they leave open."""
     across = sigma_across(inliers.sigma_m, inliers.points_in_world, keyframe_centres, pose.translation)
-    return accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma)
+    return accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma, lens_sigma)
 
 
 def accuracy_of(
@@ -35,6 +36,7 @@ def accuracy_of(
     camera: Camera,
     pose: Pose,
     focal_sigma: float = 0.0,
+    lens_sigma: float = 0.0,
 ) -> tuple[float, float]:
     """Return one sigma of position in metres and orientation in degrees of a pose by pixels (n, 2) and world points
     (n, 3) that agree with it; infinite where the points don't tell."""
@@ -46,6 +48,7 @@ def accuracy_of(
             pose,
             point_sigma_m=point_sigma_m,
             focal_sigma=focal_sigma,
+            lens_sigma=lens_sigma,
         )
     except DegenerateGeometryError:
         return float("inf"), 180.0

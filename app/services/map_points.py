@@ -106,23 +106,29 @@ def refined_points(
     return MapPoints(own.features, points, refined.sigma_m, refined.views).take(keep)
 
 
+def close_matches(
+    own: MapPoints, other: View, camera: Camera, ratio: float, binary: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which features (n,) of a keyframe match which (n,) of another view, near where its pose puts them."""
+    mine = to_unit_vectors(own.features.descriptors, binary)
+    a, b, _ = match_unit_vectors(mine, to_unit_vectors(other.features.descriptors, binary), ratio, binary)
+    predicted = camera.project(other.world_from_camera.inverse().apply(own.points_in_world[a]))
+    gate = GATE_PX * max(camera.width, camera.height) / 640.0
+    with np.errstate(invalid="ignore"):
+        close = np.linalg.norm(predicted - other.features.keypoints_px[b], axis=1) < gate
+    return a[close], b[close]
+
+
 def observations_by(
     others: Sequence[View], own: MapPoints, camera: Camera, ratio: float, binary: bool
 ) -> Observations:
     """Return where other views see a keyframe's points: matches that lie near where their poses put the points."""
-    descriptors = to_unit_vectors(own.features.descriptors, binary)
-    gate = GATE_PX * max(camera.width, camera.height) / 640.0
     rows, normalized, poses = [], [], []
     for other in others:
-        theirs = to_unit_vectors(other.features.descriptors, binary)
-        a, b, _ = match_unit_vectors(descriptors, theirs, ratio, binary)
-        camera_from_world = other.world_from_camera.inverse()
-        predicted = camera.project(camera_from_world.apply(own.points_in_world[a]))
-        with np.errstate(invalid="ignore"):
-            close = np.linalg.norm(predicted - other.features.keypoints_px[b], axis=1) < gate
-        rows.append(a[close])
-        normalized.append(camera.normalize(other.features.keypoints_px[b[close]]))
-        poses.append((camera_from_world, int(close.sum())))
+        a, b = close_matches(own, other, camera, ratio, binary)
+        rows.append(a)
+        normalized.append(camera.normalize(other.features.keypoints_px[b]))
+        poses.append((other.world_from_camera.inverse(), len(a)))
     if not rows:
         return Observations(
             np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3))

@@ -229,6 +229,8 @@ class SessionService:
         # What EXIF says is too rough to follow points by; the first fix searches for the focal length.
         camera = known if isinstance(known, Camera) else None
         serving = self._library.active(session.venue_id)
+        if camera is not None and serving is not None:
+            camera = serving[0].scanned_camera(camera)
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
         tracker, before = live.tracker, live.tracker.memory

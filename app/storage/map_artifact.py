@@ -34,7 +34,8 @@ class MapMetadata:
     """What a map was made with: feature method, model of the global descriptor, cameras.
 
     `position_sigma_m` and `orientation_sigma_deg` are the error that frames of its own scan have in it: what the
-    map adds to the error of any pose.
+    map adds to the error of any pose. `lens_sigmas` are how well the lens of each camera is known where the scan
+    didn't state it but showed it, 0 where it is as stated.
     """
 
     features: str
@@ -44,6 +45,7 @@ class MapMetadata:
     keyframe_names: tuple[str, ...]
     position_sigma_m: float = 0.0
     orientation_sigma_deg: float = 0.0
+    lens_sigmas: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,4 +166,5 @@ def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:
         tuple(values["keyframe_names"]),
         values["position_sigma_m"],
         values["orientation_sigma_deg"],
+        tuple(values.get("lens_sigmas", [0.0] * len(cameras))),
     )

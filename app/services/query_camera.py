@@ -1,0 +1,76 @@
+"""What is known of the camera of a query, and what its matches with a map say about focal length and lens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.errors import DegenerateGeometryError, InvalidCameraError
+from app.geometry.camera import Camera
+from app.geometry.focal import ApproximateCamera, focal_sigma_of, refine_camera
+from app.geometry.lens import Focal, Lens, refine_lens
+from app.geometry.pnp import PnpEstimate
+from app.services.matches import Matches
+from app.storage.map_artifact import MapMetadata
+
+# Focal lengths that agree to so much are those of one camera.
+SAME_FOCAL = 1e-3
+
+
+def lens_of_query(metadata: MapMetadata, known: Camera | ApproximateCamera | None) -> Lens | None:
+    """Return the lens of a query's camera as far as it is known beforehand; None where its distortion is stated.
+
+    A pinhole with the very focal lengths of a scan is the scan's camera, and its lens the one that the scan showed.
+    """
+    if not isinstance(known, Camera):
+        return Lens()
+    if known.model != "PINHOLE":
+        return None
+    for camera, sigma in zip(metadata.cameras, metadata.lens_sigmas, strict=False):
+        if sigma > 0 and _has_focal_of(camera, known):
+            return Lens(camera.params[4], sigma)
+    return Lens()
+
+
+def scanned_camera(metadata: MapMetadata, known: Camera) -> Camera:
+    """Return a query's camera, behind the lens that a scan showed where it is the scan's camera."""
+    lens = lens_of_query(metadata, known)
+    return known if lens is None else lens.of(known)
+
+
+def _has_focal_of(scanned: Camera, known: Camera) -> bool:
+    """Whether focal lengths agree: in pixels, as in a cropped picture, or as a share of its size; a lens that bends
+    by the distance from the axis alone is the same in a picture that is cropped, resampled or turned."""
+    a, b = np.sort(scanned.params[:2]), np.sort(known.params[:2])
+    sizes = max(scanned.width, scanned.height), max(known.width, known.height)
+    return bool(
+        np.allclose(a, b, rtol=SAME_FOCAL, atol=0)
+        or np.allclose(a / sizes[0], b / sizes[1], rtol=SAME_FOCAL, atol=0)
+    )
+
+
+def fit_query_camera(
+    inliers: Matches,
+    estimate: PnpEstimate,
+    camera: Camera,
+    known: Camera | ApproximateCamera | None,
+    lens: Lens | None,
+) -> Camera | None:
+    """Return the camera that a picture's inliers fit best with their pose, near a `camera` that they fit.
+
+    A focal length that was searched for is fitted to more inliers than it was found with. None where it can't be.
+    """
+    pixels, points, pose = inliers.points_px, inliers.points_in_world, estimate.world_from_camera
+    if not isinstance(known, Camera):
+        near = known if known is not None and known.covers(camera) else None
+        refined = refine_camera(pixels, points, camera, pose, near)
+        if refined is None:
+            return None
+        camera = refined
+    if lens is None:
+        return camera
+    sigma = focal_sigma_of(known, camera)
+    focal_px = known.camera.focal_px if isinstance(known, ApproximateCamera) else camera.focal_px
+    try:
+        return refine_lens(pixels, points, camera, pose, lens, Focal(focal_px, sigma))
+    except (InvalidCameraError, DegenerateGeometryError, np.linalg.LinAlgError):
+        return camera if isinstance(known, Camera) else None
