@@ -82,15 +82,13 @@ def fit_lens(pairs: Sequence[SharedPoints], camera: Camera) -> Lens:
         step = -gradient / information
         lens = Lens(lens.coefficient + step)
         poses = [_moved(pose, -(by[:, 1] + by[:, 0] * step)) for pose, by in zip(poses, along, strict=True)]
-        variance = squares / max(count, 1.0)
+        variance = squares / count if count else 1.0
         if abs(step) < SMALLEST_STEP:
             break
     return Lens(lens.coefficient, float(np.sqrt(variance / information)))
 
 
-def _of_pair(
-    pair: SharedPoints, pose: Pose, camera: Camera, lens: Lens
-) -> tuple[Array, Array, Array, Array]:
+def _of_pair(pair: SharedPoints, pose: Pose, camera: Camera, lens: Lens) -> tuple[Array, Array, Array, Array]:
     """Return the derivatives by lens (2n,) and pose (2n, 6), the errors (2n,) in pixels, and their weights (2n,)."""
     here = lens.of(camera)
     points = pose.apply(here.unproject(pair.pixels_a, pair.depth_m))
@@ -119,7 +117,12 @@ class Focal:
 
 
 def refine_lens(
-    points_px: Array, points_in_world: Array, camera: Camera, world_from_camera: Pose, known: Lens, focal: Focal
+    points_px: Array,
+    points_in_world: Array,
+    camera: Camera,
+    world_from_camera: Pose,
+    known: Lens,
+    focal: Focal,
 ) -> Camera:
     """Return the camera that fits a picture's inliers best, their pose free: pixels (n, 2), world points (n, 3).
 
@@ -133,7 +136,9 @@ def refine_lens(
     for _ in range(STEPS):
         by_all, error = _of_picture(points_px, points_in_world, camera, pose, lens)
         weighted = by_all * np.repeat(MATCH_SAY * _say(error), 2)[:, None]
-        off = np.array([0.0] * 6 + [lens.coefficient - known.coefficient, np.log(camera.focal_px / focal.focal_px)])
+        off = np.array(
+            [0.0] * 6 + [lens.coefficient - known.coefficient, np.log(camera.focal_px / focal.focal_px)]
+        )
         normal = (weighted.T @ by_all + np.diag(prior))[np.ix_(free, free)]
         step = np.zeros(8)
         step[free] = -np.linalg.solve(normal, (weighted.T @ error.reshape(-1) + prior * off)[free])

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
-from app.geometry.camera import Camera
 from app.geometry.alignment import world_from_scan_by_gravity
+from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
@@ -24,9 +24,8 @@ from app.services.keyframe_quality import blur_limit, fault_of, find_replacement
 from app.services.keyframe_rule import KeyframeRule
 from app.services.map_points import MapPoints, View, points_from_depth
 from app.services.progress import Progress, map_in_order
-from app.services.refine_scan import refined_scan
+from app.services.refine_scan import RefinedScan, refined_scan
 from app.services.repetition import elsewhere
-from app.services.scan_lens import learn_lens
 from app.services.select_keyframes import select_keyframes
 from app.services.sparse_map import feature_limit, thin_out
 from app.services.vision_models import VisionModels
@@ -104,18 +103,15 @@ def build_map(
     usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
     clock.lap("quality")
     views = {row: item.view for row, item in described.items()}
-    camera, lens = source.camera, None
     if options.refine_depth:
-        lens = learn_lens(views, usable, camera, extractor, executor, progress)
-        camera = camera if lens is None else lens.of(camera)
-        refined = refined_scan(views, usable, _sharp(described), camera, extractor, executor, progress)
+        refined = refined_scan(views, usable, _sharp(described), source.camera, extractor, executor, progress)
     else:
-        refined = [points_from_depth(views[row], camera) for row in usable]
+        refined = RefinedScan([points_from_depth(views[row], source.camera) for row in usable], source.camera)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
-    points = [thin_out(own, camera, limit) for own in refined]
+    points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
-    lens_sigma = 0.0 if lens is None else lens.sigma
-    artifact, index, kept = _pack(described, usable, points, (camera, lens_sigma), options, models, progress)
+    camera = refined.camera, refined.lens_sigma
+    artifact, index, kept = _pack(described, usable, points, camera, options, models, progress)
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}

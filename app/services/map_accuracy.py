@@ -26,7 +26,9 @@ def accuracy_in_map(
     """Return one sigma of position in metres and orientation in degrees of a pose, by what its inliers and the
     centres (n, 3) of their keyframes tell; infinity for what they leave open."""
     across = sigma_across(inliers.sigma_m, inliers.points_in_world, keyframe_centres, pose.translation)
-    return accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma, lens_sigma)
+    return accuracy_of(
+        inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma, lens_sigma
+    )
 
 
 def accuracy_of(

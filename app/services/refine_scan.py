@@ -1,16 +1,28 @@
-"""The points of all keyframes of a scan, by what all its views say together."""
+"""The points of all keyframes of a scan, and its camera, by what all its views say together."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 
 from app.geometry.camera import Camera
 from app.services.left_out_frames import nearest_keyframe, with_left_out
 from app.services.map_points import MapPoints, View, nearby_views, refined_points
 from app.services.progress import Progress, map_in_order
+from app.services.scan_lens import learn_lens
 from app.services.sensor_depth import corrected, learn_depth_response
 from app.vision.local_features import LocalFeatureExtractor
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedScan:
+    """The points of each keyframe, and the camera with the lens that the views show; `lens_sigma` is how well its
+    coefficient is known, 0 where the camera is as stated."""
+
+    points: list[MapPoints]
+    camera: Camera
+    lens_sigma: float = 0.0
 
 
 def refined_scan(
@@ -21,19 +33,25 @@ def refined_scan(
     extractor: LocalFeatureExtractor,
     executor: Executor,
     progress: Progress,
-) -> list[MapPoints]:
-    """Return the points of each keyframe; `keyframes` and `sharp` are rows of `views`.
+) -> RefinedScan:
+    """Return the points of each keyframe and the camera; `keyframes` and `sharp` are rows of `views`.
 
-    The sensor is corrected by what the views say about it; each point is refined by the views near its keyframe; and
-    the `sharp` views that are no keyframes lend their features to the keyframe nearest to them.
+    Lens and sensor are corrected by what the views say about them, the lens once more with better depths; each point
+    is refined by the views near its keyframe; and the `sharp` views that are no keyframes lend their features to the
+    keyframe nearest to them.
     """
     rows = sorted(views)
     poses = [views[row].world_from_camera for row in rows]
     near = {row: [rows[i] for i in nearby_views(views[row].world_from_camera, poses)] for row in rows}
     seen_by = [[views[other] for other in near[row]] for row in keyframes]
     known = [views[row] for row in keyframes]
-    response = learn_depth_response(known, seen_by, camera, extractor, executor, progress)
-    views = {row: corrected(view, response, camera) for row, view in views.items()}
+    lens = learn_lens(views, keyframes, camera, extractor, executor, progress)
+    seen_through = camera if lens is None else lens.of(camera)
+    response = learn_depth_response(known, seen_by, seen_through, extractor, executor, progress)
+    views = {row: corrected(view, response, seen_through) for row, view in views.items()}
+    if lens is not None:
+        lens = learn_lens(views, keyframes, camera, extractor, executor, progress) or lens
+        camera = lens.of(camera)
     lenders = sorted(set(sharp) - set(keyframes))
 
     def refine(row: int) -> MapPoints:
@@ -48,7 +66,8 @@ def refined_scan(
         nearest = nearest_keyframe(views[row].world_from_camera, standing)
         if nearest is not None:
             lent[keyframes[nearest]].append(points[row])
-    return [
+    all_points = [
         with_left_out(points[row], lent[row], views[row].world_from_camera, camera, extractor.binary)
         for row in keyframes
     ]
+    return RefinedScan(all_points, camera, 0.0 if lens is None else lens.sigma)

@@ -18,9 +18,11 @@ MAX_KEYFRAMES, MAX_OTHERS = 40, 6
 # Frames that share less say little about the lens and much about their poses.
 MIN_SHARED = 20
 MIN_PAIRS = 10
-# A lens bends less than a scan's errors can: at the corners of a picture of 60 degrees, a pixel of 640 across.
+# Less is within what a scan's errors can do: one pixel of 640 at the corners of a picture of 62 degrees.
 SMALLEST_COEFFICIENT = 0.005
 MIN_SIGMAS = 5.0
+# What a scan's other errors do to it: parts of one scan differ by so much.
+LEAST_SIGMA = 0.003
 
 
 def learn_lens(
@@ -52,7 +54,7 @@ def learn_lens(
         return None
     lens = fit_lens(pairs, camera)
     is_clear = abs(lens.coefficient) > max(SMALLEST_COEFFICIENT, MIN_SIGMAS * lens.sigma)
-    return lens if is_clear else None
+    return Lens(lens.coefficient, float(np.hypot(lens.sigma, LEAST_SIGMA))) if is_clear else None
 
 
 def _shared(

@@ -76,7 +76,7 @@ def test_keyframes_get_what_sharp_frames_between_them_saw(views: list[View]) -> 
     with ThreadPoolExecutor(1) as executor:
         alone = refined_scan(by_row, [1, 6], [1, 6], CAMERA, EXTRACTOR, executor, NoProgress())
         filled = refined_scan(by_row, [1, 6], list(range(8)), CAMERA, EXTRACTOR, executor, NoProgress())
-    for own, more in zip(alone, filled, strict=True):
+    for own, more in zip(alone.points, filled.points, strict=True):
         count = len(own.features)
         assert len(more.features) > 1.2 * count
         # Its own come first and stay as they are.
