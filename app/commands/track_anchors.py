@@ -31,7 +31,10 @@ def track_anchors(
     anchored: Annotated[
         int, typer.Option(min=1, help="Frames of each on which the anchor can be asked.")
     ] = 30,
-    pois: Annotated[int, typer.Option(min=1, help="POIs of each anchor, in regions of 120 pixels.")] = 1,
+    pois: Annotated[int, typer.Option(min=1, help="POIs of each anchor.")] = 1,
+    anywhere: Annotated[
+        bool, typer.Option("--anywhere", help="POIs anywhere, not only on things that catch the eye.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Which monitoring frames and POIs are drawn.")] = 1,
     options: Options = "{}",
     json_file: JsonFile = None,
@@ -40,7 +43,7 @@ def track_anchors(
     cap_threads()
     parsed = parse_build_options(json.loads(options))
     split = split_scan(dataset, monitors, frames, parsed.format, parsed.scan)
-    settings = StartSettings(starts, length, anchored, pois, seed)
+    settings = StartSettings(starts, length, anchored, pois, seed, anywhere)
     with progress_bars() as progress:
         outcomes = evaluate_starts(
             split.database,

@@ -60,13 +60,14 @@ class Start:
 @dataclass(frozen=True, slots=True)
 class StartSettings:
     """How many starts, frames of each, of which the anchor can be asked on the first `anchored`, POIs of each anchor;
-    and which pairs are drawn."""
+    which pairs are drawn; and whether POIs may lie anywhere, or only where somebody would put them."""
 
     starts: int = 20
     frames: int = 100
     anchored: int = 30
     pois: int = 1
     seed: int = 1
+    anywhere: bool = False
 
 
 class _OneAnchor:
@@ -119,7 +120,7 @@ def evaluate_starts(
     outcomes: list[Start | str] = []
     for row in np.unique(np.linspace(0, last - 1, settings.starts).round().astype(int)):
         progress.report("anchor starts", len(outcomes), settings.starts)
-        pair = _pair_for(rng, scan, gravity_in_scan, monitors, video[row], settings.pois)
+        pair = _pair_for(rng, scan, gravity_in_scan, monitors, video[row], settings)
         if pair is None:
             continue
         frames = video[row : row + settings.frames]
@@ -129,12 +130,17 @@ def evaluate_starts(
 
 
 def _pair_for(
-    rng: np.random.Generator, scan: Scan, gravity: Array, monitors: Sequence[Frame], phone: Frame, pois: int
+    rng: np.random.Generator,
+    scan: Scan,
+    gravity: Array,
+    monitors: Sequence[Frame],
+    phone: Frame,
+    settings: StartSettings,
 ) -> AnchorPair | None:
     for _ in range(MONITORS):
         monitor = monitors[int(rng.integers(len(monitors)))]
-        pair = pair_with_pois(rng, scan, gravity, monitor, phone, pois)
-        if pair is not None and len(pair.spec.pois) == pois:
+        pair = pair_with_pois(rng, scan, gravity, monitor, phone, settings.pois, settings.anywhere)
+        if pair is not None and len(pair.spec.pois) == settings.pois:
             return pair
     return None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,45 @@ def adjust_bundle(
         damping = max(0.1 * damping, 1e-8)
         equations = problem.equations(*state)
     return state
+
+
+def lens_in_bundle(
+    bundle: Bundle,
+    poses: Sequence[Pose],
+    points_in_world: Array,
+    *,
+    sigma_px: float = 1.0,
+    loss_scale_px: float = 2.0,
+) -> tuple[float, float]:
+    """Return how much larger an adjusted bundle would have its camera's radial coefficient k1, and the information
+    (one over the variance) that its pixels have of it, all poses and points free to follow.
+
+    One Gauss-Newton step with poses and points eliminated. For a camera whose distortion is k1 alone.
+    """
+    problem, state = _Problem(bundle, sigma_px, loss_scale_px), (list(poses), np.asarray(points_in_world))
+    equations = problem.equations(*state)
+    by_lens = problem.by_lens(*state)
+    # How poses and points follow the lens is the step that its columns, as gradients, would have.
+    pose_steps, point_steps = replace(
+        equations, pose_gradient=by_lens.poses, point_gradient=by_lens.points
+    ).solve(1e-6)
+    information = by_lens.own + float(
+        np.sum(by_lens.poses * pose_steps) + np.sum(by_lens.points * point_steps)
+    )
+    gradient = by_lens.gradient + float(
+        np.sum(equations.pose_gradient * pose_steps) + np.sum(equations.point_gradient * point_steps)
+    )
+    return -gradient / max(information, 1e-12), max(information, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _ByLens:
+    """The lens in the normal equations: with poses (k, 6), points (p, 3) and itself, and its gradient."""
+
+    poses: Array
+    points: Array
+    own: float
+    gradient: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,15 +185,36 @@ class _Problem:
             offsets,
         )
 
-    def equations(self, poses: list[Pose], points: Array) -> _Equations:
-        bundle = self.bundle
-        k, p = len(poses), len(points)
+    def _linearized(self, poses: list[Pose], points: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return residuals (m, 2), points in their cameras (m, 3), derivatives by pose (m, 2, 6) and point (m, 2, 3),
+        and weights (m,)."""
         residuals, in_camera, rotations, offsets = self._residuals(poses, points)
-        by_point = bundle.camera.projection_jacobian(in_camera) @ rotations.transpose(0, 2, 1) / self.sigma_px
+        by_point = self.bundle.camera.projection_jacobian(in_camera)
+        by_point = by_point @ rotations.transpose(0, 2, 1) / self.sigma_px
         by_point[~np.isfinite(by_point).all(axis=(1, 2))] = 0.0
         by_pose = np.concatenate([np.cross(by_point, offsets[:, None, :]), -by_point], axis=2)
         scale = (self.loss_scale_px / self.sigma_px) ** 2
-        say = 1.0 / (1.0 + np.sum(residuals**2, axis=1) / scale)
+        return residuals, in_camera, by_pose, by_point, 1.0 / (1.0 + np.sum(residuals**2, axis=1) / scale)
+
+    def by_lens(self, poses: list[Pose], points: Array) -> _ByLens:
+        bundle = self.bundle
+        residuals, in_camera, by_pose, by_point, say = self._linearized(poses, points)
+        plane = in_camera[:, :2] / np.maximum(in_camera[:, 2:], 1e-9)
+        focal = np.array(bundle.camera.params[:2]) / self.sigma_px
+        column = focal * plane * np.sum(plane**2, axis=1)[:, None] * say[:, None]
+        # Points that are out of view say nothing, as in `equations`.
+        column[~by_point.any(axis=(1, 2))] = 0.0
+        return _ByLens(
+            _summed(np.einsum("mij,mi->mj", by_pose, column), bundle.views, len(poses)),
+            _summed(np.einsum("mij,mi->mj", by_point, column), bundle.rows, len(points)),
+            float(np.sum(column**2 / np.maximum(say, 1e-12)[:, None])),
+            float(np.sum(column * residuals)),
+        )
+
+    def equations(self, poses: list[Pose], points: Array) -> _Equations:
+        bundle = self.bundle
+        k, p = len(poses), len(points)
+        residuals, _, by_pose, by_point, say = self._linearized(poses, points)
         pose_t, point_t = by_pose.transpose(0, 2, 1) * say[:, None, None], by_point.transpose(0, 2, 1)
         point_t = point_t * say[:, None, None]
         confidence = 1.0 / bundle.prior_sigma_m**2

@@ -38,7 +38,8 @@ from app.services.tracking.memory import (
     pose_to_json,
 )
 from app.services.tracking.state import State
-from app.services.tracking.tracker import Tracked, Tracker, TrackerSettings
+from app.services.tracking.tracked import Tracked
+from app.services.tracking.tracker import Tracker, TrackerSettings
 from app.storage.floors import Floor, list_floors
 from app.storage.sessions import (
     Session,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from app.geometry.bundle import Bundle, adjust_bundle
+from app.geometry.bundle import Bundle, adjust_bundle, lens_in_bundle
 from app.geometry.camera import Camera
+from app.geometry.lens import Lens
 from app.geometry.reprojection import perturbed, project_from_world
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 
@@ -79,3 +82,29 @@ def test_points_that_are_known_hold_the_scale_without_fixed_views() -> None:
     away[:20] = points[:20]
     found, _ = adjust_bundle(free, start, away, max_steps=40)
     assert max(position_difference_m(a, b) for a, b in zip(found, poses, strict=True)) < 5e-3
+
+
+@pytest.mark.parametrize("coefficient", [-0.05, 0.03])
+def test_a_bundle_shows_the_lens_behind_which_its_camera_is(coefficient: float) -> None:
+    poses, points, bundle = scene(Lens(coefficient).of(CAMERAS[0]), 4)
+    lens, sigmas = Lens(), []
+    state = disturbed(poses, points, 13)
+    for _ in range(6):
+        behind = replace(bundle, camera=lens.of(CAMERAS[0]))
+        state = adjust_bundle(behind, *state, max_steps=30)
+        step, information = lens_in_bundle(behind, *state)
+        sigmas.append(information**-0.5)
+        lens = Lens(lens.coefficient + step)
+    assert lens.coefficient == pytest.approx(coefficient, abs=2e-3)
+    assert sigmas[-1] < 0.04
+
+
+def test_a_bundle_of_one_view_shows_no_lens() -> None:
+    poses, points, bundle = scene(CAMERAS[0], 5)
+    first = bundle.views == 0
+    alone = Bundle(
+        bundle.camera, bundle.views[first], bundle.rows[first], bundle.pixels[first], np.zeros(1, dtype=bool),
+        points, bundle.prior_sigma_m,
+    )  # fmt: skip
+    _, information = lens_in_bundle(alone, poses[:1], points)
+    assert information < 0.1

@@ -22,9 +22,11 @@ from app.services.progress import NoProgress
 from app.services.tracking.fix import Fix, MapFixes, NoFix
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.memory import memory_from_json, memory_to_json
-from app.services.tracking.tracker import Tracked, Tracker, TrackerSettings
+from app.services.tracking.tracked import Tracked
+from app.services.tracking.tracker import Tracker, TrackerSettings
 from app.services.tracking.two_view_fix import (
     KnownView,
+    TrackedPlace,
     at_common_scale,
     fix_from_two_views,
     metric_relative_pose,
@@ -167,25 +169,42 @@ def test_odometry_starts_with_the_scale_of_an_anchor(room: Room, video: list[Vie
 
 
 def test_fixes_by_an_anchor_come_to_one_scale_and_contradicting_ones_to_none() -> None:
-    def seen_from(x: float, scale_sigma: float) -> Fix:
-        pose, points = Pose(np.eye(3), np.array([x, 0.0, 0.0])), np.array([[x, 0.0, 2.0 * x]])
-        empty = np.zeros((1, 2))
-        return Fix(
-            pose, 2 * scale_sigma * x, 1.0, empty, points, np.ones(1), CAMERA, 0.9, 30, 40,
-            scale_sigma=scale_sigma, scale_centre=np.zeros(3),
-        )  # fmt: skip
-
-    far = seen_from(1.1, 0.1)
-    common = at_common_scale(far, Pose(np.eye(3), np.array([0.9, 0.0, 0.0])), 0.1)
-    assert common is not None
-    assert common.world_from_camera.translation[0] == pytest.approx(np.sqrt(1.1 * 0.9))
-    assert common.points_in_world[0, 2] == pytest.approx(2 * common.world_from_camera.translation[0])
+    empty = np.zeros((1, 2))
+    fix = Fix(
+        Pose(np.eye(3), np.array([1.1, 0.0, 0.0])), 0.2, 1.0, empty, np.zeros((1, 3)), np.ones(1), CAMERA, 0.9,
+        30, 40, scale_sigma=0.1,
+    )  # fmt: skip
+    place = TrackedPlace(Pose(np.eye(3), np.array([0.9, 0.0, 0.0])), 0.2, 1.0, 0.1)
+    found = at_common_scale(fix, place, 0.9)
+    assert found is not None
+    common, factor = found
+    # Both are as certain: half of the way, for place and scale.
+    assert common.world_from_camera.translation[0] == pytest.approx(1.0)
+    assert factor == pytest.approx(np.sqrt(1 / 0.9))
     assert 0.03 < common.scale_sigma < 0.1 / np.sqrt(2) + 0.01
-    assert common.position_m < far.position_m
-    near = at_common_scale(far, Pose(np.eye(3), np.array([0.5, 0.0, 0.0])), 0.1)
-    assert near is None
-    by_map = replace(far, scale_sigma=0.0, scale_centre=None)
-    assert at_common_scale(by_map, Pose.identity(), 0.1) is by_map
+    assert at_common_scale(fix, place, 0.5) is None
+    sure = replace(place, position_m=0.01, scale_sigma=0.031)
+    kept, factor = at_common_scale(fix, sure, 0.9) or (fix, 0.0)
+    assert kept.world_from_camera.translation[0] == pytest.approx(0.9, abs=0.01)
+    assert factor == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_second_fix_by_an_anchor_tells_odometry_its_scale(room: Room, video: list[View]) -> None:
+    anchor = room.view(pose_at(1.0, 1.7, 1.9, -35, -8))
+    source = AnotherView(anchor)
+    tracker = Tracker(source, settings=replace(ODOMETRY_ONLY, relocalize_every=4, use_relocation=True))
+    # The first fix takes the POI for nearer than it is, and says that it may.
+    known = source.known
+    source.known = replace(known, scale_sigma=0.1)
+    results = run(tracker, video[:4])
+    first = tracker._odometry
+    assert first is not None
+    first.rescale(0.85, results[-1].world_from_camera or Pose.identity())
+    results = run(tracker, video[4:12], 4)
+    assert tracker._odometry is first
+    assert any(result.method == "anchor" for result in results)
+    assert all(result.state == "tracking" for result in results)
+    assert error_m(results[-1], video[11].world_from_camera) < 0.1
 
 
 def test_two_views_without_parallax_give_no_fix(video: list[View]) -> None:

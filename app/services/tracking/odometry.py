@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
+from app.geometry.lens import Lens
 from app.geometry.pnp import estimate_pose_lo_ransac, refine_pose
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
@@ -37,6 +38,10 @@ ENOUGH_FOUND = 0.5
 NEIGHBOURS = 5
 # Every so many frames is a keyframe.
 KEYFRAME_EVERY = 4
+# What is so close together in the picture, as a tangent, is as far away; so many compared tell the scale.
+SAME_SPOT, MIN_COMPARED = 12.0 / 525.0, 20
+# How far off, along their rays, points are that two views placed.
+TWO_VIEW_SIGMA = 0.05
 # The least that points of a fix are off by.
 FIX_SIGMA_M = 0.01
 
@@ -64,7 +69,10 @@ class OdometryStep:
 class Odometry:
     """Follows points from frame to frame. Knows nothing of maps."""
 
-    def __init__(self, frame: TrackingFrame, fix: Fix) -> None:
+    def __init__(self, frame: TrackingFrame, fix: Fix, lens: Lens | None = None) -> None:
+        """Start from a fix. Of a `lens` that isn't stated `lens` becomes what keyframes show of it; cameras that are
+        given are behind it as it is."""
+        self.lens = lens
         self._gray = frame.gray
         self._points = TrackedPoints.none()
         self._next_id = 0
@@ -87,16 +95,41 @@ class Odometry:
         correction = fix.world_from_camera @ self._pose.inverse()
         own = self._points.take(~self._points.from_fix).moved(correction)
         rows = np.argsort(fix.point_sigma_m)[:MOST_FIXED]
-        fixed = TrackedPoints.fixed(
-            self._new_ids(len(rows)),
-            fix.points_px[rows],
-            fix.points_in_world[rows],
-            fix.point_sigma_m[rows],
-            fix.world_from_camera,
-        )
-        self._points, self._pose = fixed.joined(own), fix.world_from_camera
+        self._points, self._pose = self._points_of(fix, rows).joined(own), fix.world_from_camera
         self._window.move(correction)
         self._since_keyframe = KEYFRAME_EVERY
+
+    def _points_of(self, fix: Fix, rows: NDArray[np.intp]) -> TrackedPoints:
+        ids, pixels, points = self._new_ids(len(rows)), fix.points_px[rows], fix.points_in_world[rows]
+        pose = fix.world_from_camera
+        if fix.scale_sigma > 0:
+            # Two views place points along their rays as well as they know how they stand to each other.
+            distances_m = np.linalg.norm(points - pose.translation, axis=1)
+            return TrackedPoints.new(ids, pixels, fix.camera, pose, distances_m, TWO_VIEW_SIGMA)
+        return TrackedPoints.fixed(ids, pixels, points, fix.point_sigma_m[rows], pose)
+
+    def distance_ratio(self, fix: Fix) -> float | None:
+        """Return how many times as far as a fix of the present frame odometry has what both see, or None when that is
+        too little: the median over the points of both that are close together in the picture."""
+        placed = self._points.take(self._points.is_placed)
+        if not len(placed) or not len(fix.points_px):
+            return None
+        apart_px, nearest = cKDTree(placed.pixels).query(fix.points_px)
+        close = np.flatnonzero(apart_px < SAME_SPOT * fix.camera.focal_px)
+        if len(close) < MIN_COMPARED:
+            return None
+        same = placed.take(np.asarray(nearest)[close])
+        ours = np.linalg.norm(same.points_in_world - self._pose.translation, axis=1)
+        theirs = np.linalg.norm(fix.points_in_world[close] - fix.world_from_camera.translation, axis=1)
+        return float(np.exp(np.median(np.log(ours / theirs))))
+
+    def rescale(self, factor: float, pose: Pose) -> None:
+        """Make all lengths so many times as long, and put the present frame's camera where it is now known to be."""
+        centre, correction = self._pose.translation, pose @ self._pose.inverse()
+        self._points = self._points.scaled(centre, factor).moved(correction)
+        self._window.scale(centre, factor)
+        self._window.move(correction)
+        self._pose = pose
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
         self._next_id += count
@@ -205,7 +238,8 @@ class Odometry:
         )
         if self._has_enough_fixed(points, camera):
             return
-        adjusted = np.intersect1d(self._window.adjust(camera), points.ids)
+        seen_often, self.lens = self._window.adjust(camera, self.lens)
+        adjusted = np.intersect1d(seen_often, points.ids)
         order = np.argsort(points.ids)
         rows = order[np.searchsorted(points.ids[order], adjusted)]
         places = self._window.points_in_world[np.searchsorted(self._window.ids, adjusted)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,8 +59,10 @@ class TrackedPoints:
         camera: Camera,
         world_from_camera: Pose,
         distances_m: Array | float,
+        share: float = NEW_DEPTH_SIGMA,
     ) -> TrackedPoints:
-        """Return points (n, 2) seen for the first time, as far away as things around them, each (n,) or all."""
+        """Return points (n, 2) seen for the first time, as far away as told, each (n,) or all, give or take that share
+        of it: by default as things around them."""
         rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         n = len(pixels)
@@ -70,7 +72,7 @@ class TrackedPoints:
             np.tile(world_from_camera.translation, (n, 1)),
             rays,
             np.full(n, 1.0 / distances_m),
-            np.full(n, NEW_DEPTH_SIGMA / distances_m),
+            np.full(n, share / distances_m),
             np.zeros(n),
             np.zeros(n, dtype=bool),
         )
@@ -132,6 +134,16 @@ class TrackedPoints:
             self.inverse_sigma,
             self.across_m,
             self.from_fix,
+        )
+
+    def scaled(self, centre: Array, factor: float) -> TrackedPoints:
+        """Return the points with all that is between them and a centre (3,) so many times as long."""
+        return replace(
+            self,
+            origin=centre + factor * (self.origin - centre),
+            inverse_m=self.inverse_m / factor,
+            inverse_sigma=self.inverse_sigma / factor,
+            across_m=self.across_m * factor,
         )
 
     def place(self, rows: NDArray[np.intp], points_in_world: Array) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from app.geometry.lens import LENS_SIGMA
 from app.geometry.se3 import Pose
 from app.services.tracking.fix import WORLD
 
@@ -18,7 +19,8 @@ class TrackingMemory:
     `world_from_camera` is the last trusted pose, at `time_s`;
     `fix_position_m`, `fix_orientation_deg` those of the last fix, `fix_scale_sigma` what its scale is off by, as a
     share; `unaided_m` and `unaided_rad` the path and the turns since; `pending` a fix that
-    was too far off to be believed at once.
+    was too far off to be believed at once; `lens` the radial coefficient of a pinhole's lens as its frames show it, and
+    one sigma of it.
     """
 
     state: State = "initializing"
@@ -33,3 +35,4 @@ class TrackingMemory:
     pending: Pose | None = None
     pending_frame_id: str = WORLD
     pending_time_s: float = 0.0
+    lens: tuple[float, float] = (0.0, LENS_SIGMA)

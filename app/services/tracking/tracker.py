@@ -8,13 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.geometry.camera import Camera
+from app.geometry.lens import Lens
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.services.tracking.drift import JERK_M, MAX_FREE_M, MAX_SPEED_M_S, reach_m, sigma_of, unaided
 from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, confidence_of_sigma
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.odometry import Odometry, OdometryStep
 from app.services.tracking.state import State, TrackingMemory
-from app.services.tracking.two_view_fix import at_common_scale
+from app.services.tracking.tracked import Tracked, nothing_tracked
+from app.services.tracking.two_view_fix import TrackedPlace, at_common_scale
 from app.services.verification import Reason
 
 # A storey: a change of height that no step explains.
@@ -58,25 +60,6 @@ class TrackerSettings:
     relocalize_every: int = 30
     use_refresh: bool = True
     use_relocation: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Tracked:
-    """The outcome for one frame; `world_from_camera` is None exactly when `reason` says why."""
-
-    state: State
-    world_from_camera: Pose | None
-    reason: Reason | None
-    method: str
-    frame_id: str
-    position_m: float | None
-    orientation_deg: float | None
-    confidence: float
-    inliers: int
-    matches: int
-    unaided_m: float
-    camera: Camera | None
-    fix: Fix | None = None
 
 
 @dataclass(slots=True)
@@ -123,7 +106,14 @@ class Tracker:
         self.memory, self._odometry = memory, None
 
     def _tracking_camera(self, frame: TrackingFrame) -> Camera | None:
-        return None if self.camera is None else frame.scaled(self.camera)
+        if self.camera is None:
+            return None
+        camera = frame.scaled(self.camera)
+        return camera if self._stated_lens() else Lens(*self.memory.lens).of(camera)
+
+    def _stated_lens(self) -> bool:
+        """Whether the camera's distortion is known: only a pinhole's lens is learned from its frames."""
+        return self.camera is None or self.camera.model != "PINHOLE"
 
     def _predicted(self, motion: Pose | None) -> Pose | None:
         last = self.memory.world_from_camera
@@ -164,16 +154,12 @@ class Tracker:
         if fix is None and settings.use_relocation and self._since_search >= self._search_every():
             self._since_search = 0
             found = self.source.locate(frame, camera, step.world_from_camera)
-            if isinstance(found, Fix):
-                fix = at_common_scale(found, step.world_from_camera, memory.fix_scale_sigma)
-                if fix is None:
-                    self._odometry = None
-                    return self._doubt(found, frame, camera)
+            fix = found if isinstance(found, Fix) else None
         if fix is None:
-            pose = self._odometry.learn(camera)
+            pose = self._learn(self._odometry, camera)
             step = replace(step, world_from_camera=pose)
             self.memory = replace(
-                memory,
+                self.memory,
                 state="tracking",
                 world_from_camera=pose,
                 time_s=frame.time_s,
@@ -187,10 +173,32 @@ class Tracker:
         if fix.frame_id == memory.frame_id and off_m <= MAX_CORRECTION_M + 3.0 * float(
             np.hypot(position_m, fix.position_m)
         ):
-            return self._take(fix, frame, "tracking")
+            place = TrackedPlace(step.world_from_camera, position_m, orientation_deg, memory.fix_scale_sigma)
+            return self._take_by_both(fix, place, frame)
         # The map says that odometry went astray. Neither is believed until a second fix agrees.
         self._odometry = None
         return self._doubt(fix, frame, camera)
+
+    def _take_by_both(self, fix: Fix, place: TrackedPlace, frame: TrackingFrame) -> Tracked:
+        """Believe a fix near odometry's place; where both have scales that may be off, what they have in common."""
+        odometry = self._odometry
+        if odometry is None or fix.scale_sigma <= 0 or place.scale_sigma <= 0:
+            return self._take(fix, frame, "tracking")
+        ratio = odometry.distance_ratio(fix)
+        if ratio is None:
+            return self._take(fix, frame, "tracking")
+        common = at_common_scale(fix, place, ratio)
+        if common is None:
+            self._odometry = None
+            return self._doubt(fix, frame, fix.camera)
+        odometry.rescale(common[1], common[0].world_from_camera)
+        return self._take(common[0], frame, "tracking", rescaled=True)
+
+    def _learn(self, odometry: Odometry, camera: Camera) -> Pose:
+        pose = odometry.learn(camera)
+        if odometry.lens is not None:
+            self.memory = replace(self.memory, lens=(odometry.lens.coefficient, odometry.lens.sigma))
+        return pose
 
     def _search_every(self) -> int:
         """Return after how many frames map or anchor are asked again: soon while the scale is not known well."""
@@ -226,7 +234,7 @@ class Tracker:
             return self._take(near, frame, "relocalized" if memory.state == "lost" else "tracking")
         if is_closed or self._just_searched(frame.time_s):
             self.memory = replace(memory, state="lost")
-            return _nothing("lost", self._why_lost, 0, 0, camera, memory)
+            return nothing_tracked("lost", self._why_lost, 0, 0, camera, memory)
         self._searched_s = frame.time_s
         prior = predicted if away_s <= MAX_PRIOR_S else None
         found = self.source.locate(frame, camera, prior, self._may_be_elsewhere(frame.time_s))
@@ -237,7 +245,7 @@ class Tracker:
             state: State = "initializing" if memory.world_from_camera is None else "lost"
             expired = abs(frame.time_s - memory.pending_time_s) > MAX_CONFIRMATION_S
             self.memory = replace(memory, state=state, pending=None if expired else memory.pending)
-            return _nothing(state, found.reason, found.inliers, found.matches, camera, memory)
+            return nothing_tracked(state, found.reason, found.inliers, found.matches, camera, memory)
         if memory.world_from_camera is None or predicted is None:
             return self._take(found, frame, "tracking")
         if self._is_plausible(found, predicted, frame.time_s) or self._is_confirmed(found, frame.time_s):
@@ -310,18 +318,18 @@ class Tracker:
             pending_frame_id=fix.frame_id,
             pending_time_s=frame.time_s,
         )
-        return _nothing("lost", "ambiguous", fix.inliers, fix.matches, camera, self.memory)
+        return nothing_tracked("lost", "ambiguous", fix.inliers, fix.matches, camera, self.memory)
 
-    def _take(self, fix: Fix, frame: TrackingFrame, state: State) -> Tracked:
+    def _take(self, fix: Fix, frame: TrackingFrame, state: State, rescaled: bool = False) -> Tracked:
         """Believe a fix, and let odometry go on from it."""
         if self.camera is None:
             self.camera = fix.camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
-        if self._odometry is None or fix.scale_sigma > 0.0:
+        if self._odometry is None or (fix.scale_sigma > 0.0 and not rescaled):
             # What odometry placed by itself has the scale of the last fix.
-            self._odometry = Odometry(frame, fix)
-        else:
+            self._odometry = Odometry(frame, fix, None if self._stated_lens() else Lens(*self.memory.lens))
+        elif not rescaled:
             self._odometry.absorb(fix)
-        self._odometry.learn(fix.camera)
+        self._learn(self._odometry, fix.camera)
         self._since_refresh = self._since_search = 0
         self.memory = TrackingMemory(
             state,
@@ -331,6 +339,7 @@ class Tracker:
             fix.position_m,
             fix.orientation_deg,
             fix.scale_sigma,
+            lens=self.memory.lens,
         )
         return Tracked(
             state,
@@ -363,22 +372,3 @@ class Tracker:
             self.memory.unaided_m,
             self.camera,
         )
-
-
-def _nothing(
-    state: State, reason: Reason, inliers: int, matches: int, camera: Camera | None, memory: TrackingMemory
-) -> Tracked:
-    return Tracked(
-        state,
-        None,
-        reason,
-        "rgbd",
-        memory.frame_id,
-        None,
-        None,
-        0.0,
-        inliers,
-        matches,
-        memory.unaided_m,
-        camera,
-    )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_errors_px
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, rotation_from_vector, vector_from_rotation
 from app.geometry.triangulation import triangulate
 from app.services.map_accuracy import accuracy_of
 from app.services.tracking.fix import WORLD, Fix, confidence_of_sigma
@@ -29,8 +29,6 @@ MATCH_SIGMA_PX = 1.0
 SHARED_SCALE_SIGMA, MIN_SCALE_SIGMA = 0.03, 0.01
 # Scales further apart than this are not of the same place.
 CONTRADICTION_SIGMAS = 3.0
-# Nearer to the known view than this the distance from it says nothing about the scale.
-MIN_BASELINE_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +40,16 @@ class KnownView:
     world_from_camera: Pose
     scale_sigma: float = 0.0
     frame_id: str = WORLD
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedPlace:
+    """Where odometry has a camera since an earlier fix, one sigma of it, and of its scale."""
+
+    world_from_camera: Pose
+    position_m: float
+    orientation_deg: float
+    scale_sigma: float
 
 
 def fix_from_two_views(
@@ -97,37 +105,43 @@ def fix_from_two_views(
     )
 
 
-def at_common_scale(fix: Fix, tracked: Pose, tracked_scale_sigma: float) -> Fix | None:
-    """Return a fix at the scale that it and odometry have in common, each by its certainty; None when their scales
-    contradict each other.
+def at_common_scale(fix: Fix, tracked: TrackedPlace, ratio: float) -> tuple[Fix, float] | None:
+    """Return a fix by what it and odometry have in common, each by its certainty, and how many times as long
+    odometry's lengths are to be; None when their scales contradict each other.
 
-    `tracked` is odometry's pose of the same frame, at the scale of earlier fixes, `tracked_scale_sigma` what that is
-    off by. Both tell how far the phone is from the known view, whose place has no error of scale: the logarithm of
-    their ratio is how far the scales are apart. What fixes by one anchor are off by alike, however many there are, is
-    `SHARED_SCALE_SIGMA`. A fix without an error of scale comes back as it is.
+    `ratio` is how many times as far odometry, at the scale of earlier fixes, has what both see. What is seen tells it
+    better than how far the phone is from the known view, which turns with every error of the relative pose. What
+    fixes by one anchor are off by alike, however many there are, is `SHARED_SCALE_SIGMA`.
     """
-    if fix.scale_centre is None or fix.scale_sigma <= 0.0 or tracked_scale_sigma <= 0.0:
-        return fix
-    pose, centre = fix.world_from_camera, fix.scale_centre
-    baseline_m = float(np.linalg.norm(pose.translation - centre))
-    tracked_m = float(np.linalg.norm(tracked.translation - centre))
-    if min(baseline_m, tracked_m) < MIN_BASELINE_M:
-        return fix
-    ours, theirs = _own_variance(fix.scale_sigma), _own_variance(tracked_scale_sigma)
-    apart = float(np.log(tracked_m / baseline_m))
-    if abs(apart) > CONTRADICTION_SIGMAS * float(np.hypot(fix.scale_sigma, tracked_scale_sigma)):
+    ours, theirs = _own_variance(fix.scale_sigma), _own_variance(tracked.scale_sigma)
+    apart = float(np.log(ratio))
+    if abs(apart) > CONTRADICTION_SIGMAS * float(np.hypot(fix.scale_sigma, tracked.scale_sigma)):
         return None
-    share = float(np.exp(apart * ours / (ours + theirs)))
+    factor = float(np.exp(-apart * theirs / (ours + theirs)))
     sigma = float(np.hypot(SHARED_SCALE_SIGMA, np.sqrt(ours * theirs / (ours + theirs))))
-    other_m = max(fix.position_m**2 - (fix.scale_sigma * baseline_m) ** 2, 0.0) ** 0.5
-    return replace(
+    place, turn = (
+        _weight(tracked.position_m, fix.position_m),
+        _weight(tracked.orientation_deg, fix.orientation_deg),
+    )
+    before, pose = tracked.world_from_camera, fix.world_from_camera
+    rotation = before.rotation @ rotation_from_vector(
+        turn * vector_from_rotation(before.rotation.T @ pose.rotation)
+    )
+    common = replace(
         fix,
-        world_from_camera=Pose(pose.rotation, centre + share * (pose.translation - centre)),
-        points_in_world=centre + share * (fix.points_in_world - centre),
-        point_sigma_m=share * fix.point_sigma_m,
-        position_m=float(np.hypot(other_m, sigma * share * baseline_m)),
+        world_from_camera=Pose(
+            rotation, before.translation + place * (pose.translation - before.translation)
+        ),
+        position_m=min(tracked.position_m, fix.position_m),
+        orientation_deg=min(tracked.orientation_deg, fix.orientation_deg),
         scale_sigma=sigma,
     )
+    return common, factor
+
+
+def _weight(ours: float, theirs: float) -> float:
+    """Return the say of theirs in the mean of two values with these sigmas."""
+    return ours**2 / max(ours**2 + theirs**2, 1e-12)
 
 
 def _own_variance(scale_sigma: float) -> float:

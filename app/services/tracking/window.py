@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.geometry.bundle import Bundle, adjust_bundle
+from app.geometry.bundle import Bundle, adjust_bundle, lens_in_bundle
 from app.geometry.camera import Camera
+from app.geometry.lens import Lens
 from app.geometry.se3 import Pose
 
 Array = NDArray[np.float64]
@@ -20,6 +21,9 @@ WINDOW, HELD = 24, 2
 MIN_VIEWS = 2
 # Fewer leave poses undetermined.
 MIN_POINTS = 20
+# What windows say of the lens is off by so much, measured: they overlap, and hold the poses of their oldest views. A
+# window's step is not believed beyond this, and the lens never taken to be known better than that.
+WINDOW_LENS_SIGMA, MAX_LENS_STEP, LEAST_LENS_SIGMA = 0.02, 0.03, 0.003
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +63,23 @@ class Window:
         self.points_in_world = new_from_old.apply(self.points_in_world)
         self.prior_sigma_m = np.full(len(self.ids), np.inf)
 
-    def adjust(self, camera: Camera) -> Ids:
-        """Adjust the views and the points that enough of them see; return the ids of these."""
+    def scale(self, centre: Array, factor: float) -> None:
+        """Make all that is between the views, the points and a centre (3,) so many times as long."""
+        self.views = [
+            KeyView(_scaled(view.world_from_camera, centre, factor), view.ids, view.pixels)
+            for view in self.views
+        ]
+        self.points_in_world = centre + factor * (self.points_in_world - centre)
+        self.prior_sigma_m = self.prior_sigma_m * factor
+
+    def adjust(self, camera: Camera, lens: Lens | None) -> tuple[Ids, Lens | None]:
+        """Adjust the views and the points that enough of them see; return the ids of these, and of a lens that is not
+        stated what is known now. `camera` is behind it."""
         seen = np.concatenate([view.ids for view in self.views])
         unique, counts = np.unique(seen, return_counts=True)
         used = unique[counts >= MIN_VIEWS]
         if len(self.views) <= HELD or len(used) < MIN_POINTS:
-            return np.zeros(0, np.int64)
+            return np.zeros(0, np.int64), lens
         chosen, keep = np.searchsorted(self.ids, used), np.isin(seen, used)
         views = np.repeat(np.arange(len(self.views)), [len(view.ids) for view in self.views])[keep]
         bundle = Bundle(
@@ -82,4 +96,20 @@ class Window:
         self.views = [
             KeyView(pose, view.ids, view.pixels) for pose, view in zip(adjusted, self.views, strict=True)
         ]
-        return used
+        if lens is not None:
+            lens = _learned(lens, *lens_in_bundle(bundle, adjusted, self.points_in_world[chosen]))
+        return used, lens
+
+
+def _learned(lens: Lens, step: float, information: float) -> Lens:
+    """Return a lens with what a window says: it would have the coefficient larger by a step."""
+    variance = 1.0 / max(information, 1e-9) + WINDOW_LENS_SIGMA**2
+    gain = lens.sigma**2 / (lens.sigma**2 + variance)
+    step = float(np.clip(step, -MAX_LENS_STEP, MAX_LENS_STEP))
+    return Lens(
+        lens.coefficient + gain * step, max(lens.sigma * float(np.sqrt(1.0 - gain)), LEAST_LENS_SIGMA)
+    )
+
+
+def _scaled(pose: Pose, centre: Array, factor: float) -> Pose:
+    return Pose(pose.rotation, centre + factor * (pose.translation - centre))
