@@ -54,7 +54,8 @@ class LocalizerSettings:
     places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
     may prove that the place is not unique. A frame that is not located gets a second look at `second_look`
     keyframes, turned ones too, and a third with the features of a faint image. `max_error` is the inlier limit as
-    an angle (tangent): pixels over focal length. Without `limits` those of the map's features hold.
+    an angle (tangent): pixels over focal length. `fit_lens` fits the lens of a camera whose distortion isn't stated.
+    Without `limits` those of the map's features hold.
     """
 
     keyframes: int = 10
@@ -65,6 +66,7 @@ class LocalizerSettings:
     max_error: float = 6.0 / 525.0
     estimator: Literal["lo_ransac", "epnp_lm"] = "lo_ransac"
     fundamental_filter: bool = False
+    fit_lens: bool = True
     limits: Limits | None = None
 
 
@@ -78,6 +80,7 @@ PAPER = LocalizerSettings(
     second_look=0,
     estimator="epnp_lm",
     fundamental_filter=True,
+    fit_lens=False,
     limits=Limits.none(),
 )
 
@@ -219,7 +222,7 @@ class Localizer:
         if camera is None:
             timer.lap("pose")
             return nothing_found("no_match", timer, matches.feature_count)
-        lens = lens_of_query(self.artifact.metadata, known)
+        lens = lens_of_query(self.artifact.metadata, known) if self._settings.fit_lens else None
         camera = camera if lens is None else lens.of(camera)
         best = self._hypothesis(query, matches, camera, allowed, timer)
         if best is not None and (lens is not None or not isinstance(known, Camera)):

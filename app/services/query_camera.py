@@ -14,6 +14,8 @@ from app.storage.map_artifact import MapMetadata
 
 # Focal lengths that agree to so much are those of one camera.
 SAME_FOCAL = 1e-3
+# Fewer could as well be explained by a wrong pose that a lens makes fit.
+MIN_FEATURES = 30
 
 
 def lens_of_query(metadata: MapMetadata, known: Camera | ApproximateCamera | None) -> Lens | None:
@@ -66,7 +68,7 @@ def fit_query_camera(
         if refined is None:
             return None
         camera = refined
-    if lens is None:
+    if lens is None or inliers.feature_count < MIN_FEATURES:
         return camera
     sigma = focal_sigma_of(known, camera)
     focal_px = known.camera.focal_px if isinstance(known, ApproximateCamera) else camera.focal_px

@@ -74,7 +74,7 @@ class Odometry:
         given are behind it as it is."""
         self.lens = lens
         self._gray = frame.gray
-        self._points = TrackedPoints.none()
+        self._points = self._by_two_views = TrackedPoints.none()
         self._next_id = 0
         self._pose = fix.world_from_camera
         self._window = Window()
@@ -105,7 +105,8 @@ class Odometry:
         if fix.scale_sigma > 0:
             # Two views place points along their rays as well as they know how they stand to each other.
             distances_m = np.linalg.norm(points - pose.translation, axis=1)
-            return TrackedPoints.new(ids, pixels, fix.camera, pose, distances_m, TWO_VIEW_SIGMA)
+            self._by_two_views = TrackedPoints.new(ids, pixels, fix.camera, pose, distances_m, TWO_VIEW_SIGMA)
+            return self._by_two_views
         return TrackedPoints.fixed(ids, pixels, points, fix.point_sigma_m[rows], pose)
 
     def distance_ratio(self, fix: Fix) -> float | None:
@@ -127,8 +128,8 @@ class Odometry:
         """Make all lengths so many times as long, and put the present frame's camera where it is now known to be."""
         centre, correction = self._pose.translation, pose @ self._pose.inverse()
         self._points = self._points.scaled(centre, factor).moved(correction)
-        self._window.scale(centre, factor)
-        self._window.move(correction)
+        self._window.rescale(centre, factor, correction)
+        self._by_two_views = self._by_two_views.scaled(centre, factor).moved(correction)
         self._pose = pose
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
@@ -232,9 +233,16 @@ class Odometry:
 
     def _add_keyframe(self, camera: Camera) -> None:
         points = self._points
-        prior_sigma_m = np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf)
+        prior, prior_sigma_m = (
+            points.points_in_world,
+            np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf),
+        )
+        # Where two views placed points they still hold the scale, together, when each has found a better place.
+        _, now, then = np.intersect1d(points.ids, self._by_two_views.ids, return_indices=True)
+        prior[now] = self._by_two_views.points_in_world[then]
+        prior_sigma_m[now] = TWO_VIEW_SIGMA / self._by_two_views.inverse_m[then]
         self._window.add(
-            KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior_sigma_m
+            KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior, prior_sigma_m
         )
         if self._has_enough_fixed(points, camera):
             return

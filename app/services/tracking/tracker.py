@@ -23,8 +23,8 @@ from app.services.verification import Reason
 MAX_CLIMB_M = 1.2
 # After so long without a frame nothing can be followed from the one before.
 MAX_GAP_S = 1.0
-# Until the scale is known to this share, anchors are asked every so many frames.
-WANTED_SCALE_SIGMA, SCALE_EVERY = 0.04, 4
+# Until the scale is known to this share, anchors are asked every so many frames, and from then on every so many.
+WANTED_SCALE_SIGMA, SCALE_EVERY, KNOWN_SCALE_EVERY = 0.04, 4, 8
 # With a scale known worse than to this share odometry isn't believed for longer than so many metres.
 MAX_SCALE_SIGMA, UNSCALED_M = 0.05, 0.2
 # After such a path or such turns points are looked for in the map, however few frames it took: odometry drifts by
@@ -201,9 +201,11 @@ class Tracker:
         return pose
 
     def _search_every(self) -> int:
-        """Return after how many frames map or anchor are asked again: soon while the scale is not known well."""
-        uncertain = self.memory.fix_scale_sigma > WANTED_SCALE_SIGMA
-        return SCALE_EVERY if uncertain else self.settings.relocalize_every
+        """Return after how many frames map or anchor are asked again: soon while the scale rests on an anchor."""
+        sigma, every = self.memory.fix_scale_sigma, self.settings.relocalize_every
+        if sigma <= 0.0:
+            return every
+        return min(SCALE_EVERY if sigma > WANTED_SCALE_SIGMA else KNOWN_SCALE_EVERY, every)
 
     def _refreshed(
         self, frame: TrackingFrame, camera: Camera, step: OdometryStep, unaided_m: float, unaided_rad: float

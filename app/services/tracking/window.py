@@ -37,22 +37,25 @@ class KeyView:
 
 @dataclass(slots=True)
 class Window:
-    """The last keyframes, and the points that they see: `ids` (n,), places in the world (n, 3), and how well a fix
-    places each in metres (n,), infinite for points of odometry's own."""
+    """The last keyframes, and the points that they see: `ids` (n,), places in the world (n, 3), and where a fix has
+    each (n, 3), to within so many metres (n,), infinite for points of odometry's own."""
 
     views: list[KeyView] = field(default_factory=list)
     ids: Ids = field(default_factory=lambda: np.zeros(0, np.int64))
     points_in_world: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    prior: Array = field(default_factory=lambda: np.zeros((0, 3)))
     prior_sigma_m: Array = field(default_factory=lambda: np.zeros(0))
 
-    def add(self, view: KeyView, points_in_world: Array, prior_sigma_m: Array) -> None:
-        """Add a keyframe and where its points are (n, 3), (n,); the oldest one goes, with what only it saw."""
+    def add(self, view: KeyView, points_in_world: Array, prior: Array, prior_sigma_m: Array) -> None:
+        """Add a keyframe, where its points are (n, 3), and where fixes have them (n, 3), (n,); the oldest one goes,
+        with what only it saw."""
         self.views = [*self.views, view][-WINDOW:]
         old = ~np.isin(self.ids, view.ids) & np.isin(self.ids, np.concatenate([v.ids for v in self.views]))
         ids = np.concatenate([self.ids[old], view.ids])
         order = np.argsort(ids)
         self.ids = ids[order]
         self.points_in_world = np.concatenate([self.points_in_world[old], points_in_world])[order]
+        self.prior = np.concatenate([self.prior[old], prior])[order]
         self.prior_sigma_m = np.concatenate([self.prior_sigma_m[old], prior_sigma_m])[order]
 
     def move(self, new_from_old: Pose) -> None:
@@ -61,15 +64,28 @@ class Window:
             KeyView(new_from_old @ view.world_from_camera, view.ids, view.pixels) for view in self.views
         ]
         self.points_in_world = new_from_old.apply(self.points_in_world)
+        self.prior = self.points_in_world.copy()
         self.prior_sigma_m = np.full(len(self.ids), np.inf)
 
-    def scale(self, centre: Array, factor: float) -> None:
-        """Make all that is between the views, the points and a centre (3,) so many times as long."""
+    def rescale(self, centre: Array, factor: float, new_from_old: Pose) -> None:
+        """Make all that is between the views, the points and a centre (3,) so many times as long, then move it; what
+        fixes said of points is moved with it."""
+
+        def moved(points: Array) -> Array:
+            return new_from_old.apply(centre + factor * (points - centre))
+
         self.views = [
-            KeyView(_scaled(view.world_from_camera, centre, factor), view.ids, view.pixels)
+            KeyView(
+                Pose(
+                    new_from_old.rotation @ view.world_from_camera.rotation,
+                    moved(view.world_from_camera.translation[None])[0],
+                ),
+                view.ids,
+                view.pixels,
+            )
             for view in self.views
         ]
-        self.points_in_world = centre + factor * (self.points_in_world - centre)
+        self.points_in_world, self.prior = moved(self.points_in_world), moved(self.prior)
         self.prior_sigma_m = self.prior_sigma_m * factor
 
     def adjust(self, camera: Camera, lens: Lens | None) -> tuple[Ids, Lens | None]:
@@ -88,7 +104,7 @@ class Window:
             np.searchsorted(used, seen[keep]).astype(np.intp),
             np.concatenate([view.pixels for view in self.views])[keep],
             np.arange(len(self.views)) < HELD,
-            self.points_in_world[chosen],
+            self.prior[chosen],
             self.prior_sigma_m[chosen],
         )
         poses = [view.world_from_camera for view in self.views]
@@ -109,7 +125,3 @@ def _learned(lens: Lens, step: float, information: float) -> Lens:
     return Lens(
         lens.coefficient + gain * step, max(lens.sigma * float(np.sqrt(1.0 - gain)), LEAST_LENS_SIGMA)
     )
-
-
-def _scaled(pose: Pose, centre: Array, factor: float) -> Pose:
-    return Pose(pose.rotation, centre + factor * (pose.translation - centre))
