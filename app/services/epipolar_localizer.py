@@ -14,6 +14,7 @@ from app.geometry.lines import line_through, point_nearest_to_lines
 from app.geometry.se3 import Pose
 from app.services.keyframe_matches import KeyframeMatches, match_keyframes
 from app.services.localization import KeyframeVote, Localization, StageTimer
+from app.services.query_camera import scanned_camera
 from app.services.retrieval import Retrieval
 from app.services.verification import Evidence, Reason, gather_evidence
 from app.services.vision_models import VisionModels
@@ -65,6 +66,7 @@ class EpipolarLocalizer:
         timer.lap("match")
         if camera is None:
             return _nothing("no_match", timer, None)
+        camera = scanned_camera(self.artifact.metadata, camera)
         directions = [d for found in matches if (d := self._direction(found, camera)) is not None]
         try:
             x, y = point_nearest_to_lines(np.stack([d.line for d in directions]).reshape(-1, 3))

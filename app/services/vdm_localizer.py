@@ -20,6 +20,7 @@ from app.services.keyframe_fix import KeyframeFix, fix_by_keyframe
 from app.services.keyframe_matches import KeyframeMatches, match_keyframes
 from app.services.localization import KeyframeVote, Localization, StageTimer, same_place
 from app.services.localizer import Localizer
+from app.services.query_camera import scanned_camera
 from app.services.retrieval import Retrieval
 from app.services.user_lines import PlanPosition, user_on_plan
 from app.services.verification import (
@@ -100,7 +101,9 @@ class VdmLocalizer:
         timer.lap("retrieve")
         matches = match_keyframes(gray, similar, self.artifact, self._extractor, allowed)
         timer.lap("match")
-        if not isinstance(camera, Camera):
+        if isinstance(camera, Camera):
+            camera = scanned_camera(self.artifact.metadata, camera)
+        else:
             camera = self._find_camera(matches, rgb.shape[:2], camera)
         if camera is None:
             return self._nothing("no_match", matches, None, gray, timer)
