@@ -41,7 +41,7 @@ KEYFRAME_EVERY = 4
 # What is so close together in the picture, as a tangent, is as far away; so many compared tell the scale.
 SAME_SPOT, MIN_COMPARED = 12.0 / 525.0, 20
 # How far off, along their rays, points are that two views placed.
-TWO_VIEW_SIGMA = 0.05
+TWO_VIEW_SIGMA = 0.025
 # The least that points of a fix are off by.
 FIX_SIGMA_M = 0.01
 

@@ -109,6 +109,8 @@ class Window:
         )
         poses = [view.world_from_camera for view in self.views]
         adjusted, self.points_in_world[chosen] = adjust_bundle(bundle, poses, self.points_in_world[chosen])
+        # What leaves the view is held where it is now.
+        self.prior[chosen] = self.points_in_world[chosen]
         self.views = [
             KeyView(pose, view.ids, view.pixels) for pose, view in zip(adjusted, self.views, strict=True)
         ]
