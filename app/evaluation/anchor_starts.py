@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 MONITORS = 40
 # A shorter distance says nothing about the scale: the position's own noise is as large.
 MIN_KNOWN_DISTANCE_M = 0.4
+# From here on that noise, some centimetres, is less than 5 %.
+LONG_DISTANCE_M = 0.7
 # Error and stated sigma are told by the path since the start, in steps of so many metres.
 PATH_STEPS_M = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
 
@@ -215,6 +217,7 @@ def summarize_starts(outcomes: Sequence[Start | str]) -> dict[str, Any]:
     starts = [each for each in outcomes if isinstance(each, Start)]
     known = [start for start in starts if start.scale is not None]
     off = np.array([abs((start.scale or 1.0) - 1.0) for start in known])
+    long = np.array([(start.distance_m or 0.0) >= LONG_DISTANCE_M for start in known], dtype=bool)
     claimed = np.array([start.scale_sigma for start in known])
     reasons = [each for each in outcomes if isinstance(each, str)]
     return {
@@ -229,6 +232,8 @@ def summarize_starts(outcomes: Sequence[Start | str]) -> dict[str, Any]:
         "scale off by, 90 % of them %": _percent(off, 90),
         "stated sigma of the scale, median %": _percent(claimed, 50),
         "scale within 5 %, % of them": _share(off <= 0.05),
+        f"scale within 5 %, above {LONG_DISTANCE_M:g} m, % of them": _share(off[long] <= 0.05),
+        f"  of so many above {LONG_DISTANCE_M:g} m": int(long.sum()),
         "scale within three sigmas, % of them": _share(off <= 3 * claimed),
     }
 

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 # How far from a pinhole such a lens is taken to be, one sigma of its coefficient.
 LENS_SIGMA = 0.03
+# What one picture's matches leave open, measured.
+PICTURE_SIGMA = 0.009
 # A match's say falls to half where it is off by this much.
 LOSS_SCALE_PX = 1.0
 STEPS, SMALLEST_STEP = 12, 1e-5
@@ -40,6 +42,11 @@ class Lens:
             return Camera("PINHOLE", camera.width, camera.height, camera.params[:4])
         values = (*camera.params[:4], self.coefficient, 0.0, 0.0, 0.0)
         return Camera("OPENCV", camera.width, camera.height, values)
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether a single picture can tell more of it than is known."""
+        return self.sigma > PICTURE_SIGMA
 
     def _changed(self) -> Lens:
         return Lens(self.coefficient + DIFFERENCE, self.sigma)

@@ -225,7 +225,7 @@ class Localizer:
         lens = lens_of_query(self.artifact.metadata, known) if self._settings.fit_lens else None
         camera = camera if lens is None else lens.of(camera)
         best = self._hypothesis(query, matches, camera, allowed, timer)
-        if best is not None and (lens is not None or not isinstance(known, Camera)):
+        if best is not None and (not isinstance(known, Camera) or (lens is not None and lens.is_guess)):
             camera, best = self._fit_camera(best, camera, known, lens)
             timer.lap("pose")
         if best is None:

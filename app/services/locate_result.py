@@ -104,8 +104,9 @@ def map_result(
     if pose is not None and floors and floor is None:
         reason, pose = "outside_venue", None
     located = pose is not None
-    # A focal length that led to no pose is not known either.
-    own = found.camera if located or request.camera is not None else None
+    # What was given is answered as it was given; a focal length that led to no pose is not known.
+    searched = found.camera if located else None
+    own = camera.camera if isinstance(camera.camera, Camera) else searched
     return LocateResult(
         venue=venue,
         method="vdm" if request.method == "vdm" else "rgbd",

@@ -172,7 +172,7 @@ def test_fixes_by_an_anchor_come_to_one_scale_and_contradicting_ones_to_none() -
     empty = np.zeros((1, 2))
     fix = Fix(
         Pose(np.eye(3), np.array([1.1, 0.0, 0.0])), 0.2, 1.0, empty, np.zeros((1, 3)), np.ones(1), CAMERA, 0.9,
-        30, 40, scale_sigma=0.1,
+        30, 40, scale_sigma=0.1, shared_scale_sigma=0.03,
     )  # fmt: skip
     place = TrackedPlace(Pose(np.eye(3), np.array([0.9, 0.0, 0.0])), 0.2, 1.0, 0.1)
     found = at_common_scale(fix, place, 0.9)

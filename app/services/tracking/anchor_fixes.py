@@ -20,6 +20,9 @@ from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.two_view_fix import KnownView, fix_from_two_views
 from app.storage.floors import Floor
 
+# What the features in a POI's region are nearer or further than its middle, as a share, is the same in all pictures.
+POI_SIGMA = 0.06
+
 
 class AnchorFixes:
     """Fixes by a venue's anchors, on its `floors` as they are now."""
@@ -76,7 +79,14 @@ def fix_of_anchor(
             world_pose(plan, plan_from_phone),
         )
         frame_id = WORLD
-    known = KnownView(monitor_camera, plan_from_monitor, solution.log_scale_sigma, frame_id)
+    shared = POI_SIGMA / np.sqrt(max(len(solution.scale_errors), 1))
+    known = KnownView(
+        monitor_camera,
+        plan_from_monitor,
+        float(max(solution.log_scale_sigma, shared)),
+        frame_id,
+        float(shared),
+    )
     share = frame.size_px[0] / frame.rgb.shape[1]
     fix = fix_from_two_views(
         (inliers.phone_px + 0.5) * share - 0.5,

@@ -53,8 +53,9 @@ class Fix:
 
     Pixels and `camera` are those of the frame at tracking size. `frame_id` is the frame that pose and points are
     in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. A fix whose
-    scale rests on a known distance may be off by `scale_sigma`, as a share, all of it about `scale_centre` (3,), the
-    other view's place. `anchors` are the monitoring cameras that it comes from, `vertical` what they take as vertical.
+    scale rests on known distances may be off by `scale_sigma`, as a share; `shared_scale_sigma` of that is the same in
+    all fixes that rest on them. `anchors` are the monitoring cameras that it comes from, `vertical` what they take as
+    vertical.
     """
 
     world_from_camera: Pose
@@ -71,7 +72,7 @@ class Fix:
     frame_id: str = WORLD
     keyframes: tuple[KeyframeVote, ...] = ()
     scale_sigma: float = 0.0
-    scale_centre: Array | None = None
+    shared_scale_sigma: float = 0.0
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
 

@@ -24,22 +24,22 @@ MIN_POINTS, MIN_COVERAGE, MAX_ERROR_PX = 20, 0.1, 3.0
 # Nearer to parallel, rays place a point too badly to start from.
 MIN_PARALLAX_DEG = 1.0
 MATCH_SIGMA_PX = 1.0
-# What fixes by one anchor have in common of their errors of scale, measured (docs/sessions.md), and the least that a
-# single one is off by besides.
-SHARED_SCALE_SIGMA, MIN_SCALE_SIGMA = 0.03, 0.01
+# The least that the scale of a single fix is off by, besides what it shares with others.
+MIN_SCALE_SIGMA = 0.01
 # Scales further apart than this are not of the same place.
 CONTRADICTION_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class KnownView:
-    """The other view: its camera and pose in the world or on a plan (`frame_id`, see `Fix`), and the share by which
-    the scale of the relative pose may be off, one sigma."""
+    """The other view: its camera and pose in the world or on a plan (`frame_id`, see `Fix`), the share by which the
+    scale of the relative pose may be off, one sigma, and how much of that is the same whatever is seen in it."""
 
     camera: Camera
     world_from_camera: Pose
     scale_sigma: float = 0.0
     frame_id: str = WORLD
+    shared_scale_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def fix_from_two_views(
         method="anchor",
         frame_id=known.frame_id,
         scale_sigma=known.scale_sigma,
-        scale_centre=known.world_from_camera.translation,
+        shared_scale_sigma=known.shared_scale_sigma,
     )
 
 
@@ -111,14 +111,15 @@ def at_common_scale(fix: Fix, tracked: TrackedPlace, ratio: float) -> tuple[Fix,
 
     `ratio` is how many times as far odometry, at the scale of earlier fixes, has what both see. What is seen tells it
     better than how far the phone is from the known view, which turns with every error of the relative pose. What
-    fixes by one anchor are off by alike, however many there are, is `SHARED_SCALE_SIGMA`.
+    fixes by one anchor are off by alike stays, however many there are.
     """
-    ours, theirs = _own_variance(fix.scale_sigma), _own_variance(tracked.scale_sigma)
+    shared = fix.shared_scale_sigma
+    ours, theirs = _own_variance(fix.scale_sigma, shared), _own_variance(tracked.scale_sigma, shared)
     apart = float(np.log(ratio))
     if abs(apart) > CONTRADICTION_SIGMAS * float(np.hypot(fix.scale_sigma, tracked.scale_sigma)):
         return None
     factor = float(np.exp(-apart * theirs / (ours + theirs)))
-    sigma = float(np.hypot(SHARED_SCALE_SIGMA, np.sqrt(ours * theirs / (ours + theirs))))
+    sigma = float(np.hypot(shared, np.sqrt(ours * theirs / (ours + theirs))))
     place, turn = (
         _weight(tracked.position_m, fix.position_m),
         _weight(tracked.orientation_deg, fix.orientation_deg),
@@ -144,8 +145,8 @@ def _weight(ours: float, theirs: float) -> float:
     return ours**2 / max(ours**2 + theirs**2, 1e-12)
 
 
-def _own_variance(scale_sigma: float) -> float:
-    return max(scale_sigma**2 - SHARED_SCALE_SIGMA**2, MIN_SCALE_SIGMA**2)
+def _own_variance(scale_sigma: float, shared: float) -> float:
+    return max(scale_sigma**2 - shared**2, MIN_SCALE_SIGMA**2)
 
 
 def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
