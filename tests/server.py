@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 from fastapi.testclient import TestClient
 from sqlalchemy import create_engine, select
 
+from app.geometry.se3 import Pose
 from app.jobs.runner import BuildRunner
 from app.main import create_app
 from app.settings import Settings
@@ -152,3 +154,12 @@ def assert_sentence(text: str) -> None:
     assert len(text) < 500
     for trace in ("Traceback", "Error:", "Errno", ".py", "0x", "\n", "Unexpected"):
         assert trace not in text, text
+
+
+def pose_errors(result: dict[str, Any], truth: Pose) -> tuple[float, float]:
+    """Return the metres and degrees by which an answer is off."""
+    p, q = result["pose"]["position"], result["pose"]["quaternion"]
+    found = Pose.from_quaternion([p["x"], p["y"], p["z"]], [q["x"], q["y"], q["z"], q["w"]])
+    turn = (found.rotation.T @ truth.rotation).trace()
+    angle = np.degrees(np.arccos(np.clip((turn - 1) / 2, -1, 1)))
+    return float(np.linalg.norm(found.translation - truth.translation)), float(angle)

@@ -10,7 +10,7 @@ from app.evaluation.report import ReportTable
 from app.evaluation.run import Evaluation
 from app.evaluation.sections import cell, thresholds_text
 
-MAP_ROWS = ("keyframes", "features_per_keyframe", "megabytes", "build_s", "discarded")
+MAP_ROWS = ("keyframes", "features_per_keyframe", "megabytes", "lens_k1", "build_s", "discarded")
 ERROR_ROWS = {
     "queries": "queries",
     "located %": "located_percent",

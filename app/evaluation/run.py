@@ -32,7 +32,8 @@ class MapFigures:
     """What is known of the map behind an evaluation; `configuration` tells maps of one report apart.
 
     `frames` are those that the map was made of, `thresholds` those of the pose rule (None for another rule),
-    `keyframe_centres` (x, y, z) in the world. What a map of unknown origin can't tell is None.
+    `lens_k1` is the radial coefficient that the scan showed where it states none, `keyframe_centres` (x, y, z) in the
+    world. What a map of unknown origin can't tell is None.
     """
 
     configuration: str
@@ -44,6 +45,7 @@ class MapFigures:
     build_s: float | None = None
     discarded: Mapping[str, int] | None = None
     thresholds: PoseThresholds | None = None
+    lens_k1: float | None = None
     keyframe_centres: tuple[tuple[float, float, float], ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -56,6 +58,7 @@ class MapFigures:
             "keyframes": self.keyframes,
             "features_per_keyframe": self.features_per_keyframe,
             "megabytes": self.megabytes,
+            "lens_k1": self.lens_k1,
             "build_s": self.build_s,
             "discarded": None if self.discarded is None else dict(self.discarded),
             "keyframe_thresholds": None
@@ -163,6 +166,7 @@ def map_figures(configuration: str, artifact: MapArtifact, index_bytes: int) -> 
         keyframes=artifact.keyframe_count,
         features_per_keyframe=round(artifact.feature_count / artifact.keyframe_count, 1),
         megabytes=round((packed + index_bytes) / 1e6, 2),
+        lens_k1=next((round(lens.coefficient, 4) for _, lens in artifact.metadata.shown_lenses), None),
         keyframe_centres=tuple(
             (round(x, 4), round(y, 4), round(z, 4)) for x, y, z in arrays.positions.tolist()
         ),

@@ -15,6 +15,8 @@ from app.geometry.se3 import Pose
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+# The noise of a pixel, and how far off a pixel's say falls to half.
+SIGMA_PX, LOSS_SCALE_PX = 1.0, 2.0
 # What a point behind its camera costs: more than any pixel error, yet finite so that steps can be compared.
 BEHIND_CAMERA_PX = 1e3
 # A step that lowers the sum by less than this share changes no answer.
@@ -40,9 +42,6 @@ def adjust_bundle(
     bundle: Bundle,
     poses: Sequence[Pose],
     points_in_world: Array,
-    *,
-    sigma_px: float = 1.0,
-    loss_scale_px: float = 2.0,
     max_steps: int = 8,
 ) -> tuple[list[Pose], Array]:
     """Return the `world_from_camera` of all views and the points (p, 3) of least reprojection error.
@@ -52,7 +51,7 @@ def adjust_bundle(
     eliminated (Schur complement). Without priors at least two views must be fixed, or the scale is free. Source:
     Triggs et al., Bundle Adjustment, section 6.1.
     """
-    problem = _Problem(bundle, sigma_px, loss_scale_px)
+    problem = _Problem(bundle)
     state = list(poses), np.array(points_in_world, dtype=np.float64)
     cost, damping = problem.cost(*state), 1e-4
     equations = problem.equations(*state)
@@ -77,16 +76,13 @@ def lens_in_bundle(
     bundle: Bundle,
     poses: Sequence[Pose],
     points_in_world: Array,
-    *,
-    sigma_px: float = 1.0,
-    loss_scale_px: float = 2.0,
 ) -> tuple[float, float]:
     """Return how much larger an adjusted bundle would have its camera's radial coefficient k1, and the information
     (one over the variance) that its pixels have of it, all poses and points free to follow.
 
     One Gauss-Newton step with poses and points eliminated. For a camera whose distortion is k1 alone.
     """
-    problem, state = _Problem(bundle, sigma_px, loss_scale_px), (list(poses), np.asarray(points_in_world))
+    problem, state = _Problem(bundle), (list(poses), np.asarray(points_in_world))
     equations = problem.equations(*state)
     by_lens = problem.by_lens(*state)
     # How poses and points follow the lens is the step that its columns, as gradients, would have.
@@ -152,12 +148,10 @@ def _damped(blocks: Array, damping: float) -> Array:
 @dataclass(frozen=True, slots=True)
 class _Problem:
     bundle: Bundle
-    sigma_px: float
-    loss_scale_px: float
 
     def cost(self, poses: list[Pose], points: Array) -> float:
         errors = np.sum(self._residuals(poses, points)[0] ** 2, axis=1)
-        scale = (self.loss_scale_px / self.sigma_px) ** 2
+        scale = (LOSS_SCALE_PX / SIGMA_PX) ** 2
         away = (points - self.bundle.prior) / self.bundle.prior_sigma_m[:, None]
         return float(scale * np.sum(np.log1p(errors / scale)) + np.sum(away**2))
 
@@ -177,9 +171,9 @@ class _Problem:
         centres = np.stack([pose.translation for pose in poses])[bundle.views]
         offsets = points[bundle.rows] - centres
         in_camera = np.einsum("mji,mj->mi", rotations, offsets)
-        residuals = (bundle.camera.project(in_camera) - bundle.pixels) / self.sigma_px
+        residuals = (bundle.camera.project(in_camera) - bundle.pixels) / SIGMA_PX
         return (
-            np.where(np.isfinite(residuals), residuals, BEHIND_CAMERA_PX / self.sigma_px),
+            np.where(np.isfinite(residuals), residuals, BEHIND_CAMERA_PX / SIGMA_PX),
             in_camera,
             rotations,
             offsets,
@@ -190,17 +184,17 @@ class _Problem:
         and weights (m,)."""
         residuals, in_camera, rotations, offsets = self._residuals(poses, points)
         by_point = self.bundle.camera.projection_jacobian(in_camera)
-        by_point = by_point @ rotations.transpose(0, 2, 1) / self.sigma_px
+        by_point = by_point @ rotations.transpose(0, 2, 1) / SIGMA_PX
         by_point[~np.isfinite(by_point).all(axis=(1, 2))] = 0.0
         by_pose = np.concatenate([np.cross(by_point, offsets[:, None, :]), -by_point], axis=2)
-        scale = (self.loss_scale_px / self.sigma_px) ** 2
+        scale = (LOSS_SCALE_PX / SIGMA_PX) ** 2
         return residuals, in_camera, by_pose, by_point, 1.0 / (1.0 + np.sum(residuals**2, axis=1) / scale)
 
     def by_lens(self, poses: list[Pose], points: Array) -> _ByLens:
         bundle = self.bundle
         residuals, in_camera, by_pose, by_point, say = self._linearized(poses, points)
         plane = in_camera[:, :2] / np.maximum(in_camera[:, 2:], 1e-9)
-        focal = np.array(bundle.camera.params[:2]) / self.sigma_px
+        focal = np.array(bundle.camera.params[:2]) / SIGMA_PX
         column = focal * plane * np.sum(plane**2, axis=1)[:, None] * say[:, None]
         # Points that are out of view say nothing, as in `equations`.
         column[~by_point.any(axis=(1, 2))] = 0.0

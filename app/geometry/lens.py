@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
+from app.geometry.focal import MATCH_SAY
 from app.geometry.reprojection import perturbed, project_from_world, reprojection_jacobian
 from app.geometry.se3 import Pose, rotation_from_vector
 
@@ -17,15 +18,12 @@ Array = NDArray[np.float64]
 
 # How far from a pinhole such a lens is taken to be, one sigma of its coefficient.
 LENS_SIGMA = 0.03
-# What one picture's matches leave open, measured.
+# What one picture's matches leave open.
 PICTURE_SIGMA = 0.009
 # A match's say falls to half where it is off by this much.
 LOSS_SCALE_PX = 1.0
 STEPS, SMALLEST_STEP = 12, 1e-5
 DIFFERENCE = 1e-4
-# Matches are not independent: a feature is matched in several keyframes, whose points share the map's errors.
-# Measured: of 200 pictures of one lens the coefficients scatter by so much more than each would say.
-MATCH_SAY = 0.2
 MIN_POINTS = 4
 
 

@@ -27,10 +27,7 @@ def lens_of_query(metadata: MapMetadata, known: Camera | ApproximateCamera | Non
         return Lens()
     if known.model != "PINHOLE":
         return None
-    for camera, sigma in zip(metadata.cameras, metadata.lens_sigmas, strict=False):
-        if sigma > 0 and _has_focal_of(camera, known):
-            return Lens(camera.params[4], sigma)
-    return Lens()
+    return next((lens for camera, lens in metadata.shown_lenses if _has_focal_of(camera, known)), Lens())
 
 
 def scanned_camera(metadata: MapMetadata, known: Camera) -> Camera:

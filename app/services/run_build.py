@@ -243,6 +243,13 @@ def _report(
         "world_from_scan": placement.world_from_scan.matrix.tolist(),
         "placement": {"source": placement.source, "z_up": placement.z_up, **placement.figures},
         "self_check": check.as_dict(),
+        "lens": next(
+            (
+                {"k1": round(lens.coefficient, 4), "sigma": round(lens.sigma, 4)}
+                for _, lens in built.artifact.metadata.shown_lenses
+            ),
+            None,
+        ),
     }
     if built.calibration is not None:
         report["calibration"] = built.calibration.as_dict(points=False)

@@ -35,7 +35,7 @@ def learn_lens(
 ) -> Lens | None:
     """Return the lens that the frames of a pinhole were taken through; `keyframes` are rows of `views`.
 
-    None where the views show none, are too few to tell, or the camera's lens is stated.
+    A coefficient of 0 where the views show that there is none; None where they can't tell, or the distortion is stated.
     """
     if camera.model != "PINHOLE":
         return None
@@ -53,8 +53,9 @@ def learn_lens(
     if len(pairs) < MIN_PAIRS:
         return None
     lens = fit_lens(pairs, camera)
-    is_clear = abs(lens.coefficient) > max(SMALLEST_COEFFICIENT, MIN_SIGMAS * lens.sigma)
-    return Lens(lens.coefficient, float(np.hypot(lens.sigma, LEAST_SIGMA))) if is_clear else None
+    if abs(lens.coefficient) > max(SMALLEST_COEFFICIENT, MIN_SIGMAS * lens.sigma):
+        return Lens(lens.coefficient, float(np.hypot(lens.sigma, LEAST_SIGMA)))
+    return Lens(0.0, SMALLEST_COEFFICIENT) if MIN_SIGMAS * lens.sigma < SMALLEST_COEFFICIENT else None
 
 
 def _shared(

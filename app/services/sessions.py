@@ -230,8 +230,7 @@ class SessionService:
         # What EXIF says is too rough to follow points by; the first fix searches for the focal length.
         camera = known if isinstance(known, Camera) else None
         serving = self._library.active(session.venue_id)
-        if camera is not None and serving is not None:
-            camera = serving[0].scanned_camera(camera)
+        behind_lens = camera if camera is None or serving is None else serving[0].scanned_camera(camera)
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
         tracker, before = live.tracker, live.tracker.memory
@@ -241,7 +240,7 @@ class SessionService:
             session.venue_id, floors, pose, away_s
         )
         time_s = time.time() if frame.time_s is None else frame.time_s
-        tracked = tracker.process(TrackingFrame.of(rgb, time_s, frame.gravity), camera, frame.motion)
+        tracked = tracker.process(TrackingFrame.of(rgb, time_s, frame.gravity), behind_lens, frame.motion)
         timings["track"] = 1e3 * (time.perf_counter() - started) - timings["decode"]
         floor, plan = _place(tracked, floors)
         if floor is not None and plan is not None:
@@ -255,7 +254,8 @@ class SessionService:
         live.frames, live.recent = point.frame, [*live.recent, point][-RECENT_POINTS:]
         timings["total"] = 1e3 * (time.perf_counter() - started)
         version = None if serving is None else serving[1].version
-        result = _result(session, version, tracked, tracker.camera, floor, plan, timings)
+        # What was given is answered as it was given.
+        result = _result(session, version, tracked, camera or tracker.camera, floor, plan, timings)
         guidance = self._guide.guidance(
             live.way,
             session.venue_id,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from app.errors import RoomfixError
 from app.geometry.camera import Camera
+from app.geometry.lens import Lens
 from app.geometry.se3 import Pose
 
 MAGIC = b"RFMAP002"
@@ -46,6 +47,12 @@ class MapMetadata:
     position_sigma_m: float = 0.0
     orientation_sigma_deg: float = 0.0
     lens_sigmas: tuple[float, ...] = ()
+
+    @property
+    def shown_lenses(self) -> tuple[tuple[Camera, Lens], ...]:
+        """The cameras whose lens the scan showed, or showed that there is none, with the lens."""
+        pairs = zip(self.cameras, self.lens_sigmas, strict=False)
+        return tuple((camera, Lens((*camera.params, 0.0)[4], sigma)) for camera, sigma in pairs if sigma > 0)
 
 
 @dataclass(frozen=True, slots=True)

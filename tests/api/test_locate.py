@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from app.geometry.se3 import Pose
 from tests.scenes import CAMERA, CAMERA_TEXT, Room, View, encode, pose_at
-from tests.server import Server, assert_problem
+from tests.server import Server, assert_problem, pose_errors
 
 PLAN_YAW_DEG, PLAN_SHIFT = 30.0, (2.0, 1.0)
 METERS_PER_PIXEL, ORIGIN_PX = 0.02, (50.0, 250.0)
@@ -35,15 +33,6 @@ def hall(museum: Server, scan_zip: bytes) -> str:
     museum.add_venue("hall")
     assert museum.build(scan_zip, "hall")["state"] == "succeeded"
     return "hall"
-
-
-def pose_errors(result: dict[str, Any], truth: Pose) -> tuple[float, float]:
-    """Return the metres and degrees by which an answer is off."""
-    p, q = result["pose"]["position"], result["pose"]["quaternion"]
-    found = Pose.from_quaternion([p["x"], p["y"], p["z"]], [q["x"], q["y"], q["z"], q["w"]])
-    turn = (found.rotation.T @ truth.rotation).trace()
-    angle = np.degrees(np.arccos(np.clip((turn - 1) / 2, -1, 1)))
-    return float(np.linalg.norm(found.translation - truth.translation)), float(angle)
 
 
 def test_a_photo_gets_its_pose(museum: Server, queries: list[View]) -> None:

@@ -79,9 +79,15 @@ def test_a_map_is_made_through_the_lens(bent: dict[int, View]) -> None:
 
 def test_no_lens_is_made_up() -> None:
     views = views_through(CAMERA)
-    assert learned(views) is None
+    found = learned(views)
+    assert found is not None
+    assert found.coefficient == 0.0
     made = refined(views)
-    assert (made.camera, made.lens_sigma) == (CAMERA, 0.0)
+    assert (made.camera, made.lens_sigma) == (CAMERA, found.sigma)
+    shown = MapMetadata("sift", "", 8, (made.camera,), ("0.png",), lens_sigmas=(made.lens_sigma,))
+    # A query by the same camera needs no lens fitted.
+    assert lens_of_query(shown, CAMERA) == found
+    assert not found.is_guess
 
 
 def test_a_stated_lens_is_believed(bent: dict[int, View]) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from app.geometry.camera import Camera
 from app.geometry.epipolar import estimate_relative_pose
+from app.geometry.lens import LENS_SIGMA, Lens
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.geometry.triangulation import metric_scale, pixel_depths
 from app.importers.frames import open_scan
@@ -205,6 +206,29 @@ def test_a_second_fix_by_an_anchor_tells_odometry_its_scale(room: Room, video: l
     assert any(result.method == "anchor" for result in results)
     assert all(result.state == "tracking" for result in results)
     assert error_m(results[-1], video[11].world_from_camera) < 0.1
+
+
+def test_a_session_learns_the_lens_of_a_camera_whose_distortion_is_not_stated(room: Room) -> None:
+    lens = Lens(-0.1).of(CAMERA)
+    anchor = room.view(pose_at(1.0, 1.7, 1.9, -35, -8))
+    bent = [room.view(pose, lens) for pose in walk(40)]
+    tracker = Tracker(AnotherView(anchor), settings=ODOMETRY_ONLY)
+    run(tracker, bent)
+    coefficient, sigma = tracker.memory.lens
+    assert -0.12 < coefficient < -0.02
+    assert sigma < LENS_SIGMA
+    # It outlives the process, and is not learned where it is stated.
+    stored = json.loads(json.dumps(memory_to_json(tracker.memory)))
+    assert Lens(*memory_from_json(stored).lens) == Lens(coefficient, sigma)
+    straight = [room.view(pose) for pose in walk(40)]
+    tracker = Tracker(AnotherView(anchor), settings=ODOMETRY_ONLY)
+    run(tracker, straight)
+    assert abs(tracker.memory.lens[0]) < 0.01
+    stated = replace(CAMERA, model="OPENCV", params=(*CAMERA.params, 0.0, 0.0, 0.0, 0.0))
+    tracker = Tracker(AnotherView(anchor), settings=ODOMETRY_ONLY)
+    for i, view in enumerate(bent[:12]):
+        tracker.process(frame_of(view, i), stated)
+    assert tracker.memory.lens == (0.0, LENS_SIGMA)
 
 
 def test_two_views_without_parallax_give_no_fix(video: list[View]) -> None:

@@ -20,8 +20,9 @@ from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.two_view_fix import KnownView, fix_from_two_views
 from app.storage.floors import Floor
 
-# What the features in a POI's region are nearer or further than its middle, as a share, is the same in all pictures.
-POI_SIGMA = 0.06
+# What the features in a POI's region are nearer or further than its middle, as a share, is the same in all pictures;
+# and so are the errors of a map that tells the scale.
+POI_SIGMA, MAP_SIGMA = 0.06, 0.03
 
 
 class AnchorFixes:
@@ -79,13 +80,10 @@ def fix_of_anchor(
             world_pose(plan, plan_from_phone),
         )
         frame_id = WORLD
-    shared = POI_SIGMA / np.sqrt(max(len(solution.scale_errors), 1))
+    by_pois = POI_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
+    shared = MAP_SIGMA if solution.length_scatter > 0 else by_pois
     known = KnownView(
-        monitor_camera,
-        plan_from_monitor,
-        float(max(solution.log_scale_sigma, shared)),
-        frame_id,
-        float(shared),
+        monitor_camera, plan_from_monitor, max(solution.log_scale_sigma, shared), frame_id, shared
     )
     share = frame.size_px[0] / frame.rgb.shape[1]
     fix = fix_from_two_views(

@@ -21,7 +21,7 @@ WINDOW, HELD = 24, 2
 MIN_VIEWS = 2
 # Fewer leave poses undetermined.
 MIN_POINTS = 20
-# What windows say of the lens is off by so much, measured: they overlap, and hold the poses of their oldest views. A
+# What windows say of the lens is off by about so much: they overlap, and hold the poses of their oldest views. A
 # window's step is not believed beyond this, and the lens never taken to be known better than that.
 WINDOW_LENS_SIGMA, MAX_LENS_STEP, LEAST_LENS_SIGMA = 0.01, 0.03, 0.005
 

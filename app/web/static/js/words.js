@@ -41,6 +41,7 @@ const BUILD_STAGES = {
   register: "Finding its place in the present map",
   select: "Choosing keyframes",
   describe: "Describing keyframes",
+  check_lens: "Looking for the lens",
   check_sensor: "Checking the depth sensor",
   refine: "Refining depth",
   index: "Indexing",
