@@ -31,9 +31,12 @@ def lens_of_query(metadata: MapMetadata, known: Camera | ApproximateCamera | Non
 
 
 def scanned_camera(metadata: MapMetadata, known: Camera) -> Camera:
-    """Return a query's camera, behind the lens that a scan showed where it is the scan's camera."""
+    """Return a query's camera with its distortion stated, where it is a scan's camera and the scan showed it; a lens
+    that the scan showed to be none is stated as none."""
     lens = lens_of_query(metadata, known)
-    return known if lens is None else lens.of(known)
+    if lens is None or lens.is_guess:
+        return known
+    return Camera("OPENCV", known.width, known.height, (*known.params[:4], lens.coefficient, 0.0, 0.0, 0.0))
 
 
 def _has_focal_of(scanned: Camera, known: Camera) -> bool:

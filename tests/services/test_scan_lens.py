@@ -85,9 +85,12 @@ def test_no_lens_is_made_up() -> None:
     made = refined(views)
     assert (made.camera, made.lens_sigma) == (CAMERA, found.sigma)
     shown = MapMetadata("sift", "", 8, (made.camera,), ("0.png",), lens_sigmas=(made.lens_sigma,))
-    # A query by the same camera needs no lens fitted.
+    # A query by the same camera needs no lens fitted, nor a session to learn it.
     assert lens_of_query(shown, CAMERA) == found
     assert not found.is_guess
+    stated = scanned_camera(shown, CAMERA)
+    assert (stated.model, stated.is_distorted) == ("OPENCV", False)
+    assert np.array_equal(stated.project([[0.3, 0.2, 1.0]]), CAMERA.project([[0.3, 0.2, 1.0]]))
 
 
 def test_a_stated_lens_is_believed(bent: dict[int, View]) -> None:
