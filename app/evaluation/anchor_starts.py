@@ -84,7 +84,8 @@ class _OneAnchor:
         if not self.is_open:
             return NoFix("no_map")
         pair, gravity = self._pair, np.array(frame.gravity)
-        phone = self._evaluator.phone_features(frame.rgb, gravity), pair.phone_camera
+        full = camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
+        phone = self._evaluator.phone_features(frame.rgb, gravity), full
         monitor = self._monitor, pair.monitor_camera
         found, _ = look_closely(pair.spec, monitor, phone, gravity, None, StageTimer())
         if found is None:
@@ -92,7 +93,7 @@ class _OneAnchor:
         reason = judge_fix(found)
         if reason is not None:
             return NoFix(reason)
-        fix = fix_of_anchor(found, pair.monitor_camera, frame, camera, pair.spec.floor_id)
+        fix = fix_of_anchor(found, pair.spec, pair.monitor_camera, frame, camera, pair.spec.floor_id)
         return fix or NoFix("too_few_inliers")
 
     def refresh(self, _frame: Any, _camera: Any, _predicted: Any) -> None:

@@ -96,7 +96,7 @@ def solve_anchor(
         center, phone_from_monitor.rotation, tuple(sights), down_in_phone, gravity_in_phone is None
     )
     rotation, covariance = problem.solve()
-    scale, log_sigma, scale_errors = _scale(sights)
+    scale, log_sigma, scale_errors = common_scale(sights)
     plan_from_monitor = Pose(rotation, np.array([*center, monitor_height_m]))
     monitor_from_phone = phone_from_monitor.inverse()
     metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
@@ -238,14 +238,14 @@ def _vertical(sights: Sequence[PoiSight], has_gravity: bool) -> Vertical:
     return "pois" if widest >= MIN_POI_ANGLE_RAD else "upright"
 
 
-def _scale(sights: Sequence[PoiSight]) -> tuple[float, float, Array]:
+def common_scale(sights: Sequence[PoiSight]) -> tuple[float, float, Array]:
     """Return the common scale, one sigma of its logarithm, and each POI's difference from it (C eq. 4.2.7)."""
     logs = np.log([sight.distance_m / sight.length for sight in sights])
     return _common_scale(logs, np.array([np.hypot(sight.log_sigma, PLAN_SIGMA_SHARE) for sight in sights]))
 
 
 def _common_scale(logs: Array, sigmas: Array) -> tuple[float, float, Array]:
-    """Return what scales with logarithms (n,) and one sigma of each, (n,), amount to, as `_scale` does."""
+    """Return what scales with logarithms (n,) and one sigma of each, (n,), amount to, as `common_scale` does."""
     center = _weighted_median(logs, 1.0 / sigmas**2)
     for _ in range(STEPS):
         weights = 1.0 / (sigmas**2 * (1.0 + ((logs - center) / (ROBUST_SIGMAS * sigmas)) ** 2))

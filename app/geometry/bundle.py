@@ -27,7 +27,9 @@ SMALLEST_GAIN = 1e-4
 class Bundle:
     """Observations of points by views: observation i is `pixels[i]` (m, 2) of point `rows[i]` (m,) in view
     `views[i]` (m,), each pair of them once. `is_fixed` (k,) marks views whose poses stay. `prior` (p, 3) is where
-    points are known to be, in world metres, to within `prior_sigma_m` (p,); infinite for points not known."""
+    points are known to be, in world metres, to within `prior_sigma_m` (p,); infinite for points not known.
+    `has_lens` (k,) marks views through the camera's own lens, all by default: pixels of others are given as this camera
+    would have them."""
 
     camera: Camera
     views: Rows
@@ -36,6 +38,7 @@ class Bundle:
     is_fixed: NDArray[np.bool_]
     prior: Array
     prior_sigma_m: Array
+    has_lens: NDArray[np.bool_] | None = None
 
 
 def adjust_bundle(
@@ -198,6 +201,8 @@ class _Problem:
         column = focal * plane * np.sum(plane**2, axis=1)[:, None] * say[:, None]
         # Points that are out of view say nothing, as in `equations`.
         column[~by_point.any(axis=(1, 2))] = 0.0
+        if bundle.has_lens is not None:
+            column[~bundle.has_lens[bundle.views]] = 0.0
         return _ByLens(
             _summed(np.einsum("mij,mi->mj", by_pose, column), bundle.views, len(poses)),
             _summed(np.einsum("mij,mi->mj", by_point, column), bundle.rows, len(points)),

@@ -23,6 +23,8 @@ PICTURE_SIGMA = 0.009
 # A match's say falls to half where it is off by this much.
 LOSS_SCALE_PX = 1.0
 STEPS, SMALLEST_STEP = 12, 1e-5
+# Focal lengths that agree to so much are those of one camera.
+SAME_FOCAL = 1e-3
 DIFFERENCE = 1e-4
 MIN_POINTS = 4
 
@@ -48,6 +50,17 @@ class Lens:
 
     def _changed(self) -> Lens:
         return Lens(self.coefficient + DIFFERENCE, self.sigma)
+
+
+def has_focal_of(one: Camera, other: Camera) -> bool:
+    """Whether focal lengths agree: in pixels, as in a cropped picture, or as a share of its size; a lens that bends
+    by the distance from the axis alone is the same in a picture that is cropped, resampled or turned."""
+    a, b = np.sort(one.params[:2]), np.sort(other.params[:2])
+    sizes = max(one.width, one.height), max(other.width, other.height)
+    return bool(
+        np.allclose(a, b, rtol=SAME_FOCAL, atol=0)
+        or np.allclose(a / sizes[0], b / sizes[1], rtol=SAME_FOCAL, atol=0)
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from app.geometry.relative_covariance import perturbed_relative, relative_pose_c
 from app.geometry.se3 import Pose, skew
 from app.services.anchor_features import PixelMatches
 from app.services.anchor_relative import instability_deg, known_verticals, phone_beside_monitor
-from app.services.anchor_sights import lengths_along_rays, sight_of
+from app.services.anchor_sights import firm, lengths_along_rays, sight_of
 from app.services.verification import coverage
 from app.storage.anchors import AnchorSpec
 
@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 
 # A POI may come out this far from its place: this much, and this share of its distance.
 MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
-# A scale known less well holds no answer.
-MAX_LOG_SCALE_SIGMA = 0.25
 # With so many inliers the two halves of the matches have hardly ever disagreed.
 SURE_INLIERS = 400
 # One sigma of the phone's direction and attitude, as a share of what the worse half differs by (measured).
@@ -140,7 +138,7 @@ def fix_by_anchor(
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
     seen = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
-    sights = _firm([sight for sight in seen if sight is not None])
+    sights = firm([sight for sight in seen if sight is not None])
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
@@ -207,12 +205,6 @@ def _solution(
         lengths,
         pois,
     )
-
-
-def _firm(sights: list[tuple[PoiSight, int]]) -> list[tuple[PoiSight, int]]:
-    """Return the POIs that tell the scale well enough to do so alone, or all when none does: one with a few stray
-    matches says nothing against another."""
-    return [sight for sight in sights if sight[0].log_sigma <= MAX_LOG_SCALE_SIGMA] or sights
 
 
 def _scale_error(errors: Array) -> float:

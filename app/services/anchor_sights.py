@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.geometry.anchor_pose import PoiSight
+from app.geometry.anchor_pose import PoiSight, common_scale
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import homogeneous, pixel_depths
@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 # A region needs this many triangulated matches; the scatter of fewer says nothing.
 MIN_REGION_MATCHES = 4
+# A scale known less well holds no answer.
+MAX_LOG_SCALE_SIGMA = 0.25
 # A match this share of the region's size from its middle counts half as much as one in the middle, or less.
 NEAR_SHARE = 0.05
 # One sigma of a length's logarithm, measured: what it is at best, for each unit of scatter, for a single match,
@@ -56,6 +58,25 @@ def lengths_along_rays(normalized: Array, phone_normalized: Array, phone_from_mo
     """Return how far along the monitoring camera's rays (n, 2) the matches with a phone's (n, 2) lie, (n,)."""
     depths, _ = pixel_depths(normalized, phone_normalized, phone_from_monitor)
     return np.asarray(depths * np.linalg.norm(homogeneous(normalized), axis=1))
+
+
+def scale_by_pois(
+    spec: AnchorSpec, camera: Camera, monitor_px: Array, lengths_m: Array
+) -> tuple[float, float] | None:
+    """Return the logarithm by which lengths (n,) of what a monitoring camera sees at pixels (n, 2) are too short, and
+    one sigma of it, by the measured distances of its POIs (C eq. 4.2.7); None where no POI is among them."""
+    seen = (sight_of(poi, spec, camera, monitor_px, lengths_m) for poi in spec.pois)
+    sights = firm([sight for sight in seen if sight is not None])
+    if not sights:
+        return None
+    scale, sigma, _ = common_scale([sight for sight, _ in sights])
+    return float(np.log(scale)), sigma
+
+
+def firm(sights: list[tuple[PoiSight, int]]) -> list[tuple[PoiSight, int]]:
+    """Return the POIs that tell the scale well enough to do so alone, or all when none does: one with a few stray
+    matches says nothing against another."""
+    return [sight for sight in sights if sight[0].log_sigma <= MAX_LOG_SCALE_SIGMA] or sights
 
 
 def sight_of(

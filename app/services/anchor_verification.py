@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.anchor_fix import MAX_LOG_SCALE_SIGMA, AnchorEvidence, AnchorFix
+from app.services.anchor_fix import AnchorEvidence, AnchorFix
 from app.services.anchor_relative import MIN_INLIERS, min_inlier_ratio
+from app.services.anchor_sights import MAX_LOG_SCALE_SIGMA
 from app.services.verification import Reason
 
 MIN_COVERAGE = 0.15

@@ -7,13 +7,11 @@ import numpy as np
 from app.errors import DegenerateGeometryError, InvalidCameraError
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, focal_sigma_of, refine_camera
-from app.geometry.lens import Focal, Lens, refine_lens
+from app.geometry.lens import Focal, Lens, has_focal_of, refine_lens
 from app.geometry.pnp import PnpEstimate
 from app.services.matches import Matches
 from app.storage.map_artifact import MapMetadata
 
-# Focal lengths that agree to so much are those of one camera.
-SAME_FOCAL = 1e-3
 # Fewer could as well be explained by a wrong pose that a lens makes fit.
 MIN_FEATURES = 30
 
@@ -27,7 +25,7 @@ def lens_of_query(metadata: MapMetadata, known: Camera | ApproximateCamera | Non
         return Lens()
     if known.model != "PINHOLE":
         return None
-    return next((lens for camera, lens in metadata.shown_lenses if _has_focal_of(camera, known)), Lens())
+    return next((lens for camera, lens in metadata.shown_lenses if has_focal_of(camera, known)), Lens())
 
 
 def scanned_camera(metadata: MapMetadata, known: Camera) -> Camera:
@@ -37,17 +35,6 @@ def scanned_camera(metadata: MapMetadata, known: Camera) -> Camera:
     if lens is None or lens.is_guess:
         return known
     return Camera("OPENCV", known.width, known.height, (*known.params[:4], lens.coefficient, 0.0, 0.0, 0.0))
-
-
-def _has_focal_of(scanned: Camera, known: Camera) -> bool:
-    """Whether focal lengths agree: in pixels, as in a cropped picture, or as a share of its size; a lens that bends
-    by the distance from the axis alone is the same in a picture that is cropped, resampled or turned."""
-    a, b = np.sort(scanned.params[:2]), np.sort(known.params[:2])
-    sizes = max(scanned.width, scanned.height), max(known.width, known.height)
-    return bool(
-        np.allclose(a, b, rtol=SAME_FOCAL, atol=0)
-        or np.allclose(a / sizes[0], b / sizes[1], rtol=SAME_FOCAL, atol=0)
-    )
 
 
 def fit_query_camera(

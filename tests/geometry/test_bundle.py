@@ -99,6 +99,17 @@ def test_a_bundle_shows_the_lens_behind_which_its_camera_is(coefficient: float) 
     assert sigmas[-1] < 0.04
 
 
+def test_views_through_another_lens_say_nothing_of_it() -> None:
+    poses, points, bundle = scene(CAMERAS[0], 3)
+    _, information = lens_in_bundle(bundle, poses, points)
+    none = replace(bundle, has_lens=np.zeros(VIEWS, dtype=bool))
+    assert lens_in_bundle(none, poses, points)[1] == pytest.approx(0.0, abs=1e-6)
+    some = replace(bundle, has_lens=np.arange(VIEWS) < 4)
+    assert lens_in_bundle(some, poses, points)[1] > 0.1 * information
+    every = replace(bundle, has_lens=np.ones(VIEWS, dtype=bool))
+    assert lens_in_bundle(every, poses, points)[1] == pytest.approx(information)
+
+
 def test_a_bundle_of_one_view_shows_no_lens() -> None:
     poses, points, bundle = scene(CAMERAS[0], 5)
     first = bundle.views == 0

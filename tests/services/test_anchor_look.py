@@ -11,8 +11,9 @@ import numpy as np
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, Vertical
 from app.geometry.se3 import Pose
 from app.services.anchor_features import AnchorFeatures, PixelMatches, likeness
-from app.services.anchor_fix import AnchorEvidence, AnchorFix, _firm, _scale_error
+from app.services.anchor_fix import AnchorEvidence, AnchorFix, _scale_error
 from app.services.anchor_locator import ranked
+from app.services.anchor_sights import firm
 from app.services.anchor_verification import MAX_SCALE_ERROR, judge_fix
 from app.vision.local_features import LocalFeatures
 
@@ -75,8 +76,8 @@ def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
     clear, faint = (
         PoiSight(np.array([0.0, 0.0, 1.0]), np.zeros(2), 3.0, 1.0, sigma) for sigma in (0.07, 0.3)
     )
-    assert _firm([(clear, 80), (faint, 4)]) == [(clear, 80)]
-    assert _firm([(faint, 4)]) == [(faint, 4)]
+    assert firm([(clear, 80), (faint, 4)]) == [(clear, 80)]
+    assert firm([(faint, 4)]) == [(faint, 4)]
 
 
 def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:

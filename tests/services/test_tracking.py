@@ -208,6 +208,40 @@ def test_a_second_fix_by_an_anchor_tells_odometry_its_scale(room: Room, video: l
     assert error_m(results[-1], video[11].world_from_camera) < 0.1
 
 
+def test_the_distances_that_an_anchor_knows_become_those_of_all_that_was_tracked(
+    room: Room, video: list[View]
+) -> None:
+    anchor = room.view(pose_at(1.0, 1.7, 1.9, -35, -8))
+    source = AnotherView(anchor)
+
+    def scale_of(pixels: np.ndarray, lengths: np.ndarray) -> tuple[float, float]:
+        u, v = np.rint(pixels).astype(int).T
+        true_m = np.linalg.norm(CAMERA.unproject(pixels, anchor.depth_m[v, u].astype(float)), axis=1)
+        return float(np.median(np.log(true_m / lengths))), 0.02
+
+    source.known = replace(source.known, scale_sigma=0.1, scale_of=scale_of)
+    tracker = Tracker(source, settings=replace(ODOMETRY_ONLY, relocalize_every=4, use_relocation=True))
+    results = run(tracker, video[:4])
+    first = tracker._odometry
+    assert first is not None
+    first.rescale(0.85, results[-1].world_from_camera or Pose.identity())
+    results = run(tracker, video[4:12], 4)
+    assert tracker._odometry is first
+    assert any(result.method == "anchor" for result in results)
+    assert tracker.memory.fix_scale_sigma == pytest.approx(0.02)
+    found = [result.world_from_camera.translation for result in results if result.world_from_camera]
+    truth = [view.world_from_camera.translation for view in video[4:12]]
+    walked_m = float(np.linalg.norm(truth[-1] - truth[0]))
+    assert float(np.linalg.norm(found[-1] - found[0])) == pytest.approx(walked_m, rel=0.08)
+    assert error_m(results[-1], video[11].world_from_camera) < 0.04
+    # Another camera's view is not this one's, and one that knows no distance changes none.
+    fix = source.locate(frame_of(video[11], 11), CAMERA, None)
+    assert isinstance(fix, Fix)
+    assert first.adjust_with(replace(fix, anchors=("another",)), 1.0) is None
+    assert fix.seen is not None
+    assert first.adjust_with(replace(fix, seen=replace(fix.seen, scale_of=None)), 1.0) is None
+
+
 def test_a_session_learns_the_lens_of_a_camera_whose_distortion_is_not_stated(room: Room) -> None:
     lens = Lens(-0.1).of(CAMERA)
     anchor = room.view(pose_at(1.0, 1.7, 1.9, -35, -8))

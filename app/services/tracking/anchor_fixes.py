@@ -14,10 +14,13 @@ from app.geometry.se3 import Pose
 from app.services.anchor_fix import AnchorFix
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchor_result import place_on_floor, world_pose
+from app.services.anchor_sights import scale_by_pois
 from app.services.anchor_verification import confidence_of_fix
 from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, plan_frame
 from app.services.tracking.frame import TrackingFrame
+from app.services.tracking.monitor_view import ScaleOf
 from app.services.tracking.two_view_fix import KnownView, fix_from_two_views
+from app.storage.anchors import AnchorSpec
 from app.storage.floors import Floor
 
 # What the features in a POI's region are nearer or further than its middle, as a share, is the same in all pictures;
@@ -47,7 +50,9 @@ class AnchorFixes:
             return NoFix("outside_venue", found.inliers, found.matches)
         floor = next(floor for floor in self._floors if floor.id == found.floor_id)
         anchor, answer = found.best
-        fix = fix_of_anchor(answer, anchor.camera, frame, camera, floor.id, floor.plan_from_world)
+        fix = fix_of_anchor(
+            answer, anchor.anchor.spec, anchor.camera, frame, camera, floor.id, floor.plan_from_world
+        )
         if fix is None:
             return NoFix("too_few_inliers", found.inliers, found.matches)
         return replace(fix, anchors=(anchor.anchor.id,))
@@ -61,6 +66,7 @@ class AnchorFixes:
 
 def fix_of_anchor(
     answer: AnchorFix,
+    spec: AnchorSpec,
     monitor_camera: Camera,
     frame: TrackingFrame,
     camera: Camera,
@@ -83,7 +89,12 @@ def fix_of_anchor(
     by_pois = POI_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
     shared = MAP_SIGMA if solution.length_scatter > 0 else by_pois
     known = KnownView(
-        monitor_camera, plan_from_monitor, max(solution.log_scale_sigma, shared), frame_id, shared
+        monitor_camera,
+        plan_from_monitor,
+        max(solution.log_scale_sigma, shared),
+        frame_id,
+        shared,
+        None if answer.is_calibrated else _scale_of(spec, monitor_camera, world_per_plan),
     )
     share = frame.size_px[0] / frame.rgb.shape[1]
     fix = fix_from_two_views(
@@ -104,6 +115,11 @@ def fix_of_anchor(
         vertical=solution.vertical,
         matches=answer.evidence.matches,
     )
+
+
+def _scale_of(spec: AnchorSpec, camera: Camera, world_per_plan: float) -> ScaleOf:
+    """Return what an anchor's POIs say of the scale of lengths, of which so many are a metre on the plan."""
+    return lambda pixels, lengths: scale_by_pois(spec, camera, pixels, lengths / world_per_plan)
 
 
 class FirstFixes:

@@ -20,6 +20,7 @@ from app.services.matches import Matches
 from app.services.tracking.frame import TrackingFrame
 from app.services.tracking.guided_matching import match_near_projections
 from app.services.tracking.hypotheses import poses_of
+from app.services.tracking.monitor_view import SeenByMonitor
 from app.services.verification import Reason, confidence_of, coverage, evidence_of
 from app.vision.local_features import LocalFeatures
 from app.vision.matching import to_unit_vectors
@@ -55,7 +56,7 @@ class Fix:
     in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. A fix whose
     scale rests on known distances may be off by `scale_sigma`, as a share; `shared_scale_sigma` of that is the same in
     all fixes that rest on them. `anchors` are the monitoring cameras that it comes from, `vertical` what they take as
-    vertical.
+    vertical, and `seen` where one of them sees the points.
     """
 
     world_from_camera: Pose
@@ -75,6 +76,7 @@ class Fix:
     shared_scale_sigma: float = 0.0
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
+    seen: SeenByMonitor | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from app.geometry.se3 import Pose
 from app.services.map_accuracy import accuracy_of
 from app.services.tracking.fix import Fix
 from app.services.tracking.frame import TrackingFrame, find_corners, follow
+from app.services.tracking.monitor_view import MonitorView
 from app.services.tracking.points import FLOW_SIGMA, TrackedPoints
 from app.services.tracking.turning import shift_between, turned
 from app.services.tracking.window import KeyView, Window
@@ -40,8 +41,14 @@ NEIGHBOURS = 5
 KEYFRAME_EVERY = 4
 # What is so close together in the picture, as a tangent, is as far away; so many compared tell the scale.
 SAME_SPOT, MIN_COMPARED = 12.0 / 525.0, 20
-# How far off, along their rays, points are that two views placed.
-TWO_VIEW_SIGMA = 0.025
+# How far off, along their rays, points are that two views placed. Most of it they share, as the relative pose is off:
+# more views tell it, a point alone doesn't.
+TWO_VIEW_SIGMA = 0.15
+# What a monitoring camera sees is a point that is followed already, or a new one, when none is near; so many points at
+# most are followed with these.
+SAME_POINT, NEW_POINT, MOST_POINTS = 2.0 / 525.0, 6.0 / 525.0, 400
+# By known distances that tell the scale so many times worse than others did before, it is not changed.
+MAX_WORSE = 1.1
 # The least that points of a fix are off by.
 FIX_SIGMA_M = 0.01
 
@@ -78,6 +85,8 @@ class Odometry:
         self._next_id = 0
         self._pose = fix.world_from_camera
         self._window = Window()
+        self._anchors: tuple[str, ...] = ()
+        self._scale_sigma = np.inf
         self._since_keyframe = 0
         self.absorb(fix)
         self._refill(fix.camera, fix.world_from_camera)
@@ -97,6 +106,9 @@ class Odometry:
         rows = np.argsort(fix.point_sigma_m)[:MOST_FIXED]
         self._points, self._pose = self._points_of(fix, rows).joined(own), fix.world_from_camera
         self._window.move(correction)
+        if fix.seen is not None and fix.scale_sigma > 0:
+            self._window.monitor = MonitorView.of(fix.seen, self._by_two_views.ids, rows)
+            self._anchors = fix.anchors
         self._since_keyframe = KEYFRAME_EVERY
 
     def _points_of(self, fix: Fix, rows: NDArray[np.intp]) -> TrackedPoints:
@@ -131,6 +143,42 @@ class Odometry:
         self._window.rescale(centre, factor, correction)
         self._by_two_views = self._by_two_views.scaled(centre, factor).moved(correction)
         self._pose = pose
+
+    def adjust_with(self, fix: Fix, ratio: float) -> float | None:
+        """Adjust what was followed so far together with what a monitoring camera sees of it by a fix of the present
+        frame, and follow what it sees besides; `ratio` is how many times as far as the fix odometry has what both see.
+
+        Returns one sigma of the scale, as a share, by the distances that the monitoring camera knows; None where it
+        knows none, or is another one than the first: then nothing is changed.
+        """
+        monitor = self._window.monitor
+        if fix.seen is None or fix.seen.scale_of is None or monitor is None or fix.anchors != self._anchors:
+            return None
+        apart_px, near = cKDTree(self._points.pixels).query(fix.points_px)
+        same = np.flatnonzero(apart_px < SAME_POINT * fix.camera.focal_px)
+        new = np.flatnonzero(apart_px > NEW_POINT * fix.camera.focal_px)[
+            : max(MOST_POINTS - len(self._points), 0)
+        ]
+        ids, first = np.unique(self._points.ids[np.asarray(near)[same]], return_index=True)
+        distances_m = ratio * np.linalg.norm(
+            fix.points_in_world[new] - fix.world_from_camera.translation, axis=1
+        )
+        added = TrackedPoints.new(
+            self._new_ids(len(new)), fix.points_px[new], fix.camera, self._pose, distances_m, TWO_VIEW_SIGMA
+        )
+        self._points, self._by_two_views = self._points.joined(added), self._by_two_views.joined(added)
+        seen = MonitorView.of(fix.seen, np.concatenate([ids, added.ids]), np.concatenate([same[first], new]))
+        self._window.monitor = monitor.with_more(seen)
+        self._since_keyframe = 0
+        self._add_keyframe(fix.camera)
+        return self._scale_sigma if np.isfinite(self._scale_sigma) else None
+
+    def beside_monitor(self, position: NDArray[np.float64], turn: NDArray[np.float64]) -> Pose:
+        """Return the present frame's pose when all is turned by a rotation (3, 3) about the monitoring camera, and that
+        is put where it is known to be (3,)."""
+        assert self._window.monitor is not None  # noqa: S101 - asked after `adjust_with`
+        offset = self._pose.translation - self._window.monitor.seen.world_from_camera.translation
+        return Pose(turn @ self._pose.rotation, position + turn @ offset)
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
         self._next_id += count
@@ -254,6 +302,17 @@ class Odometry:
         own = ~points.from_fix[rows]
         points.place(rows[own], places[own])
         self._pose = self._window.views[-1].world_from_camera
+        self._keep_known_distances()
+
+    def _keep_known_distances(self) -> None:
+        """Make all lengths what the distances say that a monitoring camera knows, about where that is."""
+        known, monitor = self._window.scale(), self._window.monitor
+        if known is None or monitor is None or known[1] > MAX_WORSE * self._scale_sigma:
+            return
+        factor, self._scale_sigma = float(np.exp(known[0])), min(known[1], self._scale_sigma)
+        centre = monitor.seen.world_from_camera.translation
+        here = centre + factor * (self._pose.translation - centre)
+        self.rescale(factor, Pose(self._pose.rotation, here))
 
     def _has_enough_fixed(self, points: TrackedPoints, camera: Camera) -> bool:
         """Whether points of a fix alone tell the pose. They don't drift: then the others say nothing better."""

@@ -191,8 +191,14 @@ class Tracker:
         if common is None:
             self._odometry = None
             return self._doubt(fix, frame, fix.camera)
-        odometry.rescale(common[1], common[0].world_from_camera)
-        return self._take(common[0], frame, "tracking", rescaled=True)
+        seen, (fix, factor) = fix.seen, common
+        sigma = odometry.adjust_with(fix, ratio)
+        if sigma is not None and seen is not None:
+            turn = fix.world_from_camera.rotation @ place.world_from_camera.rotation.T
+            beside = odometry.beside_monitor(seen.world_from_camera.translation, turn)
+            fix, factor = replace(fix, world_from_camera=beside, scale_sigma=sigma), 1.0
+        odometry.rescale(factor, fix.world_from_camera)
+        return self._take(fix, frame, "tracking", rescaled=True)
 
     def _learn(self, odometry: Odometry, camera: Camera) -> Pose:
         pose = odometry.learn(camera)

@@ -17,6 +17,7 @@ from app.geometry.se3 import Pose, rotation_from_vector, vector_from_rotation
 from app.geometry.triangulation import triangulate
 from app.services.map_accuracy import accuracy_of
 from app.services.tracking.fix import WORLD, Fix, confidence_of_sigma
+from app.services.tracking.monitor_view import ScaleOf, SeenByMonitor
 from app.services.verification import coverage
 
 Array = NDArray[np.float64]
@@ -33,13 +34,15 @@ CONTRADICTION_SIGMAS = 3.0
 @dataclass(frozen=True, slots=True)
 class KnownView:
     """The other view: its camera and pose in the world or on a plan (`frame_id`, see `Fix`), the share by which the
-    scale of the relative pose may be off, one sigma, and how much of that is the same whatever is seen in it."""
+    scale of the relative pose may be off, one sigma, how much of that is the same whatever is seen in it, and what it
+    knows of distances."""
 
     camera: Camera
     world_from_camera: Pose
     scale_sigma: float = 0.0
     frame_id: str = WORLD
     shared_scale_sigma: float = 0.0
+    scale_of: ScaleOf | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +105,7 @@ def fix_from_two_views(
         frame_id=known.frame_id,
         scale_sigma=known.scale_sigma,
         shared_scale_sigma=known.shared_scale_sigma,
+        seen=SeenByMonitor(known.camera, known.world_from_camera, points_in_known_px[good], known.scale_of),
     )
 
 
