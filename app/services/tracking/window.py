@@ -24,9 +24,8 @@ MIN_SHARED = 15
 MIN_VIEWS = 2
 # Fewer leave poses undetermined.
 MIN_POINTS = 20
-# What windows say of the lens is off by about so much: they overlap, and hold the poses of their oldest views. A
-# window's step is not believed beyond this, and the lens never taken to be known better than that.
-WINDOW_LENS_SIGMA, MAX_LENS_STEP, LEAST_LENS_SIGMA = 0.01, 0.03, 0.005
+# A step of the lens is not believed beyond this, and the lens never taken to be known better than that.
+MAX_LENS_STEP, LEAST_LENS_SIGMA = 0.03, 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,14 +122,14 @@ class Window:
             KeyView(pose, view.ids, view.pixels)
             for pose, view in zip(adjusted[len(monitor) :], self.views, strict=True)
         ]
-        if lens is not None:
+        if lens is not None and monitor:
             said = lens_in_bundle(bundle, adjusted, self.points_in_world[chosen])
-            lens = self._learned_since(lens, *said) if monitor else _learned(lens, *said)
+            lens = self._learned(lens, *said)
         return used, lens
 
-    def _learned_since(self, lens: Lens, step: float, information: float) -> Lens:
-        """Return a lens by what was known of it before, and all that is said since a monitoring camera's view is there:
-        while it is, the window's own poses are free, and it says all anew."""
+    def _learned(self, lens: Lens, step: float, information: float) -> Lens:
+        """Return a lens by what was known of it before a monitoring camera's view was there, and what all views say
+        now: they say it anew each time, as none of the phone's own poses is held."""
         before = self.lens_before = self.lens_before or lens
         variance = 1.0 / max(information, 1e-9) + LEAST_LENS_SIGMA**2
         gain = before.sigma**2 / (before.sigma**2 + variance)
@@ -162,13 +161,3 @@ class Window:
         if self.monitor is None or np.count_nonzero(np.isin(self.monitor.ids, self.ids)) < MIN_SHARED:
             return None
         return self.monitor.scale(self.ids, self.points_in_world)
-
-
-def _learned(lens: Lens, step: float, information: float) -> Lens:
-    """Return a lens with what a window says: it would have the coefficient larger by a step."""
-    variance = 1.0 / max(information, 1e-9) + WINDOW_LENS_SIGMA**2
-    gain = lens.sigma**2 / (lens.sigma**2 + variance)
-    step = float(np.clip(step, -MAX_LENS_STEP, MAX_LENS_STEP))
-    return Lens(
-        lens.coefficient + gain * step, max(lens.sigma * float(np.sqrt(1.0 - gain)), LEAST_LENS_SIGMA)
-    )
