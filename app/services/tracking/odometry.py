@@ -21,7 +21,7 @@ from app.geometry.se3 import Pose
 from app.services.map_accuracy import accuracy_of
 from app.services.tracking.fix import Fix
 from app.services.tracking.frame import TrackingFrame, find_corners, follow
-from app.services.tracking.monitor_view import MonitorView
+from app.services.tracking.monitor_view import MonitorView, SeenByMonitor
 from app.services.tracking.points import FLOW_SIGMA, TrackedPoints
 from app.services.tracking.turning import shift_between, turned
 from app.services.tracking.window import KeyView, Window
@@ -77,8 +77,8 @@ class Odometry:
     """Follows points from frame to frame. Knows nothing of maps."""
 
     def __init__(self, frame: TrackingFrame, fix: Fix, lens: Lens | None = None) -> None:
-        """Start from a fix. Of a `lens` that isn't stated `lens` becomes what keyframes show of it; cameras that are
-        given are behind it as it is."""
+        """Start from a fix. Of a `lens` that isn't stated `lens` becomes what keyframes and a monitoring camera's view
+        show of it; cameras that are given are behind it as it is."""
         self.lens = lens
         self._gray = frame.gray
         self._points = self._by_two_views = TrackedPoints.none()
@@ -149,11 +149,18 @@ class Odometry:
         frame, and follow what it sees besides; `ratio` is how many times as far as the fix odometry has what both see.
 
         Returns one sigma of the scale, as a share, by the distances that the monitoring camera knows; None where it
-        knows none, or is another one than the first: then nothing is changed.
+        knows none of what is seen, or is another one than the first.
         """
         monitor = self._window.monitor
         if fix.seen is None or fix.seen.scale_of is None or monitor is None or fix.anchors != self._anchors:
             return None
+        self._window.monitor = monitor.with_more(self._also_seen(fix, fix.seen, ratio))
+        self._since_keyframe = 0
+        self._add_keyframe(fix.camera)
+        return self._scale_sigma if np.isfinite(self._scale_sigma) else None
+
+    def _also_seen(self, fix: Fix, seen: SeenByMonitor, ratio: float) -> MonitorView:
+        """Return what a monitoring camera sees by a fix: points that are followed already, and others from now on."""
         apart_px, near = cKDTree(self._points.pixels).query(fix.points_px)
         same = np.flatnonzero(apart_px < SAME_POINT * fix.camera.focal_px)
         new = np.flatnonzero(apart_px > NEW_POINT * fix.camera.focal_px)[
@@ -167,11 +174,7 @@ class Odometry:
             self._new_ids(len(new)), fix.points_px[new], fix.camera, self._pose, distances_m, TWO_VIEW_SIGMA
         )
         self._points, self._by_two_views = self._points.joined(added), self._by_two_views.joined(added)
-        seen = MonitorView.of(fix.seen, np.concatenate([ids, added.ids]), np.concatenate([same[first], new]))
-        self._window.monitor = monitor.with_more(seen)
-        self._since_keyframe = 0
-        self._add_keyframe(fix.camera)
-        return self._scale_sigma if np.isfinite(self._scale_sigma) else None
+        return MonitorView.of(seen, np.concatenate([ids, added.ids]), np.concatenate([same[first], new]))
 
     def beside_monitor(self, position: NDArray[np.float64], turn: NDArray[np.float64]) -> Pose:
         """Return the present frame's pose when all is turned by a rotation (3, 3) about the monitoring camera, and that
