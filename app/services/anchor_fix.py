@@ -14,7 +14,7 @@ from app.geometry.relative_covariance import perturbed_relative, relative_pose_c
 from app.geometry.se3 import Pose, skew
 from app.services.anchor_features import PixelMatches
 from app.services.anchor_relative import instability_deg, known_verticals, phone_beside_monitor
-from app.services.anchor_sights import firm, lengths_along_rays, sight_of
+from app.services.anchor_sights import lengths_along_rays, sights_of
 from app.services.verification import coverage
 from app.storage.anchors import AnchorSpec
 
@@ -137,8 +137,7 @@ def fix_by_anchor(
     monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
-    seen = (sight_of(poi, spec, monitor_camera, monitor_px, lengths) for poi in spec.pois)
-    sights = firm([sight for sight in seen if sight is not None])
+    sights = sights_of(spec, monitor_camera, monitor_px, lengths)
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths

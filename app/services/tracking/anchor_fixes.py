@@ -14,7 +14,7 @@ from app.geometry.se3 import Pose
 from app.services.anchor_fix import AnchorFix
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchor_result import place_on_floor, world_pose
-from app.services.anchor_sights import scale_by_pois
+from app.services.anchor_sights import BASE_SIGMA, scale_by_pois
 from app.services.anchor_verification import confidence_of_fix
 from app.services.tracking.fix import WORLD, Fix, FixSource, NoFix, plan_frame
 from app.services.tracking.frame import TrackingFrame
@@ -23,9 +23,8 @@ from app.services.tracking.two_view_fix import KnownView, fix_from_two_views
 from app.storage.anchors import AnchorSpec
 from app.storage.floors import Floor
 
-# What the features in a POI's region are nearer or further than its middle, as a share, is the same in all pictures;
-# and so are the errors of a map that tells the scale.
-POI_SIGMA, MAP_SIGMA = 0.06, 0.03
+# The errors of a map that tells the scale are the same in all pictures, as a share.
+MAP_SIGMA = 0.03
 
 
 class AnchorFixes:
@@ -86,7 +85,8 @@ def fix_of_anchor(
             world_pose(plan, plan_from_phone),
         )
         frame_id = WORLD
-    by_pois = POI_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
+    # What the features in a POI's region are nearer or further than its middle is the same in all pictures, too.
+    by_pois = BASE_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
     shared = MAP_SIGMA if solution.length_scatter > 0 else by_pois
     known = KnownView(
         monitor_camera,
