@@ -99,8 +99,11 @@ def test_a_video_is_tracked_by_the_map(fixes: MapFixes, video: list[View]) -> No
 def test_odometry_goes_on_without_a_map_and_says_how_far_off_it_may_be(
     fixes: MapFixes, video: list[View]
 ) -> None:
-    results = run(Tracker(fixes, settings=ODOMETRY_ONLY), video)
+    tracker = Tracker(fixes, settings=ODOMETRY_ONLY)
+    results = run(tracker, video)
     assert all(result.state == "tracking" for result in results)
+    # A walk straight on explains nearly any lens: alone it shows none.
+    assert tracker.memory.lens == (0.0, LENS_SIGMA)
     path_m = 29 * 0.03 * float(np.hypot(1.0, 0.4))
     assert error_m(results[-1], video[-1].world_from_camera) < 0.04 * path_m
     sigmas = [result.position_m or 0.0 for result in results]
