@@ -1,62 +1,82 @@
-"""The command line: the same functions as the endpoints."""
+"""The command line: the same functions as the endpoints. A command's module is imported when the command is called."""
 
 from __future__ import annotations
 
+import importlib
 import sys
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command_from_info
+from typer.models import CommandInfo
 
-from app.commands import (
-    build,
-    calibrate,
-    demo,
-    evaluate,
-    evaluate_anchors,
-    evaluate_demo,
-    evaluate_extend,
-    evaluate_phones,
-    evaluate_walk,
-    fit_confidence,
-    import_plan,
-    keyframes,
-    push_frames,
-    reliability,
-    serve,
-    simulate,
-    simulate_figures,
-    stream,
-    track,
-    track_anchors,
-)
-from app.commands.console import errors
 from app.errors import RoomfixError
 
+# Command -> the function that runs it, as `module:function`.
+COMMANDS = {
+    "serve": "app.commands.serve:serve",
+    "worker": "app.commands.serve:worker",
+    "build": "app.commands.build:build",
+    "locate": "app.commands.build:locate",
+    "sweep": "app.commands.build:sweep",
+    "calibrate": "app.commands.calibrate:calibrate",
+    "import-plan": "app.commands.import_plan:import_plan",
+    "push-frames": "app.commands.push_frames:push_frames",
+    "stream": "app.commands.stream:stream",
+}
+CHECKOUT = Path(__file__).resolve().parent.parent
+
+
+def bench_commands(checkout: Path = CHECKOUT) -> dict[str, str]:
+    """Return the commands of the bench, which only a checkout of the repository has."""
+    if not (checkout / "bench" / "commands" / "__init__.py").is_file():
+        return {}
+    if str(checkout) not in sys.path:
+        sys.path.append(str(checkout))
+    commands: dict[str, str] = importlib.import_module("bench.commands").COMMANDS
+    return commands
+
+
+class LazyCommands(TyperGroup):
+    """A group whose commands are known by name, and imported one by one."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
+        """Return the names of all commands."""
+        return [*COMMANDS, *bench_commands()]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - as above
+        """Return a command, or None for a name that is none."""
+        target = COMMANDS.get(cmd_name) or bench_commands().get(cmd_name)
+        if target is None:
+            return None
+        module, function = target.split(":")
+        callback = getattr(importlib.import_module(module), function)
+        info = CommandInfo(name=cmd_name, callback=callback)
+        return get_command_from_info(info, pretty_exceptions_short=True, rich_markup_mode="rich")
+
+
 app = typer.Typer(
-    no_args_is_help=True, add_completion=False, help="Roomfix: tells a camera where it is inside a building."
+    cls=LazyCommands,
+    no_args_is_help=True,
+    add_completion=False,
+    help="Roomfix: tells a camera where it is inside a building.",
 )
-COMMANDS: tuple[Callable[..., Any], ...] = (
-    serve.serve, serve.worker, build.build, build.locate, build.sweep,
-    evaluate.evaluate, evaluate.benchmark, calibrate.calibrate, demo.demo, evaluate_demo.evaluate_demo,
-    reliability.reliability,
-    evaluate_extend.evaluate_extend, evaluate_phones.evaluate_phones,
-    import_plan.import_plan,
-    evaluate_walk.evaluate_walk, keyframes.keyframes,
-    evaluate_anchors.evaluate_anchors, push_frames.push_frames,
-    track.track, track_anchors.track_anchors, stream.stream, stream.stream_bench, simulate.simulate,
-    simulate_figures.simulate_figures,
-)  # fmt: skip
-for command in COMMANDS:
-    app.command()(command)
-app.command("fit-confidence")(fit_confidence.fit_confidence_command)
 
 
-def main() -> None:
+@app.callback()
+def _group() -> None:
+    """Roomfix: tells a camera where it is inside a building."""
+
+
+def main(*args: Any, **options: Any) -> None:
     """Run a command; an error that the user can act on is one line, not a traceback."""
     try:
-        app()
+        app(*args, **options)
     except RoomfixError as error:
+        from app.commands.console import errors
+
         errors.print(f"[red]Error:[/red] {error}")
         sys.exit(1)
 

@@ -20,10 +20,8 @@ MAY_IMPORT = {
     "vision": BELOW,
     "importers": BELOW,
     "storage": BELOW,
-    "demonstration": BELOW,
     "services": CORE,
     "jobs": CORE,
-    "evaluation": CORE,
     # The protocol alone: routes wake the runner that main gave them.
     "api": {*CORE, "jobs.runner"},
     "web": set(),
@@ -39,7 +37,7 @@ ONLY_IN = {
     "pydantic_settings": {"settings"},
     "alembic": {"storage"},
     "obstore": {"storage"},
-    "onnxruntime": {"vision", "evaluation"},
+    "onnxruntime": {"vision"},
     "torch": set(),
 }
 GEOMETRY_LIBRARIES = {"numpy", "scipy", "cv2", "poselib"}

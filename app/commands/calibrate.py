@@ -12,7 +12,6 @@ from rich.table import Table
 
 from app.commands.console import console, progress_bars
 from app.errors import InvalidInputError
-from app.evaluation.calibration_plot import draw_calibration
 from app.importers.frames import open_scan
 from app.services.build_options import parse_build_options
 from app.services.calibrate import calibrate as run_calibration
@@ -22,8 +21,6 @@ from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw
 
-PLOT_SUFFIXES = (".png", ".svg", ".pdf")
-
 
 def calibrate(
     dataset: Annotated[Path, typer.Argument(exists=True, file_okay=False, help="A scan in a known format.")],
@@ -32,13 +29,9 @@ def calibrate(
         float | None, typer.Option(help="Matches that a keyframe must share with what is near it; 50.")
     ] = None,
     seed: Annotated[int, typer.Option(help="For the choice of frames and pairs.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Draw both curves into this file.")] = None,
-    title: Annotated[str | None, typer.Option(help="Title of the plot.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
 ) -> None:
     """Fit matches over pose difference to a scan, and derive the keyframe thresholds that suit it."""
-    if plot is not None and plot.suffix.lower() not in PLOT_SUFFIXES:
-        raise InvalidInputError(f"{plot} must end in one of {', '.join(PLOT_SUFFIXES)}.")
     cap_threads()
     parsed = parse_build_options(_json(options))
     wanted = None if matches is None else check_wanted_matches(matches)
@@ -49,8 +42,6 @@ def calibrate(
     console.print(_table(found))
     for warning in found.warnings:
         console.print(f"[yellow]{warning}[/yellow]")
-    if plot is not None:
-        draw_calibration(found, title or dataset.resolve().name, plot)
     if json_file is not None:
         json_file.write_text(json.dumps(found.as_dict(), indent=1))
 

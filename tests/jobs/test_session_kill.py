@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.evaluation.stream_client import Answer, StreamLog, start_session, stream_frames
+from app.commands.stream_client import Answer, StreamLog, start_session, stream_frames
 from tests.jobs.test_kill import _is_ready, free_port
 from tests.scenes import CAMERA_TEXT, Room, pose_at
 from tests.server import Server, wait_for

@@ -12,7 +12,7 @@ import pytest
 import websockets
 from websockets.asyncio.client import connect
 
-from app.evaluation.stream_client import StreamLog, start_session, stream_frames
+from app.commands.stream_client import StreamLog, start_session, stream_frames
 from tests.jobs.test_kill import free_port
 from tests.jobs.test_session_kill import ready, serve
 from tests.scenes import CAMERA_TEXT, Room, pose_at

@@ -1,0 +1,1 @@
+"""What measures Roomfix, and the rendered building that it is tried in. Not in the wheel."""

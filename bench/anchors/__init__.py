@@ -1,0 +1,1 @@
+"""How well monitoring cameras tell where a phone is."""

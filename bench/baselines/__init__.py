@@ -1,0 +1,1 @@
+"""What Roomfix is compared with."""

@@ -1,0 +1,24 @@
+"""The commands of the bench, one a file; `roomfix` offers them where the checkout is."""
+
+from __future__ import annotations
+
+# Command -> the function that runs it, as `module:function`.
+COMMANDS = {
+    "demo": "bench.commands.demo:demo",
+    "evaluate": "bench.commands.evaluate:evaluate",
+    "benchmark": "bench.commands.evaluate:benchmark",
+    "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
+    "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
+    "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
+    "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",
+    "evaluate-anchors": "bench.commands.evaluate_anchors:evaluate_anchors",
+    "reliability": "bench.commands.reliability:reliability",
+    "fit-confidence": "bench.commands.fit_confidence:fit_confidence_command",
+    "keyframes": "bench.commands.keyframes:keyframes",
+    "plot-calibration": "bench.commands.plot_calibration:plot_calibration",
+    "track": "bench.commands.track:track",
+    "track-anchors": "bench.commands.track_anchors:track_anchors",
+    "simulate": "bench.commands.simulate:simulate",
+    "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
+    "stream-bench": "bench.commands.stream_bench:stream_bench",
+}

@@ -1,0 +1,71 @@
+"""`roomfix simulate-figures`: the figures of walks that were logged, be the simulation over or not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from app.commands.console import console
+from app.errors import InvalidInputError
+from bench.simulation.log import WalkLog
+from bench.simulation.report import write_report
+from bench.simulation.summary import (
+    COLUMNS,
+    THESIS_MEAN_M,
+    THESIS_SUCCESS_PERCENT,
+    Figures,
+    Setting,
+    figures_of,
+)
+from bench.simulation.walks import Outcome
+
+
+def simulate_figures(
+    logs: Annotated[list[Path], typer.Argument(help="Files that `roomfix simulate --log` wrote.")],
+    report: Annotated[Path | None, typer.Option(help="Write tables and plots into this folder.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+) -> None:
+    """Show the figures of logged walks together."""
+    outcomes: dict[Setting, list[Outcome]] = {}
+    for path in logs:
+        if not path.exists():
+            raise InvalidInputError(f"There is no file {path}: name what roomfix simulate --log wrote.")
+        for setting, outcome in WalkLog(path).walks():
+            outcomes.setdefault(setting, []).append(outcome)
+    if not outcomes:
+        raise InvalidInputError("No walk has ended yet: there are no figures.")
+    figures = [row for setting, found in outcomes.items() for row in figures_of(setting, found)]
+    show_figures(figures, outcomes, report, json_file)
+
+
+def show_figures(
+    figures: Sequence[Figures],
+    outcomes: Mapping[Setting, Sequence[Outcome]],
+    report: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Print the table of figures, and write report and file if they are asked for."""
+    console.print(_table(figures))
+    if report is not None:
+        console.print(f"Report: {write_report(report, figures, outcomes)}")
+    if json_file is not None:
+        trips = [{**asdict(setting), **asdict(one)} for setting, found in outcomes.items() for one in found]
+        values = {"figures": [row.as_dict() for row in figures], "trips": trips}
+        json_file.write_text(json.dumps(values, indent=1), encoding="utf-8")
+
+
+def _table(figures: Sequence[Figures]) -> Table:
+    table = Table(title="walkers who follow guidance")
+    for column in COLUMNS:
+        table.add_column(column)
+    for row in figures:
+        table.add_row(*row.row(), end_section=row.length_m is None)
+    thesis = ["thesis", "", "", "all", "", f"{THESIS_SUCCESS_PERCENT:g}", "", f"{THESIS_MEAN_M:g}"]
+    table.add_row(*thesis, *[""] * (len(COLUMNS) - len(thesis)))
+    return table

@@ -1,0 +1,1 @@
+"""Keyframe rules compared (B section 3)."""

@@ -1,0 +1,1 @@
+"""Scans, phone pictures and monitoring frames of the demonstration venue, and the walks that make them."""

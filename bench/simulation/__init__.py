@@ -1,0 +1,1 @@
+"""Walkers in the demonstration venue who follow guidance (C 6)."""

@@ -1,0 +1,187 @@
+"""Trips of a simulation in several processes, each with the rendered building and a session service of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from app.errors import ConflictError
+from app.geometry.plan import PlanTransform
+from app.services.floor_features.library import FeatureLibrary
+from app.services.map_library import MapLibrary
+from app.services.navigation.places import PlanPlace
+from app.services.navigation.service import RouteService
+from app.services.resources import Resources
+from app.services.sessions import SessionService
+from app.services.tracking.tracker import TrackerSettings
+from app.settings import Settings
+from app.storage.floors import Floor, list_floors
+from bench.render.scene import loaded_scene
+from bench.simulation.log import WalkLog
+from bench.simulation.summary import Setting
+from bench.simulation.trips import (
+    Trip,
+    candidates,
+    pairs_by_length,
+    place_on,
+    shuffled,
+    spots_of,
+)
+from bench.simulation.walks import Outcome, walk_trip
+from bench.simulation.world import DemoBuilding, Phone, SessionNavigator, phone_camera
+from bench.venue.venue import VENUE
+
+# Where nobody can tell corridors, shafts and washrooms of two floors apart, a walk doesn't begin.
+NO_START = ("corridor", "stair", "lift", "restrooms")
+NEVER = 1_000_000_000
+# What `--relocation` means: the map all along, only when odometry is lost, only for the first fix.
+RELOCATION = {
+    "on": TrackerSettings(),
+    "lost": TrackerSettings(relocalize_every=NEVER, use_refresh=False),
+    "off": TrackerSettings(use_relocation=False),
+}
+SHIFT_M = 0.8
+
+Report = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A trip under a setting."""
+
+    setting: Setting
+    trip: Trip
+    seed: int
+
+    def walk(self, width: int) -> dict[str, Any]:
+        """Return what makes this the same walk when it is walked again."""
+        trip = {"trip": self.trip.number, "start": self.trip.start, "to": self.trip.destination}
+        return {**asdict(self.setting), "seed": self.seed, "width": width, **trip}
+
+
+@dataclass(slots=True)
+class Place:
+    """A data folder opened for simulations: floors by number, routes, and a service for each kind of relocation."""
+
+    resources: Resources
+    floors: dict[int, Floor]
+    features: FeatureLibrary
+    routes: RouteService
+    services: dict[str, SessionService] = field(default_factory=dict)
+
+    @staticmethod
+    def open(settings: Settings) -> Place:
+        """Open a folder; raises `ConflictError` when it holds no mapped demonstration venue."""
+        resources = Resources.open(settings)
+        library, features = MapLibrary(resources), FeatureLibrary(resources.database)
+        if library.active(VENUE.id) is None:
+            raise ConflictError("The demonstration venue has no map yet: run roomfix demo --whole first.")
+        routes = RouteService(resources.database, features)
+        with resources.database.read() as connection:
+            floors = {floor.level: floor for floor in list_floors(connection, VENUE.id)}
+        services = {
+            name: SessionService(resources, library, features, routes, tracking=tracking)
+            for name, tracking in RELOCATION.items()
+        }
+        return Place(resources, floors, features, routes, services)
+
+
+def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -> list[Trip]:
+    """Return a trip for each run: from a room that can be told, at most `SHIFT_M` off its landmark and facing
+    anywhere, to any landmark by a route of the demanded length."""
+    marks = {
+        mark.id: (floor.id, level, mark)
+        for level, floor in place.floors.items()
+        for mark in place.features.features(floor).landmarks.values()
+    }
+    starts = [name for name in marks if not name.startswith("door-") and not any(w in name for w in NO_START)]
+    routes = {
+        (start, end): place.routes.route(VENUE.id, f"{marks[start][0]}:{start}", f"{marks[end][0]}:{end}")
+        for start, end in candidates(starts, list(marks))
+    }
+    building, trips = DemoBuilding(), []
+    for number, (length_m, (start, end)) in enumerate(shuffled(pairs_by_length(routes, lengths), runs, seed)):
+        rng = np.random.default_rng([seed, 4, number])
+        _, level, mark = marks[start]
+        floor = place.floors[level]
+        back = PlanTransform(np.linalg.inv(np.asarray(floor.plan_from_world)))
+        while True:
+            shift = rng.uniform(-SHIFT_M, SHIFT_M, 2)
+            x, y, _ = back.apply(np.array([mark.x + shift[0], mark.y + shift[1], 0.0]))
+            if building.is_free(float(x), float(y), level):
+                break
+        goal = f"{marks[end][0]}:{end}"
+        route = place.routes.route(VENUE.id, place_on(floor, float(x), float(y)), goal)
+        trips.append(
+            Trip(
+                number,
+                length_m,
+                (float(x), float(y), level),
+                float(rng.uniform(-180, 180)),
+                goal,
+                route.distance_m,
+                spots_of(route),
+                PlanPlace(marks[end][0], marks[end][2].x, marks[end][2].y),
+            )
+        )
+    return trips
+
+
+def run_jobs(
+    settings: Settings,
+    scene: Path,
+    width: int,
+    jobs: Sequence[Job],
+    workers: int,
+    report: Report,
+    log: WalkLog,
+) -> list[Outcome]:
+    """Return what came of each job, in their order; those in the log are not walked again."""
+    known = {number: log.get(job.walk(width)) for number, job in enumerate(jobs)}
+    outcomes = {number: outcome for number, outcome in known.items() if outcome is not None}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, _start, (settings, scene, width)) as pool:
+        left = [number for number in range(len(jobs)) if number not in outcomes]
+        waiting = {pool.submit(_run, jobs[number]): number for number in left}
+        for done in as_completed(waiting):
+            number = waiting[done]
+            outcomes[number] = done.result()
+            log.add(jobs[number].walk(width), outcomes[number])
+            report(len(outcomes), len(jobs))
+    return [outcomes[number] for number in range(len(jobs))]
+
+
+@dataclass(slots=True)
+class _Worker:
+    place: Place
+    phone: Phone
+
+
+_worker: list[_Worker] = []
+
+
+def _start(settings: Settings, scene: Path, width: int) -> None:
+    cv2.setNumThreads(1)
+    _worker.append(_Worker(Place.open(settings), Phone(loaded_scene(scene), phone_camera(width))))
+
+
+def _run(job: Job) -> Outcome:
+    worker = _worker[0]
+    place, setting = worker.place, job.setting
+    navigator = SessionNavigator(place.services[setting.relocation], VENUE.id, worker.phone)
+    return walk_trip(
+        job.trip,
+        DemoBuilding(),
+        place.floors,
+        navigator,
+        fps=setting.fps,
+        light=setting.light,
+        seed=job.seed,
+    )

@@ -1,0 +1,189 @@
+"""Simulated navigation: a walker in a building sees by a phone and does what guidance says (C 6.1.3, 6.2.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from app.geometry.se3 import Pose
+from app.services.navigation.places import PlanPlace
+from app.storage.floors import Floor
+from bench.simulation.trips import Progress, Trip, apart_m
+from bench.simulation.walker import Building, Walker
+
+# A walker gives up after so long, and so much longer for each metre of the route.
+PATIENCE_S, PATIENCE_S_PER_M = 60.0, 3.0
+# A place further from the true one, or on another floor, is wrong.
+WRONG_M = 0.5
+# Told no way for so long, looking around and going back three times, the walker puts the phone away.
+SILENCE_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """How a picture is taken: where and when, how fast the camera turns, degrees a second, and how much light there
+    is, as a share of the day's."""
+
+    world_from_camera: Pose
+    floor: int
+    time_s: float
+    turned_deg_s: float
+    light: float
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What came back for a picture: guidance, the place on a plan if there is one, and how long it took."""
+
+    guidance: Mapping[str, Any] | None
+    place: PlanPlace | None
+    milliseconds: float = 0.0
+
+    @property
+    def leads(self) -> bool:
+        """Whether this says where to go, and not only that it is not known."""
+        return self.guidance is not None and self.guidance.get("problem") is None
+
+
+class Navigator(Protocol):
+    """What a walker's phone asks."""
+
+    def begin(self, destination: str, /) -> None:
+        """Begin a new session that leads to a landmark."""
+
+    def ask(self, shot: Shot, rng: np.random.Generator, /) -> Told:
+        """Take a picture, send it, and return what comes back."""
+
+    def end(self) -> None:
+        """End the session."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark`, `lost` or
+    `gave up`; errors are those of the place on the plan, metres, of the frames with one on the right floor.
+    `wrong_frames` were told a place more than 0.5 m off, or on another floor."""
+
+    trip: int
+    length_m: float
+    route_m: float
+    destination: str
+    end: str
+    spots: int
+    passed: int
+    walked_m: float
+    seconds: float
+    frames: int
+    told_percent: float
+    off_route_frames: int
+    wrong_floor_frames: int
+    wrong_frames: int
+    mean_error_m: float | None
+    p90_error_m: float | None
+    largest_error_m: float | None
+    off_destination_m: float
+    mean_ms: float
+
+    @property
+    def is_success(self) -> bool:
+        """Whether every spot was passed in order and arrival was told at the destination."""
+        return self.end == "arrived"
+
+
+@dataclass(slots=True)
+class _Log:
+    """What is noted on the way."""
+
+    errors_m: list[float] = field(default_factory=list)
+    milliseconds: list[float] = field(default_factory=list)
+    frames: int = 0
+    told: int = 0
+    off_route: int = 0
+    wrong_floor: int = 0
+    was_told: bool = False
+
+    def note(self, told: Told, truth: PlanPlace) -> None:
+        """Note an answer."""
+        self.frames += 1
+        self.milliseconds.append(told.milliseconds)
+        self.was_told = told.leads
+        if told.place is None:
+            return
+        self.told += 1
+        self.off_route += bool(told.guidance and told.guidance.get("off_route"))
+        if told.place.floor == truth.floor:
+            self.errors_m.append(apart_m(told.place, truth))
+        else:
+            self.wrong_floor += 1
+
+
+def walk_trip(
+    trip: Trip,
+    building: Building,
+    floors: Mapping[int, Floor],
+    navigator: Navigator,
+    *,
+    fps: float,
+    light: float = 1.0,
+    seed: int = 0,
+) -> Outcome:
+    """Walk a trip by guidance alone and return what came of it. `floors` are those of the building by number."""
+    x, y, floor = trip.start
+    rng = np.random.default_rng([seed, 2, trip.number])
+    walker = Walker(building, x, y, floor, trip.heading_deg, rng)
+    pictures = np.random.default_rng([seed, 3, trip.number])
+    progress, log, arrived = Progress(trip, floors), _Log(), False
+    navigator.begin(trip.destination)
+    try:
+        told_s = 0.0
+        until_s = PATIENCE_S + PATIENCE_S_PER_M * trip.route_m
+        while not arrived and walker.time_s < min(until_s, told_s + SILENCE_S):
+            pose = walker.camera_pose()
+            shot = Shot(pose, walker.floor, walker.time_s, walker.turned_deg_s, light)
+            told = navigator.ask(shot, pictures)
+            log.note(told, progress.place(walker.x, walker.y, walker.floor))
+            told_s = walker.time_s if told.leads else told_s
+            arrived = told.guidance is not None and bool(told.guidance["arrived"])
+            for place in [] if arrived else walker.follow(told.guidance, 1.0 / fps):
+                progress.come_to(*place)
+    finally:
+        navigator.end()
+    return _outcome(trip, walker, progress, log, arrived)
+
+
+def _outcome(trip: Trip, walker: Walker, progress: Progress, log: _Log, arrived: bool) -> Outcome:
+    here = (walker.x, walker.y, walker.floor)
+    end = "gave up" if log.was_told else "lost"
+    if arrived and not progress.is_there(*here):
+        end = "arrived elsewhere"
+    elif arrived:
+        end = "arrived" if progress.passed == len(trip.spots) else "missed a landmark"
+    off_m = apart_m(progress.place(*here), trip.end)
+    return Outcome(
+        trip=trip.number,
+        length_m=trip.length_m,
+        route_m=round(trip.route_m, 1),
+        destination=trip.destination,
+        end=end,
+        spots=len(trip.spots),
+        passed=progress.passed,
+        walked_m=round(walker.walked_m, 1),
+        seconds=round(walker.time_s, 1),
+        frames=log.frames,
+        told_percent=round(100.0 * log.told / max(log.frames, 1), 1),
+        off_route_frames=log.off_route,
+        wrong_floor_frames=log.wrong_floor,
+        wrong_frames=log.wrong_floor + sum(error > WRONG_M for error in log.errors_m),
+        mean_error_m=_rounded(log.errors_m, np.mean),
+        p90_error_m=_rounded(log.errors_m, lambda values: np.percentile(values, 90)),
+        largest_error_m=_rounded(log.errors_m, np.max),
+        off_destination_m=round(min(off_m, 999.0), 2),
+        mean_ms=round(float(np.mean(log.milliseconds)), 1) if log.milliseconds else 0.0,
+    )
+
+
+def _rounded(values: list[float], of: Any) -> float | None:
+    return round(float(of(values)), 3) if values else None

@@ -1,0 +1,1 @@
+"""Tests of the demonstration venue and its renderer."""

@@ -1,0 +1,42 @@
+"""The demonstration venue's features are valid, and its rooms are joined over both floors."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from app.services.floor_features.collection import parse_features
+from app.services.floor_features.places import PlaceIndex
+from app.services.navigation.network import Network, build_network
+from app.services.navigation.survey import survey
+from app.storage.floors import Floor
+from bench.demo import floor_plans
+from tests.services.test_navigation import route
+
+
+@pytest.fixture(scope="module")
+def network() -> Network:
+    plans = floor_plans()
+    floors = []
+    for plan in plans:
+        features = parse_features(plan.features, plan.id, [one.id for one in plans])[1]
+        heights = plan.z_min_m, plan.z_max_m
+        floor = Floor("demo", plan.id, plan.name, plan.level, *heights, plan.plan_from_world, None, None, "x")
+        floors.append((floor, PlaceIndex(features)))
+    return build_network(floors)
+
+
+def test_all_landmarks_are_joined(network: Network) -> None:
+    found = survey(network)
+    assert (len(found.parts), found.unmet) == (1, 0)
+    assert found.routed_pairs == found.pairs
+
+
+def test_a_route_between_floors_is_as_long_back_as_there(network: Network) -> None:
+    up, down = route(network, "0-reception", "1-library"), route(network, "1-library", "0-reception")
+    assert up.distance_m == pytest.approx(down.distance_m)
+    assert {*up.modes} == {"walk", "stairs"}
+    lengths = [b.along_m - a.along_m for a, b in itertools.pairwise(up.points)]
+    assert min(lengths) >= 0
+    assert "stairs" not in route(network, "0-reception", "1-library", accessible=True).modes

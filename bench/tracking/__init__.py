@@ -1,0 +1,1 @@
+"""Recorded scans tracked as a video."""

@@ -1,0 +1,1 @@
+"""The demonstration building as data: rooms, furniture, decoration, plans."""
