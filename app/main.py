@@ -31,16 +31,16 @@ from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware, UploadLimitMiddleware
+from app.engine.anchors.features import AnchorDescriber
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
-from app.services.anchor_features import AnchorDescriber
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
-from app.services.floor_features.library import FeatureLibrary
+from app.services.feature_library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
-from app.services.navigation.service import RouteService
 from app.services.resources import Resources
+from app.services.routes import RouteService
 from app.services.sessions import SessionService
 from app.settings import Settings
 from app.storage.venues import list_venues

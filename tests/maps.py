@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
 from app.geometry.se3 import Pose
-from app.storage.map_artifact import MapArrays, MapArtifact, MapMetadata
 from tests.scenes import CAMERA
 
 Array = NDArray[np.float64]

@@ -1,99 +1,188 @@
-"""The layers of docs/architecture.md: who may import whom, and where a library may appear."""
+"""The house of docs/architecture.md as rules: who imports whom, how full a folder is, where a library appears."""
 
 from __future__ import annotations
 
-import ast
 import sys
-from pathlib import Path
+from collections import Counter
 
 import pytest
 
-APP = Path(__file__).parents[1] / "app"
-BELOW = {"geometry", "errors"}
-CORE = {"services", "storage", "vision", "importers", "settings", *BELOW}
-# Package or module of app -> the others that it may import.
-MAY_IMPORT = {
-    "errors": set(),
-    "settings": set(),
-    "models": set(),
-    "geometry": {"errors"},
-    "vision": BELOW,
-    "importers": BELOW,
-    "storage": BELOW,
-    "services": CORE,
-    "jobs": CORE,
-    # The protocol alone: routes wake the runner that main gave them.
-    "api": {*CORE, "jobs.runner"},
-    "web": set(),
+from tests.source_tree import Module, circles, modules_of, targets
+
+# From the ground up; a layer imports what is below it, and itself. Layers in one tuple don't know each other.
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("errors", "limits", "models", "web"),
+    ("settings", "geometry"),
+    ("vision", "importers"),
+    ("engine",),
+    ("storage",),
+    ("services",),
+    ("jobs", "api"),
+    ("main",),
+    ("commands", "cli"),
+)
+# What a layer may not import although it is below.
+NOT_FOR = {
+    "geometry": {"settings"},
+    "vision": {"settings"},
+    "importers": {"settings"},
+    "engine": {"settings", "web"},
+    "storage": {"settings", "web"},
 }
-# These wire everything together.
-WIRING = {"main", "cli", "commands"}
+# What it may import beside it: routes wake the runner that main gave them, by its protocol alone; the command
+# line names its commands.
+ALSO = {"api": {"app.jobs.runner"}, "cli": {"app.commands"}}
+# Rooms of the engine -> the other rooms that they stand on.
+ROOMS = {
+    "floors": set[str](),
+    "maps": {"floors"},
+    "query": {"floors", "maps"},
+    "mapping": {"floors", "maps", "query"},
+    "anchors": {"floors", "maps", "query"},
+    "tracking": {"floors", "maps", "query", "mapping", "anchors"},
+    "navigation": {"floors"},
+}
+# Modules of the engine that every room may use.
+SHARED = {"app.engine.progress", "app.engine.stage_timer"}
 # Library -> the only parts of app that may use it.
-ONLY_IN = {
+ONLY_IN: dict[str, set[str]] = {
     "fastapi": {"main", "api", "web"},
     "starlette": {"main", "api", "web"},
     "sse_starlette": {"api"},
-    "pydantic": {"api", "settings"},
+    "pydantic": {"api", "settings", "services"},
     "pydantic_settings": {"settings"},
+    "sqlalchemy": {"storage", "services", "api"},
     "alembic": {"storage"},
     "obstore": {"storage"},
     "onnxruntime": {"vision"},
+    "matplotlib": set(),
+    "trimesh": set(),
+    "embreex": set(),
     "torch": set(),
+    "bench": set(),
 }
+# The engine is told what time it is; only its stage timer reads a clock, and no calendar.
+CLOCKS = {"time", "datetime"}
+CLOCK_USERS = {"app.engine.stage_timer"}
 GEOMETRY_LIBRARIES = {"numpy", "scipy", "cv2", "poselib"}
+MAX_MODULES = 20
+# Equations have a room of their own each.
+MAX_MODULES_IN = {"app.geometry": 30}
+
+APP = modules_of("app")
+BENCH = modules_of("bench")
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 
-def part_of(module: str) -> str:
+def layer_of(module: str) -> str:
     """Return the layer of a module: `app.api.maps` is in `api`, `app.main` is `main`."""
     return module.split(".")[1] if "." in module else ""
 
 
-def imports() -> list[tuple[str, str]]:
-    """Return pairs of a module of app and the full name of something it imports."""
-    pairs = []
-    for path in sorted(APP.rglob("*.py")):
-        module = ".".join(path.relative_to(APP.parent).with_suffix("").parts).removesuffix(".__init__")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                pairs += [(module, alias.name) for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f"{module}: imports are absolute"
-                assert node.module
-                names = [f"{node.module}.{alias.name}" for alias in node.names]
-                pairs += [(module, name) for name in names]
-    return pairs
+def may_import(layer: str, target: str) -> bool:
+    """Whether a module of a layer may import a module of app."""
+    other = layer_of(target)
+    if other in ("", layer) or any(f"{target}.".startswith(f"{name}.") for name in ALSO.get(layer, ())):
+        return True
+    return LEVEL[other] < LEVEL[layer] and other not in NOT_FOR.get(layer, set())
 
 
-IMPORTS = imports()
-PARTS = sorted({part_of(module) for module, _ in IMPORTS} - {""} - WIRING)
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_a_layer_imports_only_what_is_below_it(part: str) -> None:
-    allowed = {f"app.{name}" for name in {*MAY_IMPORT[part], part}}
+@pytest.mark.parametrize("layer", sorted(LEVEL))
+def test_a_layer_imports_only_what_is_below_it(layer: str) -> None:
     wrong = [
-        (module, name)
-        for module, name in IMPORTS
-        if part_of(module) == part
-        and name.split(".")[0] == "app"
-        and not any(name == one or name.startswith(f"{one}.") for one in allowed)
+        (module.name, target)
+        for module in APP.values()
+        if layer_of(module.name) == layer
+        for target in targets(module, APP)
+        if not may_import(layer, target)
     ]
     assert not wrong
 
 
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_of_the_engine_imports_only_rooms_below_it(room: str) -> None:
+    wrong = [
+        (module.name, target)
+        for module in APP.values()
+        if module.name.startswith("app.engine.") and module.name.split(".")[2] == room
+        for target in targets(module, APP)
+        if target.startswith("app.engine.")
+        and target not in SHARED
+        and target.split(".")[2] not in {room, *ROOMS[room]}
+    ]
+    assert not wrong
+
+
+def test_every_room_of_the_engine_has_its_rule() -> None:
+    rooms = {".".join(module.split(".")[:3]) for module in APP if module.startswith("app.engine.")}
+    assert rooms - SHARED == {f"app.engine.{room}" for room in ROOMS}
+
+
+@pytest.mark.parametrize("package", [APP, BENCH], ids=["app", "bench"])
+def test_no_modules_import_each_other_around(package: dict[str, Module]) -> None:
+    assert not circles({name: targets(module, package) for name, module in package.items()})
+
+
 @pytest.mark.parametrize("library", ONLY_IN)
 def test_a_library_stays_in_its_place(library: str) -> None:
-    users = {part_of(module) for module, name in IMPORTS if name.split(".")[0] == library}
+    users = {
+        layer_of(module.name)
+        for module in APP.values()
+        if any(name.split(".")[0] == library for name in module.imports)
+    }
     assert users <= ONLY_IN[library]
 
 
+def test_the_engine_reads_no_clock() -> None:
+    users = {
+        module.name
+        for module in APP.values()
+        if layer_of(module.name) in ("engine", "vision", "geometry", "importers")
+        and any(name in CLOCKS or name.startswith(("time.", "datetime.datetime.")) for name in module.imports)
+    }
+    assert users <= CLOCK_USERS
+
+
 def test_geometry_needs_numbers_only() -> None:
-    roots = {name.split(".")[0] for module, name in IMPORTS if part_of(module) == "geometry"}
+    roots = {
+        name.split(".")[0]
+        for module in APP.values()
+        if layer_of(module.name) == "geometry"
+        for name in module.imports
+    }
     assert roots - set(sys.stdlib_module_names) - {"app"} <= GEOMETRY_LIBRARIES
     assert {"numpy", "cv2"} <= roots
 
 
-def test_the_check_sees_what_it_should() -> None:
-    assert ("app.main", "fastapi.FastAPI") in IMPORTS
-    assert ("app.services.locate_result", "app.geometry.se3.Pose") in IMPORTS
-    assert {"api", "geometry", "jobs", "services", "storage", "vision"} <= set(PARTS)
+def test_no_folder_is_a_hall() -> None:
+    modules = [module for module in {**APP, **BENCH}.values() if module.path.name != "__init__.py"]
+    counts = Counter(module.folder for module in modules if ".tests" not in module.folder)
+    assert not {
+        folder: count for folder, count in counts.items() if count > MAX_MODULES_IN.get(folder, MAX_MODULES)
+    }
+
+
+def test_a_module_with_one_importer_lives_in_its_folder() -> None:
+    """Within a layer: what one module alone uses stands beside it, or in a folder below."""
+    importers: dict[str, list[str]] = {name: [] for name in APP}
+    for module in APP.values():
+        for target in targets(module, APP):
+            importers[target].append(module.name)
+    astray = {
+        name: users[0]
+        for name, users in importers.items()
+        if len(users) == 1
+        and layer_of(name) == layer_of(users[0])
+        and not f"{APP[name].folder}.".startswith(f"{APP[users[0]].folder}.")
+    }
+    assert not astray
+
+
+def test_the_checks_see_what_they_should() -> None:
+    assert "fastapi.FastAPI" in APP["app.main"].imports
+    assert "app.geometry.se3" in targets(APP["app.engine.query.localizer"], APP)
+    assert set(LEVEL) == {layer_of(name) for name in APP} - {""}
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+    assert not may_import("engine", "app.storage.db")
+    assert not may_import("api", "app.jobs.worker")
+    assert may_import("api", "app.jobs.runner")

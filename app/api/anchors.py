@@ -12,10 +12,11 @@ from starlette.datastructures import UploadFile
 
 from app.api.deps import ID_PATTERN, State, require
 from app.api.schemas import problems
+from app.engine.anchors.anchor import AnchorSpec, Poi
+from app.engine.mapping.options import parse_camera
 from app.errors import InvalidInputError
 from app.services.anchors import anchor_as_dict
-from app.services.build_options import parse_camera
-from app.storage.anchors import AnchorSpec, Poi, delete_anchor, get_anchor, list_anchors, list_frames
+from app.storage.anchors import delete_anchor, get_anchor, list_anchors, list_frames
 
 router = APIRouter(prefix="/anchors", tags=["anchors"])
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]

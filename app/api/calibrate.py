@@ -10,9 +10,9 @@ from pydantic import BaseModel, Field
 
 from app.api.deps import State, require
 from app.api.schemas import problems
+from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
-from app.services.build_options import parse_build_options
-from app.services.calibrate_archive import calibrate_archive
+from app.services.calibration import calibrate_archive
 
 router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
 

@@ -15,10 +15,10 @@ from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
 from app.services.anchors import AnchorService
-from app.services.floor_features.library import FeatureLibrary
+from app.services.feature_library import FeatureLibrary
 from app.services.locate import LocateService
-from app.services.navigation.service import RouteService
 from app.services.resources import Resources
+from app.services.routes import RouteService
 from app.services.sessions import SessionService
 
 Scope = Literal["locate", "anchor", "admin"]

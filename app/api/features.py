@@ -11,8 +11,8 @@ from pydantic import BaseModel, Field
 
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.schemas import problems
-from app.services.floor_features.store import store_features, stored_features
-from app.services.navigation.network import unmet_links
+from app.engine.navigation.network import unmet_links
+from app.services.floor_features import store_features, stored_features
 
 router = APIRouter(prefix="/venues/{venue}/floors/{floor}/features", tags=["floors"])
 MEDIA_TYPE = "application/geo+json"

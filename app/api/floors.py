@@ -10,8 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.schemas import problems
+from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.errors import InvalidInputError, NotFoundError
-from app.services.floor_plans import as_dict, parse_plan_from_world, store_plan_image
+from app.services.floor_plans import as_dict, store_plan_image
 from app.storage.floors import delete_floor, get_floor, list_floors, put_floor
 from app.storage.venues import get_venue
 

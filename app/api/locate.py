@@ -11,11 +11,11 @@ from pydantic import BaseModel, Field
 
 from app.api.deps import State, require
 from app.api.schemas import CameraBody, PoseBody, problems
+from app.engine.mapping.options import parse_camera
+from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
-from app.services.build_options import parse_camera
 from app.services.locate_result import LocateRequest, LocateResult, Method
-from app.services.narrowing import Prior
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
 

@@ -8,8 +8,8 @@ from fastapi import APIRouter, Depends, Query, Response
 
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.schemas import problems
+from app.engine.navigation.plan_drawing import draw_plan
 from app.errors import InvalidInputError
-from app.services.plan_drawing import draw_plan
 from app.storage.floors import get_floor
 
 router = APIRouter(prefix="/venues/{venue}/floors/{floor}/plan.svg", tags=["floors"])

@@ -9,13 +9,13 @@ from pydantic import BaseModel, Field
 
 from app.api.deps import State, VenueId, require
 from app.api.schemas import problems
+from app.engine.floors.geometry import short
+from app.engine.floors.model import LinkMode
+from app.engine.navigation.language import Speaker, language_of
+from app.engine.navigation.model import Route, Step, Turn
+from app.engine.navigation.places import Place
+from app.engine.navigation.search import Limits
 from app.errors import InvalidInputError
-from app.services.floor_features.geometry import short
-from app.services.floor_features.model import LinkMode
-from app.services.navigation.language import Speaker, language_of
-from app.services.navigation.model import Route, Step, Turn
-from app.services.navigation.places import Place
-from app.services.navigation.search import Limits
 
 router = APIRouter(prefix="/venues/{venue}/route", tags=["routes"], dependencies=[Depends(require("locate"))])
 SESSION_PREFIX = "session:"

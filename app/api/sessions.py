@@ -13,10 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.deps import ID_PATTERN, State, require
 from app.api.locate import LocateBody, _camera, _gravity, body_of
 from app.api.schemas import PoseBody, problems
+from app.engine.tracking.memory import pose_from_json
 from app.errors import InvalidInputError, InvalidPoseError
 from app.geometry.se3 import Pose
 from app.services.sessions import SessionFrame, SessionResult
-from app.services.tracking.memory import pose_from_json
 from app.storage.sessions import Session, SessionPoint
 
 router = APIRouter(prefix="/sessions", tags=["sessions"], dependencies=[Depends(require("locate"))])
@@ -37,7 +37,9 @@ class NewSession(BaseModel):
     """A session to start."""
 
     model_config = ConfigDict(
-        json_schema_extra={"example": {"venue": "museum", "camera": "525,525,319.5,239.5", "language": "en"}}
+        json_schema_extra={
+            "example": {"venue": "museum", "camera": "498,498.5,322.4,236.8", "language": "en"}
+        }
     )
 
     venue: str = Field(pattern=ID_PATTERN)

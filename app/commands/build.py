@@ -22,12 +22,12 @@ from app.commands.console import (
     progress_bars,
     settings_from,
 )
+from app.engine.anchors.features import AnchorDescriber
+from app.engine.mapping.options import parse_camera
 from app.errors import ConflictError, RoomfixError
 from app.jobs.local import finish_build_here
-from app.services.anchor_features import AnchorDescriber
 from app.services.anchor_locator import AnchorLocator
-from app.services.build_options import parse_camera
-from app.services.floor_features.library import FeatureLibrary
+from app.services.feature_library import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.locate_result import LocateRequest
 from app.services.map_library import MapLibrary

@@ -11,12 +11,12 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
+from app.engine.mapping.calibrate import calibrate as run_calibration
+from app.engine.mapping.calibration_curves import Calibration, FittedCurve
+from app.engine.mapping.keyframe_rule import check_wanted_matches
+from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
-from app.importers.frames import open_scan
-from app.services.build_options import parse_build_options
-from app.services.calibrate import calibrate as run_calibration
-from app.services.calibration_curves import Calibration, FittedCurve
-from app.services.keyframe_rule import check_wanted_matches
+from app.importers.registry import open_scan
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw

@@ -11,12 +11,12 @@ import typer
 from rich.table import Table
 
 from app.commands.console import DataDir, JsonFlag, console, settings_from
+from app.engine.navigation.survey import Survey, survey
 from app.importers.wrld_indoor_map import read_indoor_map
-from app.services.floor_features.library import FeatureLibrary
+from app.services.feature_library import FeatureLibrary
 from app.services.import_plan import STOREY_M, import_indoor_map
-from app.services.navigation.service import RouteService
-from app.services.navigation.survey import Survey, survey
 from app.services.resources import Resources
+from app.services.routes import RouteService
 
 
 def import_plan(

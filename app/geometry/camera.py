@@ -21,10 +21,20 @@ MODEL_PARAMETERS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEY
 MIN_FOCAL_PER_WIDTH, MAX_FOCAL_PER_WIDTH = 0.134, 11.45
 # A sensor crop can move the principal point, but not out of the middle part of the picture.
 MAX_PRINCIPAL_POINT_OFFSET = 0.35
+# The focal length, in pixels, of the first Kinect's colour camera: limits in pixels are meant for pictures of this one.
+REFERENCE_FOCAL_PX = 525.0
 # Nearer than this, in the unit of the points, is not in front of a camera.
 MIN_DEPTH = 1e-9
 # The tangent of 84 degrees off the axis: how far out a lens model is searched for a fold.
 MAX_TANGENT = 10.0
+
+
+def tangent_of_px(pixels: float) -> float:
+    """Return the angle, as its tangent, that a length in pixels is at the focal length of reference.
+
+    A limit that is an angle holds for every picture: times its focal length it is pixels again.
+    """
+    return pixels / REFERENCE_FOCAL_PX
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera import REFERENCE_FOCAL_PX
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_share, relative_name
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import read_camera_file, read_gravity, read_text, resolve_inside
 
 # The data set states 585 px, with which its depth images were fused. Its colour images come from the same
-# sensor's other camera, which structure from motion puts at 525 px.
-DEFAULT_INTRINSICS = (525.0, 525.0, 320.0, 240.0)
+# sensor's other camera, which structure from motion puts at the focal length of reference.
+DEFAULT_INTRINSICS = (REFERENCE_FOCAL_PX, REFERENCE_FOCAL_PX, 320.0, 240.0)
 DEFAULT_DEPTH_INTRINSICS = (585.0, 585.0, 320.0, 240.0)
 DEFAULT_DEPTH_SCALE = 1000.0
 FRAME_RATE_HZ = 30.0
@@ -48,9 +49,9 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 
     Times are frame numbers at 30 Hz; the depth scale is 1000 per metre unless stated. The camera is that of
     the options, else of `camera.txt`. With neither the scan is taken for an original one, **whose depth is not
-    registered to its colour images**: colour at 525 px, depth at 585 px, registered on the way, both cameras
-    in one place, for how far they are apart is not published; give `depth_camera` and `color_from_depth` if you
-    know it. The poses of the original are those of the depth camera, so they are moved to the colour camera.
+    registered to its colour images**: colour at its own focal length, depth at 585 px, registered on the way,
+    both cameras in one place, for how far they are apart is not published; give `depth_camera` and
+    `color_from_depth` if you know it. The poses of the original are those of the depth camera, so they are moved to the colour camera.
 
     A frame without depth or pose, or with a pose that is no rigid transform, is discarded.
     Raises `InvalidScanError` for other files, mostly broken poses, or no usable frame.

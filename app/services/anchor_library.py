@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
 from threading import Lock
-from typing import Any
 
-import numpy as np
-
-from app.geometry.camera import Camera
-from app.geometry.plan import PlanTransform
-from app.geometry.se3 import Pose
-from app.services.anchor_calibration import calibration_of
-from app.services.anchor_features import AnchorFeatures
-from app.services.anchor_fix import MountedCamera
+from app.engine.anchors.features import AnchorFeatures
+from app.engine.anchors.live import LiveAnchor, mounted_camera
 from app.services.resources import Resources
-from app.storage.anchors import Anchor, frame_features, list_anchors, list_frames
+from app.storage.anchors import frame_features, list_anchors, list_frames
 from app.storage.db import now
-from app.storage.floors import Floor, list_floors
+from app.storage.floors import list_floors
 
 # Frames whose features stay in memory, about 4 MB each as the unit vectors that matching needs.
 CAPACITY = 64
-
-
-@dataclass(frozen=True, slots=True)
-class LiveAnchor:
-    """An anchor whose newest frame is fresh: the frame's camera and features; `mounted` of a calibrated camera."""
-
-    anchor: Anchor
-    frame: str
-    camera: Camera
-    features: AnchorFeatures
-    mounted: MountedCamera | None
 
 
 class AnchorLibrary:
@@ -85,16 +66,3 @@ class AnchorLibrary:
             while len(self._open) > CAPACITY:
                 self._open.popitem(last=False)
         return features
-
-
-def mounted_camera(stored: dict[str, Any] | None, floor: Floor) -> MountedCamera | None:
-    """Return a calibrated camera's pose on its floor's plan, or None."""
-    calibration = calibration_of(stored)
-    if calibration is None or floor.plan_from_world is None:
-        return None
-    plan, pose = PlanTransform(floor.plan_from_world), calibration.world_from_camera
-    return MountedCamera(
-        Pose(plan.rotation @ pose.rotation, plan.apply(pose.translation)),
-        calibration.position_sigma_m * plan.scale,
-        float(np.radians(calibration.orientation_sigma_deg)),
-    )

@@ -9,20 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.anchors.anchor import Anchor, AnchorSpec, Poi
+from app.engine.anchors.calibration import calibrate_in_map, calibration_of
+from app.engine.anchors.checks import check_anchor
+from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
+from app.engine.anchors.map_depth import SeenPoints
+from app.engine.anchors.sights import inside_region, region_in
 from app.errors import ConflictError, InvalidInputError
 from app.geometry.camera import Camera
-from app.services.anchor_calibration import calibrate_in_map, calibration_of
-from app.services.anchor_checks import check_anchor
-from app.services.anchor_features import AnchorDescriber, AnchorFeatures
-from app.services.anchor_sights import inside_region, region_in
-from app.services.map_depth import SeenPoints
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.anchors import (
-    Anchor,
     AnchorFrameRow,
-    AnchorSpec,
-    Poi,
     camera_as_json,
     get_anchor,
     list_frames,
@@ -96,7 +94,10 @@ class AnchorService:
         rgb = decode_image(image, self._resources.settings.max_image_pixels)
         camera = frame_camera(anchor.spec, rgb.shape[1], rgb.shape[0])
         localizer, version = serving
-        calibration = calibrate_in_map(localizer, version.version, floor, anchor.spec, camera, rgb)
+        calibration = {
+            **calibrate_in_map(localizer, version.version, floor, anchor.spec, camera, rgb),
+            "calibrated_at": now().isoformat(),
+        }
         with self._resources.database.write() as connection:
             anchor = set_calibration(connection, anchor_id, calibration)
         self._store(anchor, image, rgb, received_at)

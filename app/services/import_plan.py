@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from app.engine.floors.collection import parse_features
+from app.engine.navigation.network import check_walkable
 from app.importers.wrld_indoor_map import IndoorMap
-from app.services.floor_features.collection import parse_features
-from app.services.navigation.network import check_walkable
 from app.services.resources import Resources
 from app.storage.floors import list_floors, put_floor, set_features
 from app.storage.venues import create_venue, list_venues

@@ -5,13 +5,17 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+from app.engine.floors.floor import Floor
+from app.engine.query.camera_sources import QueryCamera, query_camera
+from app.engine.query.localization import Localization
+from app.engine.query.localizer import Localizer
+from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
+from app.engine.query.upright import localize_upright
+from app.engine.query.vdm.localizer import VdmLocalizer, VdmLocalizers
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.anchor_locator import AnchorLocator
-from app.services.camera_sources import QueryCamera, query_camera
-from app.services.floor_features.library import FeatureLibrary
-from app.services.localization import Localization
-from app.services.localizer import Localizer
+from app.services.feature_library import FeatureLibrary
 from app.services.locate_result import (
     LocateRequest,
     LocateResult,
@@ -20,11 +24,8 @@ from app.services.locate_result import (
     no_map_result,
 )
 from app.services.map_library import MapLibrary
-from app.services.narrowing import AreaOnFloor, allowed_keyframes
 from app.services.resources import Resources
-from app.services.upright import localize_upright
-from app.services.vdm_localizer import VdmLocalizer, VdmLocalizers
-from app.storage.floors import Floor, get_floor, list_floors
+from app.storage.floors import get_floor, list_floors
 from app.storage.venues import list_venues
 from app.vision.images import Rgb, decode_image
 

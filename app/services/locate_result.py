@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from app.engine.anchors.locator import AnchorLocalization
+from app.engine.anchors.place import place_on_floor
+from app.engine.floors.floor import Floor
+from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
+from app.engine.query.camera_sources import CameraSource, QueryCamera
+from app.engine.query.localization import KeyframeVote, Localization
+from app.engine.query.narrowing import Prior
+from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
 from app.geometry.se3 import Pose
 from app.geometry.turns import angle_to_down_deg
-from app.services.anchor_locator import AnchorLocalization
-from app.services.anchor_result import place_on_floor
-from app.services.camera_sources import CameraSource, QueryCamera
-from app.services.floor_plans import PlanPoint, floor_of, plan_point
-from app.services.localization import KeyframeVote, Localization
-from app.services.narrowing import Prior
-from app.services.verification import Reason
-from app.storage.floors import Floor
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]

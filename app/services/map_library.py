@@ -7,10 +7,10 @@ from collections import OrderedDict
 from collections.abc import Iterable
 from threading import Lock
 
+from app.engine.maps.artifact import MapArtifact
+from app.engine.query.localizer import Localizer
 from app.errors import RoomfixError
-from app.services.localizer import Localizer
 from app.services.resources import Resources
-from app.storage.map_artifact import MapArtifact
 from app.storage.maps import MapVersion, get_map
 from app.storage.venues import get_venue
 from app.vision.index import GlobalIndex

@@ -10,7 +10,7 @@ import cv2
 import faiss
 from threadpoolctl import threadpool_limits
 
-from app.services.vision_models import VisionModels
+from app.engine.maps.vision_models import VisionModels
 from app.settings import Settings
 from app.storage.blobs import BlobStore
 from app.storage.db import Database

@@ -11,22 +11,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.engine.mapping.build_map import BuiltMap, build_map, scan_placement
+from app.engine.mapping.extend_map import join_maps
+from app.engine.mapping.options import BuildOptions, parse_build_options
+from app.engine.mapping.register_scan import middle_of, register_scan
+from app.engine.mapping.self_check import SelfCheck, check_map
+from app.engine.maps.artifact import MapArtifact, MapArtifactError
+from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
 from app.errors import CancelledBuildError, ConflictError, InvalidScanError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.importers.archive import extract_archive
 from app.importers.archive_readers import ArchiveLimits
-from app.importers.frames import Frame, FrameSource, open_scan
-from app.services.build_map import BuiltMap, build_map, scan_placement
-from app.services.build_options import BuildOptions, parse_build_options
-from app.services.extend_map import join_maps
-from app.services.localizer import Localizer
+from app.importers.frames import Frame, FrameSource
+from app.importers.registry import open_scan
 from app.services.map_library import MapLibrary
-from app.services.progress import Progress
-from app.services.register_scan import middle_of, register_scan
 from app.services.resources import Resources
-from app.services.self_check import SelfCheck, check_map
 from app.storage.builds import Build, finish_build, report_progress
-from app.storage.map_artifact import MapArtifact, MapArtifactError
 from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from app.engine.floors.floor import Floor
+from app.engine.floors.plan_point import PlanPoint
+from app.engine.navigation.guidance import ARROW_AHEAD_M, Guidance, guide
+from app.engine.navigation.language import Speaker, language_of
+from app.engine.navigation.model import Route
+from app.engine.navigation.places import PlanPlace, parse_place
 from app.errors import NoRouteError, OffNetworkError
-from app.services.floor_plans import PlanPoint
-from app.services.guidance import ARROW_AHEAD_M, Guidance, guide
-from app.services.navigation.language import Speaker, language_of
-from app.services.navigation.model import Route
-from app.services.navigation.places import PlanPlace, parse_place
-from app.services.navigation.service import RouteService
-from app.storage.floors import Floor
+from app.services.routes import RouteService
 
 # Somebody who is off the route on so many frames in a row gets a new one; one frame may be wrong.
 OFF_ROUTE_FRAMES = 3

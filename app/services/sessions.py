@@ -6,41 +6,43 @@ import time
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
+from functools import partial
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from app.errors import ConflictError, InvalidCameraError, NotFoundError
-from app.geometry.camera import Camera
-from app.geometry.se3 import Pose
-from app.services.anchor_locator import AnchorLocator
-from app.services.build_options import parse_camera
-from app.services.camera_sources import CameraSource, query_camera
-from app.services.floor_changes import can_have_changed_floor
-from app.services.floor_features.library import FeatureLibrary
-from app.services.floor_plans import PlanPoint, floor_of, plan_point
-from app.services.localizer import Localizer
-from app.services.locate_result import LocateResult
-from app.services.map_library import MapLibrary
-from app.services.navigation.places import PlanPlace
-from app.services.navigation.service import RouteService
-from app.services.resources import Resources
-from app.services.session_guidance import SessionGuide, Way
-from app.services.tracking.anchor_fixes import AnchorFixes, FirstFixes
-from app.services.tracking.fix import WORLD, FixSource, MapFixes, plan_frame
-from app.services.tracking.frame import TrackingFrame
-from app.services.tracking.memory import (
+from app.engine.floors.floor import Floor
+from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
+from app.engine.mapping.options import parse_camera
+from app.engine.navigation.floor_changes import can_have_changed_floor
+from app.engine.navigation.places import PlanPlace
+from app.engine.query.camera_sources import CameraSource, query_camera
+from app.engine.query.localizer import Localizer
+from app.engine.tracking.anchor_fixes import AnchorFixes, FirstFixes
+from app.engine.tracking.fix import WORLD, FixSource, MapFixes, plan_frame
+from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.memory import (
     camera_from_json,
     camera_to_json,
     memory_from_json,
     memory_to_json,
     pose_to_json,
 )
-from app.services.tracking.state import State
-from app.services.tracking.tracked import Tracked
-from app.services.tracking.tracker import Tracker, TrackerSettings
-from app.storage.floors import Floor, list_floors
+from app.engine.tracking.state import State
+from app.engine.tracking.tracked import Tracked
+from app.engine.tracking.tracker import Tracker, TrackerSettings
+from app.errors import ConflictError, InvalidCameraError, NotFoundError
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+from app.services.anchor_locator import AnchorLocator
+from app.services.feature_library import FeatureLibrary
+from app.services.locate_result import LocateResult
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources
+from app.services.routes import RouteService
+from app.services.session_guidance import SessionGuide, Way
+from app.storage.floors import list_floors
 from app.storage.sessions import (
     Session,
     SessionPoint,
@@ -282,7 +284,7 @@ class SessionService:
         """Return what gives fixes: the map, and the anchors where it shows nothing."""
         sources: list[FixSource] = [] if localizer is None else [MapFixes(localizer)]
         if self._anchors is not None:
-            sources.append(AnchorFixes(self._anchors, venue_id, floors))
+            sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
         return FirstFixes(sources)
 
     def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:

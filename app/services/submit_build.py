@@ -10,8 +10,8 @@ from pathlib import Path
 from shutil import copyfileobj
 from typing import Any, BinaryIO
 
+from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError, InvalidScanError
-from app.services.build_options import parse_build_options
 from app.services.resources import Resources
 from app.storage.builds import Build, cancel_build, create_build
 from app.storage.db import hold_blobs

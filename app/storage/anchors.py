@@ -9,53 +9,11 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, delete, insert, select, update
 
+from app.engine.anchors.anchor import Anchor, AnchorSpec, Poi
 from app.errors import ConflictError, NotFoundError
 from app.geometry.camera import Camera
 from app.storage.db import as_utc, now
 from app.storage.tables import anchor_frames, anchors
-
-
-@dataclass(frozen=True, slots=True)
-class Poi:
-    """A point of interest of an anchor: its corners in the camera's picture (pixels), its place on the plan, its
-    distance from the camera, and its height on the plan's z axis, if known."""
-
-    id: str
-    region_px: tuple[tuple[float, float], ...]
-    x: float
-    y: float
-    distance_m: float
-    height_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class AnchorSpec:
-    """What a `PUT` says of a monitoring camera. `camera` is a `Camera`, or the numbers of one for its frames as
-    they come."""
-
-    venue_id: str
-    floor_id: str
-    x: float
-    y: float
-    height_m: float
-    heading_deg: float | None
-    camera: Camera | tuple[float, ...]
-    pois: tuple[Poi, ...]
-    store_images: bool = False
-    max_age_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Anchor:
-    """A stored anchor. `calibration` is the camera's pose in the map, as the calibration found it."""
-
-    id: str
-    spec: AnchorSpec
-    calibration: dict[str, Any] | None
-    uses: int
-    last_used_at: datetime | None
-    created_at: datetime
-    updated_at: datetime
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Row, delete, insert, select, update
 
+from app.engine.floors.floor import Floor, PlanImage
 from app.errors import NotFoundError
 from app.storage.tables import floors
 
@@ -19,42 +20,11 @@ ALL_BUT_FEATURES = [column for column in floors.c if column.name != "features"]
 
 
 @dataclass(frozen=True, slots=True)
-class PlanImage:
-    """A floor's drawing: blob, media type, size, and where plan (0, 0) lies in it."""
-
-    blob: str
-    media_type: str
-    width_px: int
-    height_px: int
-    meters_per_pixel: float
-    origin_px: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class Features:
     """A GeoJSON FeatureCollection in plan metres, and its digest, None when nothing was stored."""
 
     collection: dict[str, Any]
     sha256: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class Floor:
-    """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world.
-
-    `features_sha256` names the content that `get_features` returns; None when there is none.
-    """
-
-    venue_id: str
-    id: str
-    name: str
-    level: int
-    z_min_m: float
-    z_max_m: float
-    plan_from_world: NDArray[np.float64] | None
-    plan_residual_m: float | None
-    plan: PlanImage | None
-    features_sha256: str | None
 
 
 def put_floor(

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from app.geometry.se3 import Pose
-from app.vision.local_features import Descriptors
+from app.vision.features import Descriptors
 from app.vision.matching import Unit, to_unit_vectors
 from app.vision.similarity import content_similarity
 

@@ -1,23 +1,21 @@
-"""Local features behind one protocol: ORB, RootSIFT, A-KAZE and XFeat."""
+"""Methods of local features by name: ORB, RootSIFT, A-KAZE, XFeat, and SURF where its library is."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidInputError
+from app.vision.features import Descriptors, LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, shrink
 from app.vision.onnx_session import open_session
 from app.vision.xfeat import decode
 
-Descriptors = NDArray[np.uint8] | NDArray[np.float32]
 MODELS_DIR = Path(__file__).parent.parent / "models"
 
 # RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
@@ -31,44 +29,6 @@ ORB_FEATURES = {"orb": 1000, "orb-2000": 2000}
 MAX_SIDE_PX = 960
 # Those of anchors on larger ones: what a ceiling camera sees of a hall is small in its picture.
 FULL_SIDE_PX = 1280
-
-
-@dataclass(frozen=True, slots=True)
-class LocalFeatures:
-    """Keypoints (n, 2) in pixels of the full image (centre of the first pixel at 0, 0) and descriptors (n, d)."""
-
-    keypoints_px: NDArray[np.float32]
-    descriptors: Descriptors
-
-    def __len__(self) -> int:
-        return len(self.keypoints_px)
-
-    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> LocalFeatures:
-        """Return the features of the given rows."""
-        return LocalFeatures(self.keypoints_px[rows], self.descriptors[rows])
-
-
-class LocalFeatureExtractor(Protocol):
-    """What finds and describes keypoints.
-
-    `name` is what a map records, `ratio` its matching threshold, `min_inliers` well above what images of
-    places that are not in a map reach by chance (docs/features.md).
-    """
-
-    name: str
-    binary: bool
-    ratio: float
-    min_inliers: int
-    descriptor_size: int
-    descriptor_dtype: type[np.uint8] | type[np.float32]
-
-    def extract(self, gray: Gray) -> LocalFeatures:
-        """Return the features of a grey image (height, width), best first where the method ranks them."""
-        ...
-
-    def for_faint_images(self) -> LocalFeatureExtractor | None:
-        """Return an extractor for images in which this one finds too little, or None if there is none."""
-        ...
 
 
 class RootSift:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.local_features import Descriptors
+from app.vision.features import Descriptors
 
 Unit = NDArray[np.float32]
 

@@ -8,7 +8,7 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.local_features import Descriptors
+from app.vision.features import Descriptors
 from app.vision.matching import to_unit_vectors
 
 # Points further apart than this, heights counting three times, are different things.

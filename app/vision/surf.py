@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from mahotas.features import surf
 
+from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, shrink
-from app.vision.local_features import LocalFeatureExtractor, LocalFeatures
 
 # Finds as many points as SIFT does at its own size; larger images take seconds.
 SIDE_PX, MAX_FEATURES, THRESHOLD = 480, 1000, 1.0

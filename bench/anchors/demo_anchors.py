@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.storage.anchors import AnchorSpec, Poi
 from app.vision.images import Rgb, decode_image
 from bench.anchors.maps import MapPair
 from bench.anchors.pairs import AnchorPair

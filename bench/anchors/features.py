@@ -10,15 +10,16 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from app.geometry.camera import Camera
+from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.epipolar import essential_from_pose, in_front_of_both, sampson_errors
 from app.geometry.se3 import Pose
+from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray
-from app.vision.local_features import LocalFeatureExtractor, create_extractor
+from app.vision.local_features import create_extractor
 from app.vision.matching import match_unit_vectors, to_unit_vectors
 
 # A match is right when it lies this near, as an angle (tangent), to where the true poses put it.
-RIGHT = 3.0 / 525.0
+RIGHT = tangent_of_px(3.0)
 
 
 @dataclass(frozen=True, slots=True)

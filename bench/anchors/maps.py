@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.calibration import calibrate_in_map, calibration_of
+from app.engine.anchors.features import AnchorFeatures
+from app.engine.anchors.fix import MountedCamera
+from app.engine.anchors.live import mounted_camera
+from app.engine.anchors.look import look_closely
+from app.engine.anchors.map_depth import SeenPoints
+from app.engine.anchors.verification import judge_fix
+from app.engine.floors.floor import Floor
+from app.engine.maps.artifact import MapArtifact
+from app.engine.query.localizer import Localizer
+from app.engine.stage_timer import StageTimer
 from app.errors import ConflictError
 from app.geometry.se3 import Pose
-from app.services.anchor_calibration import calibrate_in_map, calibration_of
-from app.services.anchor_features import AnchorFeatures
-from app.services.anchor_fix import MountedCamera
-from app.services.anchor_library import mounted_camera
-from app.services.anchor_look import look_closely
-from app.services.anchor_verification import judge_fix
-from app.services.localization import StageTimer
-from app.services.localizer import Localizer
-from app.services.map_depth import SeenPoints
-from app.storage.floors import Floor
-from app.storage.map_artifact import MapArtifact
 from bench.anchors.pairs import AnchorPair, PairEvaluator
 from bench.evaluation.pose_errors import pose_error
 

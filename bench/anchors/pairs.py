@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.anchor import AnchorSpec
+from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures
+from app.engine.anchors.locator import roll_deg
+from app.engine.anchors.look import look_closely
+from app.engine.anchors.verification import confidence_of_fix, judge_fix
+from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera
-from app.services.anchor_features import NO_WORDS, AnchorDescriber, AnchorFeatures
-from app.services.anchor_locator import roll_deg
-from app.services.anchor_look import look_closely
-from app.services.anchor_verification import confidence_of_fix, judge_fix
-from app.services.localization import StageTimer
-from app.storage.anchors import AnchorSpec
 from app.vision.images import Rgb, to_gray
 
 Array = NDArray[np.float64]

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.services.anchor_features import AnchorDescriber, likeness
-from app.services.anchor_locator import CANDIDATES, AnchorLocator, ranked
+from app.engine.anchors.features import AnchorDescriber, likeness
+from app.engine.anchors.locator import CANDIDATES, ranked
+from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources

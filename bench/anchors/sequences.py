@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.anchor import AnchorSpec, Poi
+from app.engine.mapping.frame_images import frame_rgb
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.geometry.se3 import rotation_between
 from app.importers.frames import Frame, Scan
-from app.services.frame_images import frame_rgb
-from app.storage.anchors import AnchorSpec, Poi
 from app.vision.images import Rgb, to_gray
 from bench.anchors.features import PosedPictures
 from bench.anchors.pairs import AnchorPair

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.features import AnchorFeatures
+from app.engine.anchors.look import look_closely
+from app.engine.anchors.verification import judge_fix
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.progress import Progress
+from app.engine.stage_timer import StageTimer
+from app.engine.tracking.anchor_fixes import fix_of_anchor
+from app.engine.tracking.fix import Fix, NoFix
+from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.tracker import Tracker, TrackerSettings
 from app.geometry.se3 import Pose, rotation_between
 from app.importers.frames import Frame, Scan
-from app.services.anchor_features import AnchorFeatures
-from app.services.anchor_look import look_closely
-from app.services.anchor_verification import judge_fix
-from app.services.frame_images import frame_rgb
-from app.services.localization import StageTimer
-from app.services.progress import Progress
-from app.services.tracking.anchor_fixes import fix_of_anchor
-from app.services.tracking.fix import Fix, NoFix
-from app.services.tracking.frame import TrackingFrame
-from app.services.tracking.tracker import Tracker, TrackerSettings
 from bench.anchors.pairs import AnchorPair, PairEvaluator
 from bench.anchors.sequences import pair_with_pois
 from bench.tracking.sequences import tracked_scale

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.maps.vision_models import VisionModels
 from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
-from app.services.vision_models import VisionModels
 from app.vision.images import Rgb, decode_image, to_gray
 from app.vision.index import GlobalIndex
 

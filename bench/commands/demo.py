@@ -16,7 +16,7 @@ from app.commands.serve import run_server
 from app.errors import RoomfixError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
-from app.services.floor_features.store import store_features
+from app.services.floor_features import store_features
 from app.services.floor_plans import store_plan_image
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources

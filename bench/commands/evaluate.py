@@ -15,12 +15,12 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, json_object, progress_bars
+from app.engine.mapping.options import BuildOptions, parse_build_options
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localizer import PAPER, LocalizerSettings
 from app.errors import InvalidInputError
-from app.services.build_options import BuildOptions, parse_build_options
-from app.services.localizer import PAPER, LocalizerSettings
-from app.services.progress import Progress
 from app.services.resources import cap_threads, open_models
-from app.services.vision_models import VisionModels
 from app.settings import Settings
 from bench.evaluation.absent import check_places, locate_absent
 from bench.evaluation.benchmark import describe_machine, run_benchmark

@@ -14,10 +14,11 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, direction, progress_bars, settings_from
+from app.engine.anchors.features import AnchorDescriber
+from app.engine.mapping.options import parse_build_options
 from app.errors import ConflictError, InvalidInputError
-from app.importers.frames import Scan, ScanOptions, open_scan
-from app.services.anchor_features import AnchorDescriber
-from app.services.build_options import parse_build_options
+from app.importers.frames import Scan, ScanOptions
+from app.importers.registry import open_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
 from app.storage.floors import list_floors

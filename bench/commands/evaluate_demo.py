@@ -13,12 +13,12 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars, settings_from
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
 from app.errors import ConflictError
-from app.services.localizer import Localizer
 from app.services.map_library import MapLibrary
-from app.services.progress import Progress
 from app.services.resources import Resources
-from app.services.vision_models import VisionModels
 from app.vision.images import decode_image
 from bench.commands.demo import DEFAULT_DIR
 from bench.evaluation.map_part import part_of_map

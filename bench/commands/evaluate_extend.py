@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
-from app.services.build_options import parse_build_options
+from app.engine.mapping.options import parse_build_options
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Dataset, JsonFile, Options, Queries

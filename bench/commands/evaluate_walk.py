@@ -12,12 +12,12 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
-from app.importers.frames import open_scan
-from app.services.build_map import build_map
-from app.services.build_options import parse_build_options
-from app.services.localizer import Localizer
+from app.engine.mapping.build_map import build_map
+from app.engine.mapping.options import parse_build_options
+from app.engine.mapping.self_check import check_map
+from app.engine.query.localizer import Localizer
+from app.importers.registry import open_scan
 from app.services.resources import cap_threads, open_models
-from app.services.self_check import check_map
 from app.settings import Settings
 from app.vision.images import decode_image
 from bench.commands.demo import DEFAULT_DIR

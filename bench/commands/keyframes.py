@@ -14,18 +14,19 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
+from app.engine.mapping.build_map import scan_placement
+from app.engine.mapping.keyframe_rule import EVERY_M, KeyframeRule, parse_keyframe_rule
+from app.engine.mapping.options import BuildOptions, parse_build_options
+from app.engine.mapping.select_keyframes import frame_contents
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
 from app.errors import InvalidInputError
-from app.importers.frames import Scan, open_scan
-from app.services.build_map import scan_placement
-from app.services.build_options import BuildOptions, parse_build_options
-from app.services.keyframe_rule import EVERY_M, KeyframeRule, parse_keyframe_rule
-from app.services.progress import Progress
+from app.importers.frames import Scan
+from app.importers.registry import open_scan
 from app.services.resources import cap_threads, open_models
-from app.services.select_keyframes import frame_contents
-from app.services.vision_models import VisionModels
 from app.settings import Settings
 from app.vision.content_keyframes import ALPHA, BETA, FrameContent
-from app.vision.local_features import LocalFeatureExtractor
+from app.vision.features import LocalFeatureExtractor
 from bench.commands.evaluate import Database, Dataset, JsonFile, Options
 from bench.evaluation.dataset import parse_range
 from bench.evaluation.pipelines import PIPELINES, options_for

@@ -11,8 +11,8 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, progress_bars
+from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
-from app.services.build_options import parse_build_options
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Database, Dataset, JsonFile, Options

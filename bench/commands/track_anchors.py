@@ -10,8 +10,8 @@ import typer
 from rich.table import Table
 
 from app.commands.console import console, direction, progress_bars
-from app.services.anchor_features import AnchorDescriber
-from app.services.build_options import parse_build_options
+from app.engine.anchors.features import AnchorDescriber
+from app.engine.mapping.options import parse_build_options
 from app.services.resources import cap_threads
 from bench.anchors.pairs import PairEvaluator
 from bench.anchors.starts import Start, StartSettings, evaluate_starts, growth_rows, summarize_starts

@@ -11,9 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from app.engine.progress import Progress
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
-from app.services.progress import Progress
 from app.vision.images import Rgb, decode_image
 from bench.evaluation.outcome import outcome_of
 from bench.evaluation.pipelines import FrameLocalizer

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 import poselib
 
+from app.engine.mapping.build_map import build_map
+from app.engine.mapping.options import BuildOptions
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
 from app.geometry.camera import Camera
-from app.services.build_map import build_map
-from app.services.build_options import BuildOptions
-from app.services.localizer import Localizer
-from app.services.progress import Progress
-from app.services.vision_models import VisionModels
 from app.vision.images import Rgb, decode_image, shrink, to_gray
 from app.vision.local_features import SIFT_FEATURES, SIFT_SIDE_PX
 from app.vision.matching import to_unit_vectors

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from app.engine.query.verification import ConfidenceModel, Evidence, features_of
 from app.errors import InvalidInputError
-from app.services.verification import ConfidenceModel, Evidence, features_of
 from bench.evaluation.pose_errors import RIGHT_DEG, RIGHT_M, QueryOutcome
 
 # Poses with fewer inliers are refused whatever their confidence.

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.errors import InvalidInputError
-from app.importers.frames import Frame, Scan, ScanOptions, open_scan
+from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.registry import open_scan
 
 
 def parse_range(text: str) -> slice:

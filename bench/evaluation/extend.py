@@ -10,18 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.extend_map import join_maps
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.mapping.options import BuildOptions
+from app.engine.mapping.register_scan import Registration, register_scan
+from app.engine.mapping.self_check import check_map
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
 from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, attitude_difference_rad, rotation_from_vector
-from app.importers.frames import Frame, Scan, ScanOptions, open_scan
-from app.services.build_map import BuiltMap, build_map
-from app.services.build_options import BuildOptions
-from app.services.extend_map import join_maps
-from app.services.frame_images import frame_rgb
-from app.services.localizer import Localizer
-from app.services.progress import Progress
-from app.services.register_scan import Registration, register_scan
-from app.services.self_check import check_map
-from app.services.vision_models import VisionModels
+from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.registry import open_scan
 from bench.evaluation.dataset import parse_range
 from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.services.repetition import elsewhere
-from app.storage.map_artifact import MapArtifact
+from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.repetition import elsewhere
+from app.vision.features import LocalFeatureExtractor
 from app.vision.index import GlobalIndex
-from app.vision.local_features import LocalFeatureExtractor
 
 
 def part_of_map(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from app.engine.query.localization import Localization
 from app.geometry.se3 import Pose
-from app.services.localization import Localization
 from bench.evaluation.pose_errors import QueryOutcome, pose_error
 
 

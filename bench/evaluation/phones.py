@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from app.engine.mapping.build_map import build_map
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.mapping.options import BuildOptions
+from app.engine.mapping.self_check import check_map
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.camera_sources import query_camera
+from app.engine.query.localizer import Localizer
+from app.engine.query.upright import localize_upright
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.geometry.turns import camera_from_turned, turned_camera
-from app.services.build_map import build_map
-from app.services.build_options import BuildOptions
-from app.services.camera_sources import query_camera
-from app.services.frame_images import frame_rgb
-from app.services.localizer import Localizer
-from app.services.progress import Progress
-from app.services.self_check import check_map
-from app.services.upright import localize_upright
-from app.services.vision_models import VisionModels
 from app.vision.exif import EXIF_IFD, FOCAL_LENGTH, PIXEL_X, PIXEL_Y, PLANE_UNIT, PLANE_X_RESOLUTION
 from app.vision.images import Rgb
 from bench.evaluation.dataset import Split

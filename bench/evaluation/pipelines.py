@@ -8,15 +8,15 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.mapping.build_map import BuiltMap
+from app.engine.mapping.options import BuildOptions
+from app.engine.maps.vision_models import VisionModels
+from app.engine.query.localization import Localization
+from app.engine.query.localizer import PAPER, Localizer, LocalizerSettings
+from app.engine.query.vdm.localizer import VdmLocalizer
 from app.geometry.camera import Camera
-from app.services.build_map import BuiltMap
-from app.services.build_options import BuildOptions
-from app.services.epipolar_localizer import EpipolarLocalizer
-from app.services.localization import Localization
-from app.services.localizer import PAPER, Localizer, LocalizerSettings
-from app.services.vdm_localizer import VdmLocalizer
-from app.services.vision_models import VisionModels
 from app.vision.images import Rgb
+from bench.baselines.epipolar import EpipolarLocalizer
 
 Pipeline = Literal["default", "paper", "vdm", "epipolar"]
 PIPELINES: tuple[Pipeline, ...] = ("default", "paper", "vdm", "epipolar")

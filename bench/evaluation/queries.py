@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from app.engine.mapping.frame_images import frame_rgb
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, Scan
-from app.services.frame_images import frame_rgb
 from app.vision.images import Rgb, decode_image
 from bench.evaluation.dataset import parse_range
 

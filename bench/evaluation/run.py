@@ -8,15 +8,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
 
+from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.options import BuildOptions
+from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localization import Localization
+from app.engine.query.localizer import LocalizerSettings
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame
-from app.services.build_map import BuiltMap, build_map
-from app.services.build_options import BuildOptions
-from app.services.localization import Localization
-from app.services.localizer import LocalizerSettings
-from app.services.progress import Progress
-from app.services.vision_models import VisionModels
-from app.storage.map_artifact import MapArtifact
 from app.vision.images import decode_image
 from app.vision.keyframes import PoseThresholds
 from bench.evaluation.absent import AbsentResult

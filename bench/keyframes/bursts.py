@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.progress import Progress, map_in_order
 from app.importers.frames import FrameSource
-from app.services.frame_images import frame_rgb
-from app.services.progress import Progress, map_in_order
 from app.vision.content_keyframes import ContentRule, ContentSelector, FrameContent
+from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray, measure_quality, to_gray
-from app.vision.local_features import LocalFeatureExtractor
 
 # Of every thirty frames ten are shaken, by streaks of about these lengths.
 SHAKEN_RUN, SHAKEN_EVERY = 10, 3

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.options import BuildOptions
+from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
 from app.geometry.se3 import Pose
 from app.importers.frames import FrameSource
-from app.services.build_map import BuiltMap, build_map
-from app.services.build_options import BuildOptions
-from app.services.progress import Progress
-from app.services.vision_models import VisionModels
-from app.storage.map_artifact import MapArtifact
 from app.vision.content_keyframes import ContentRule, ContentSelector, FrameContent
-from app.vision.local_features import LocalFeatureExtractor
+from app.vision.features import LocalFeatureExtractor
 from app.vision.matching import to_unit_vectors
 from app.vision.similarity import content_similarity
 from bench.evaluation.pipelines import FrameLocalizer, Pipeline, open_pipeline

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.geometry.camera import Camera
+from app.geometry.camera import REFERENCE_FOCAL_PX, Camera
 from app.geometry.se3 import Pose
 from bench.recordings.cache import make_directory
 from bench.recordings.trajectory import VENUE_WALK, WING_WALK, Walk, scan_poses
@@ -15,7 +15,7 @@ from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.scene import SCENE_VERSION
 from bench.render.sensor import DEPTH_SCALE, ColourSensor
 
-SCAN_CAMERA = Camera("PINHOLE", 640, 480, (525.0, 525.0, 319.5, 239.5))
+SCAN_CAMERA = Camera("PINHOLE", 640, 480, (REFERENCE_FOCAL_PX, REFERENCE_FOCAL_PX, 319.5, 239.5))
 WING_FRAMES, VENUE_FRAMES = 300, 2400
 FRAME_INTERVAL_S = 0.4
 # Real colour and depth cameras don't fire together; here the depth pictures only claim to be a little later.

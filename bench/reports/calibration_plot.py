@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from app.engine.mapping.calibration_curves import Calibration, FittedCurve
 from app.errors import InvalidInputError
-from app.services.calibration_curves import Calibration, FittedCurve
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw
 
 FIT_COLOR, VALIDATION_COLOR, CURVE_COLOR, PAPER_COLOR = "#4c78a8", "#f58518", "#111111", "#8a8a8a"

@@ -12,17 +12,18 @@ from typing import Any
 import cv2
 import numpy as np
 
+from app.engine.floors.floor import Floor
+from app.engine.navigation.places import PlanPlace
+from app.engine.tracking.tracker import TrackerSettings
 from app.errors import ConflictError
 from app.geometry.plan import PlanTransform
-from app.services.floor_features.library import FeatureLibrary
+from app.services.feature_library import FeatureLibrary
 from app.services.map_library import MapLibrary
-from app.services.navigation.places import PlanPlace
-from app.services.navigation.service import RouteService
 from app.services.resources import Resources
+from app.services.routes import RouteService
 from app.services.sessions import SessionService
-from app.services.tracking.tracker import TrackerSettings
 from app.settings import Settings
-from app.storage.floors import Floor, list_floors
+from app.storage.floors import list_floors
 from bench.render.scene import loaded_scene
 from bench.simulation.log import WalkLog
 from bench.simulation.summary import Setting

@@ -8,12 +8,12 @@ from itertools import product
 
 import numpy as np
 
+from app.engine.floors.floor import Floor
+from app.engine.navigation.model import Route
+from app.engine.navigation.places import PlanPlace
 from app.errors import InvalidInputError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
-from app.services.navigation.model import Route
-from app.services.navigation.places import PlanPlace
-from app.storage.floors import Floor
 
 # A route is as long as demanded within this share.
 LENGTH_SHARE = 0.15

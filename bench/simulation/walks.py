@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from app.engine.floors.floor import Floor
+from app.engine.navigation.places import PlanPlace
 from app.geometry.se3 import Pose
-from app.services.navigation.places import PlanPlace
-from app.storage.floors import Floor
 from bench.simulation.trips import Progress, Trip, apart_m
 from bench.simulation.walker import Building, Walker
 

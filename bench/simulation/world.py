@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.navigation.places import PlanPlace
 from app.geometry.camera import Camera
-from app.services.navigation.places import PlanPlace
 from app.services.sessions import SessionFrame, SessionService
 from bench.render.raycast import FAST, render
 from bench.render.scene import Scene

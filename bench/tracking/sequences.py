@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.mapping.build_map import build_map
+from app.engine.mapping.options import BuildOptions
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
+from app.engine.tracking.fix import Fix, FixSource, MapFixes, NoFix
+from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.tracker import Tracker, TrackerSettings
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.services.build_map import build_map
-from app.services.build_options import BuildOptions
-from app.services.localizer import Localizer
-from app.services.progress import Progress
-from app.services.tracking.fix import Fix, FixSource, MapFixes, NoFix
-from app.services.tracking.frame import TrackingFrame
-from app.services.tracking.tracker import Tracker, TrackerSettings
-from app.services.vision_models import VisionModels
 from app.vision.images import decode_image
 from bench.evaluation.dataset import Split
 from bench.evaluation.pose_errors import pose_error

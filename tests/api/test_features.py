@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from app.services.floor_features.collection import MAX_FEATURES
+from app.engine.floors.collection import MAX_FEATURES
 from tests.plans import (
     GROUND,
     UPPER,

@@ -20,7 +20,7 @@ import pytest
 from app.errors import CancelledBuildError, InvalidScanError
 from app.importers.archive import extract_archive
 from app.importers.archive_readers import ArchiveLimits
-from app.importers.frames import open_scan
+from app.importers.registry import open_scan
 from tests.importers.scans import write_tum
 
 MIB = 1024 * 1024

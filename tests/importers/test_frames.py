@@ -13,7 +13,8 @@ from PIL import Image
 from app.errors import InvalidInputError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.frames import ScanOptions, open_scan
+from app.importers.frames import ScanOptions
+from app.importers.registry import open_scan
 from tests.importers.scans import (
     HEIGHT,
     INTRINSICS,

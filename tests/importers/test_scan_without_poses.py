@@ -8,7 +8,8 @@ import pytest
 
 from app.errors import InvalidScanError
 from app.geometry.uniform_motion import UniformMotion
-from app.importers.frames import Scan, ScanOptions, open_scan
+from app.importers.frames import Scan, ScanOptions
+from app.importers.registry import open_scan
 from tests.importers.scans import write_seven_scenes, write_tum
 
 MOTION = UniformMotion((1.0, 2.0, 1.5), 0.5, 90.0, 10.0)

@@ -9,7 +9,8 @@ import pytest
 
 from app.errors import InvalidScanError
 from app.geometry.se3 import Pose
-from app.importers.frames import Scan, ScanOptions, open_scan
+from app.importers.frames import Scan, ScanOptions
+from app.importers.registry import open_scan
 from app.importers.seven_scenes import DEFAULT_INTRINSICS
 from tests.importers.scans import INTRINSICS, write_color, write_depth, write_seven_scenes
 

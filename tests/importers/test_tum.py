@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
-from app.importers.frames import Scan, ScanOptions, open_scan
+from app.importers.frames import Scan, ScanOptions
+from app.importers.registry import open_scan
 from tests.importers.scans import (
     INTRINSICS,
     real_scan,

@@ -10,15 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import app as cli
+from app.engine.navigation.search import Limits
+from app.engine.navigation.survey import survey
 from app.errors import InvalidInputError, NoRouteError
 from app.importers.wrld_indoor_map import read_indoor_map
-from app.services.floor_features.library import FeatureLibrary
-from app.services.floor_features.store import stored_features
+from app.services.feature_library import FeatureLibrary
+from app.services.floor_features import stored_features
 from app.services.import_plan import import_indoor_map
-from app.services.navigation.search import Limits
-from app.services.navigation.service import RouteService
-from app.services.navigation.survey import survey
 from app.services.resources import Resources
+from app.services.routes import RouteService
 from app.settings import Settings
 from app.storage.floors import list_floors, put_floor
 from app.storage.venues import create_venue, list_venues

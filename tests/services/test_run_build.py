@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from app.engine.maps.artifact import MapArtifactError
 from app.errors import CancelledBuildError
 from app.jobs.handlers import handle_build
 from app.services import run_build as module
@@ -17,7 +18,6 @@ from app.services.run_build import run_build
 from app.services.submit_build import submit_build, withdraw_build
 from app.settings import Settings
 from app.storage.builds import Build, claim_build, get_build
-from app.storage.map_artifact import MapArtifactError
 from app.storage.maps import list_maps
 from app.storage.venues import create_venue
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped

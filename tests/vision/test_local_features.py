@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from app.errors import InvalidInputError
+from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray, to_gray
-from app.vision.local_features import FEATURE_NAMES, LocalFeatureExtractor, create_extractor
+from app.vision.local_features import FEATURE_NAMES, create_extractor
 from tests.scenes import CAMERA, Room, pose_at
 
 # What shrinks its input first finds other details in a crop: it is asked on pictures that it takes as they are.

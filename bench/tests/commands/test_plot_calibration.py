@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.services.calibration_curves import PairCounts, fit_curves
+from app.engine.mapping.calibration_curves import PairCounts, fit_curves
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE
 from bench.reports.calibration_plot import calibration_from_dict
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.importers.frames import ScanOptions, open_scan
-from app.services.anchor_features import AnchorDescriber
+from app.engine.anchors.features import AnchorDescriber
+from app.importers.frames import ScanOptions
+from app.importers.registry import open_scan
 from bench.anchors.pairs import PairEvaluator
 from bench.anchors.starts import (
     Start,

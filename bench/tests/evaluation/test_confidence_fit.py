@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.engine.query.verification import Evidence
 from app.errors import InvalidInputError
-from app.services.verification import Evidence
 from bench.evaluation.confidence_fit import fit_confidence
 from bench.evaluation.pose_errors import QueryOutcome
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.engine.mapping.options import BuildOptions
+from app.engine.progress import NoProgress
+from app.engine.query.localizer import LocalizerSettings
 from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
-from app.services.build_options import BuildOptions
-from app.services.localizer import LocalizerSettings
-from app.services.progress import NoProgress
 from app.services.resources import open_models
 from app.settings import Settings
 from bench.commands.evaluate_demo import RegionFigures, evaluate_region

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
+from app.engine.mapping.register_scan import Registration
 from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.frames import ScanOptions
-from app.services.register_scan import Registration
 from bench.evaluation.extend import moved_scan, other_frame, registration_error, split_for_extension
 from tests.scenes import CAMERA, CAMERA_TEXT, Room, pose_at, scan_files
 

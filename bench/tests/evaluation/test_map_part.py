@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.repetition import elsewhere
+from app.engine.maps.repetition import elsewhere
 from app.vision.index import GlobalIndex
 from app.vision.local_features import create_extractor
 from bench.evaluation.map_part import part_of_map

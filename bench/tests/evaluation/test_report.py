@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.errors import InvalidInputError
-from app.services.build_options import BuildOptions, parse_build_options
 from bench.evaluation.naming import name_by_difference
 from bench.reports.report import Report, ReportFigure, ReportTable, Section
 

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.engine.floors.floor import Floor
+from app.engine.navigation.guidance import guide
+from app.engine.navigation.model import Route
+from app.engine.navigation.places import PlanPlace
 from app.errors import InvalidInputError
 from app.geometry.plan import plan_position
-from app.services.guidance import guide
-from app.services.navigation.model import Route
-from app.services.navigation.places import PlanPlace
-from app.storage.floors import Floor
 from bench.simulation.log import WalkLog
 from bench.simulation.summary import Setting, figures_of, interval_percent
 from bench.simulation.trips import Trip, pairs_by_length, shuffled, spots_of
 from bench.simulation.walker import Walker
 from bench.simulation.walks import Outcome, Shot, Told, walk_trip
+from tests.engine.navigation.test_navigation import network_of, route
 from tests.plans import GROUND, UPPER
-from tests.services.test_navigation import network_of, route
 
 FLOOR = Floor("site", "ground", "Ground floor", 0, -0.5, 3.0, np.eye(4), None, None, None)
 

@@ -6,13 +6,13 @@ import itertools
 
 import pytest
 
-from app.services.floor_features.collection import parse_features
-from app.services.floor_features.places import PlaceIndex
-from app.services.navigation.network import Network, build_network
-from app.services.navigation.survey import survey
-from app.storage.floors import Floor
+from app.engine.floors.collection import parse_features
+from app.engine.floors.floor import Floor
+from app.engine.floors.places import PlaceIndex
+from app.engine.navigation.network import Network, build_network
+from app.engine.navigation.survey import survey
 from bench.demo import floor_plans
-from tests.services.test_navigation import route
+from tests.engine.navigation.test_navigation import route
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""Positioning by monitoring cameras (C 4)."""

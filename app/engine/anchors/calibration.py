@@ -1,0 +1,155 @@
+"""Self-calibration: where the map says that a monitoring camera and its POIs are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.anchors.anchor import AnchorSpec, Poi
+from app.engine.anchors.map_depth import SeenPoints
+from app.engine.anchors.monitor_pose import find_monitor
+from app.engine.anchors.sights import centroid, inside_region, region_in
+from app.engine.floors.floor import Floor
+from app.engine.maps.artifact import MapArtifact
+from app.engine.query.localizer import Localizer
+from app.errors import ConflictError
+from app.geometry.camera import Camera
+from app.geometry.plan import PlanTransform, plan_position
+from app.geometry.se3 import Pose, rotation_from_quaternion
+from app.geometry.triangulation import homogeneous
+from app.vision.images import Rgb
+
+# Map points nearer to a POI's middle than this share of its region's size tell its distance.
+POI_SHARE, MIN_POI_POINTS = 0.5, 5
+
+
+# Keyframes this far around the place that was entered for the camera are looked at; the map's answer may be this far
+# from it, and most POIs this far, and this share of their distance, from where they were entered.
+NEAR_M, MAX_MOVED_M = 10.0, 2.0
+MAX_POI_MOVED_M, MAX_POI_MOVED_SHARE = 1.0, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A monitoring camera in the map: its pose and one sigma of it, in metres and degrees, and how far away what it
+    sees is, packed as `SeenPoints` does, None where that wasn't noted."""
+
+    world_from_camera: Pose
+    position_sigma_m: float
+    orientation_sigma_deg: float
+    points: str | None
+
+
+def calibrate_in_map(
+    localizer: Localizer, map_version: int, floor: Floor, spec: AnchorSpec, camera: Camera, rgb: Rgb
+) -> dict[str, Any]:
+    """Return a camera's calibration as the anchor stores it: pose in the world, place on the plan, POIs.
+
+    Raises `ConflictError` when the frame's pose can't be told from the map to 5 cm and 0.5 degrees (one sigma), when
+    it contradicts what was entered for the camera, or when the floor's plan has no place in the world.
+    """
+    if floor.plan_from_world is None:
+        raise ConflictError(
+            f"Floor {floor.id!r} has no plan_from_world yet, so its map says nothing of the plan."
+        )
+    plan = PlanTransform(floor.plan_from_world)
+    found = find_monitor(localizer, camera, rgb, keyframes_near(localizer.artifact, floor, plan, spec))
+    if isinstance(found, str):
+        raise ConflictError(
+            f"The camera could not be calibrated: {found}. Scan what the camera sees, or check its position and "
+            "intrinsics, then try again."
+        )
+    pose = found.world_from_camera
+    _check_place(spec, camera, pose, plan)
+    x, y, heading_deg = plan_position(plan, pose)
+    pois = [_poi(poi, spec, camera, pose, plan, found.seen) for poi in spec.pois]
+    return {
+        "map_version": map_version,
+        "pose": {
+            "position": dict(zip("xyz", pose.translation.tolist(), strict=True)),
+            "quaternion": dict(zip("xyzw", pose.quaternion.tolist(), strict=True)),
+        },
+        "plan": {"x": x, "y": y, "heading_deg": heading_deg},
+        "height_m": float(plan.apply(pose.translation)[2]),
+        "accuracy": {
+            "position_m": found.position_sigma_m,
+            "orientation_deg": found.orientation_sigma_deg,
+        },
+        "inliers": found.inliers,
+        "points": found.seen.pack(camera),
+        "pois": [poi for poi in pois if poi is not None],
+    }
+
+
+def calibration_of(values: dict[str, Any] | None) -> Calibration | None:
+    """Return a stored calibration, or None for a camera without one."""
+    if values is None:
+        return None
+    position, quaternion = values["pose"]["position"], values["pose"]["quaternion"]
+    return Calibration(
+        Pose(
+            rotation_from_quaternion(*(quaternion[key] for key in "xyzw")),
+            np.array([position[key] for key in "xyz"]),
+        ),
+        values["accuracy"]["position_m"],
+        values["accuracy"]["orientation_deg"],
+        values.get("points"),
+    )
+
+
+def keyframes_near(
+    artifact: MapArtifact, floor: Floor, plan: PlanTransform, spec: AnchorSpec
+) -> NDArray[np.int64]:
+    """Return the keyframes (rows) of an anchor's floor around the place that was entered for it."""
+    positions = artifact.arrays.positions
+    heights = positions[:, 2]
+    on_floor = (heights >= floor.z_min_m) & (heights < floor.z_max_m)
+    away = np.linalg.norm(plan.apply(positions)[:, :2] - [spec.x, spec.y], axis=1)
+    return np.flatnonzero(on_floor & (away < NEAR_M)).astype(np.int64)
+
+
+def _check_place(spec: AnchorSpec, camera: Camera, world_from_camera: Pose, plan: PlanTransform) -> None:
+    """Raise `ConflictError` when a pose puts the camera, or most POIs, far from where they were entered.
+
+    Two places that look alike, or a pose from one corner of the picture, show here.
+    """
+    at = plan.apply(world_from_camera.translation)
+    moved_m = float(np.linalg.norm(at[:2] - [spec.x, spec.y]))
+    off = []
+    for poi in spec.pois:
+        ray = homogeneous(camera.normalize(centroid(region_in(poi, spec, camera))))[0]
+        towards = plan.rotation @ world_from_camera.rotation @ (ray / np.linalg.norm(ray))
+        apart = np.linalg.norm((at + poi.distance_m * towards)[:2] - [poi.x, poi.y])
+        off.append(apart / (MAX_POI_MOVED_M + MAX_POI_MOVED_SHARE * poi.distance_m))
+    if moved_m > MAX_MOVED_M or float(np.median(off)) > 1.0:
+        raise ConflictError(
+            f"By the map the camera hangs at ({at[0]:.2f}, {at[1]:.2f}) m on the plan, {moved_m:.1f} m from where it "
+            "was entered, and its POIs don't fit there; correct position and pois, or scan what the camera sees."
+        )
+
+
+def _poi(
+    poi: Poi, spec: AnchorSpec, camera: Camera, world_from_camera: Pose, plan: PlanTransform, seen: SeenPoints
+) -> dict[str, Any] | None:
+    """Return a POI's place by the map, or None when the map has too few points in the middle of its region."""
+    corners = region_in(poi, spec, camera)
+    middle = centroid(corners)
+    size = float(np.ptp(corners, axis=0).max())
+    near = inside_region(seen.pixels, corners) & (
+        np.linalg.norm(seen.pixels - middle, axis=1) < POI_SHARE * size
+    )
+    if np.count_nonzero(near) < MIN_POI_POINTS:
+        return None
+    length_m = float(np.median(seen.lengths_m[near]))
+    ray = homogeneous(camera.normalize(middle))[0]
+    point = world_from_camera.apply(length_m * ray / np.linalg.norm(ray))
+    x, y, height_m = plan.apply(point)
+    return {
+        "id": poi.id,
+        "position": {"x": float(x), "y": float(y)},
+        "height_m": float(height_m),
+        "distance_m": length_m,
+    }

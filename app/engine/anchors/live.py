@@ -1,0 +1,41 @@
+"""Anchors that can be used now: those whose newest frame is fresh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.engine.anchors.anchor import Anchor
+from app.engine.anchors.calibration import calibration_of
+from app.engine.anchors.features import AnchorFeatures
+from app.engine.anchors.fix import MountedCamera
+from app.engine.floors.floor import Floor
+from app.geometry.camera import Camera
+from app.geometry.plan import PlanTransform
+from app.geometry.se3 import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class LiveAnchor:
+    """An anchor whose newest frame is fresh: the frame's camera and features; `mounted` of a calibrated camera."""
+
+    anchor: Anchor
+    frame: str
+    camera: Camera
+    features: AnchorFeatures
+    mounted: MountedCamera | None
+
+
+def mounted_camera(stored: dict[str, Any] | None, floor: Floor) -> MountedCamera | None:
+    """Return a calibrated camera's pose on its floor's plan, or None."""
+    calibration = calibration_of(stored)
+    if calibration is None or floor.plan_from_world is None:
+        return None
+    plan, pose = PlanTransform(floor.plan_from_world), calibration.world_from_camera
+    return MountedCamera(
+        Pose(plan.rotation @ pose.rotation, plan.apply(pose.translation)),
+        calibration.position_sigma_m * plan.scale,
+        float(np.radians(calibration.orientation_sigma_deg)),
+    )

@@ -1,0 +1,28 @@
+"""A close look at one anchor: matches of its features with a phone's, and the answer they give."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.anchors.anchor import AnchorSpec
+from app.engine.anchors.features import AnchorFeatures, match_akaze, match_xfeat
+from app.engine.anchors.fix import AnchorFix, MountedCamera, fix_by_anchor
+from app.engine.stage_timer import StageTimer
+from app.geometry.camera import Camera
+
+
+def look_closely(
+    spec: AnchorSpec,
+    monitor: tuple[AnchorFeatures, Camera],
+    phone: tuple[AnchorFeatures, Camera],
+    gravity: NDArray[np.float64] | None,
+    mounted: MountedCamera | None,
+    timer: StageTimer,
+) -> tuple[AnchorFix | None, int]:
+    """Return an anchor's answer, or None, and the number of matches."""
+    matches = match_akaze(monitor[0], phone[0]).with_more(match_xfeat(monitor[0], phone[0]))
+    timer.lap("match")
+    fix = fix_by_anchor(spec, monitor[1], phone[1], matches, gravity, mounted, monitor[0].down)
+    timer.lap("pose")
+    return fix, len(matches)

@@ -1,0 +1,1 @@
+"""A floor, its plan, and what the plan means: landmarks, points of interest, areas and walkable links."""

@@ -1,0 +1,163 @@
+"""A whole FeatureCollection: from a request's bytes to checked features in one form."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from app.engine.floors.checks import check_links
+from app.engine.floors.geometry import short
+from app.engine.floors.model import KINDS, Area, FloorFeatures, Kind, Landmark, Link
+from app.engine.floors.origin import Origin, read_origin
+from app.engine.floors.reading import (
+    GeoJson,
+    Value,
+    as_geojson,
+    given_id,
+    kind_of,
+    position_count,
+    read_link,
+    read_named,
+)
+from app.errors import InvalidInputError
+
+MAX_FEATURES = 20_000
+MAX_POSITIONS = 200_000
+MAX_DEPTH = 12
+POINTS: tuple[Kind, ...] = ("landmark", "poi")
+TOO_DEEP = f"The JSON is nested more than {MAX_DEPTH} deep."
+
+
+def parse_json(data: bytes) -> object:
+    """Return the JSON of a request; raises `InvalidInputError` for what can't be stored and given back."""
+    try:
+        value = json.loads(data, parse_constant=_refuse_constant)
+        _check_depth(value)
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
+    except RecursionError:
+        raise InvalidInputError(TOO_DEEP) from None
+    except UnicodeError:
+        raise InvalidInputError("The body is not valid UTF-8 text.") from None
+    except ValueError as error:
+        reason = f": {error}" if isinstance(error, json.JSONDecodeError) else " with finite numbers"
+        raise InvalidInputError(f"The body must be a GeoJSON FeatureCollection{reason}.") from None
+    return value
+
+
+def _refuse_constant(_: str) -> None:
+    raise ValueError
+
+
+def _check_depth(value: object) -> None:
+    level: list[Any] = [value]
+    for _ in range(MAX_DEPTH):
+        level = [
+            child
+            for item in level
+            if isinstance(item, dict | list)
+            for child in (item.values() if isinstance(item, dict) else item)
+        ]
+        if not level:
+            return
+    raise InvalidInputError(TOO_DEEP)
+
+
+def parse_features(value: object, floor_id: str, floor_ids: Sequence[str]) -> tuple[GeoJson, FloorFeatures]:
+    """Return a floor's features as they are stored, in plan metres, and as values.
+
+    Links must touch something at each end on this floor, and lead to `floor_ids`; what they meet there is not
+    checked, since that floor's features may come later. Raises `InvalidInputError` that names the feature.
+    """
+    collection, features = read_collection(value, floor_id)
+    check_links(features, floor_ids)
+    return collection, features
+
+
+def read_collection(value: object, floor_id: str) -> tuple[GeoJson, FloorFeatures]:
+    """Return each feature as it is stored and as a value; nothing is checked of one against another but ids."""
+    if not isinstance(value, Mapping) or value.get("type") != "FeatureCollection":
+        raise InvalidInputError('The body must be a GeoJSON object with "type": "FeatureCollection".')
+    entries = value.get("features")
+    if not isinstance(entries, list):
+        raise InvalidInputError("A FeatureCollection has a list of features.")
+    if len(entries) > MAX_FEATURES:
+        raise InvalidInputError(
+            f"There are {len(entries):,} features; a floor holds {MAX_FEATURES:,} at most."
+        )
+    reader = _Reader(floor_id, read_origin(value))
+    stored = [reader.read(index, entry) for index, entry in enumerate(entries)]
+    return {"type": "FeatureCollection", "features": stored}, reader.features()
+
+
+class _Reader:
+    """Reads one feature after the other and keeps their ids apart."""
+
+    def __init__(self, floor_id: str, origin: Origin | None) -> None:
+        self._floor_id = floor_id
+        self._origin = origin
+        self._values: dict[Kind, dict[str, Value]] = {kind: {} for kind in KINDS}
+        self._positions = 0
+        self._repeats: Counter[tuple[str, str]] = Counter()
+
+    def read(self, index: int, entry: object) -> GeoJson:
+        try:
+            return self._read(index, entry)
+        except InvalidInputError as error:
+            raise InvalidInputError(f"Feature {index}{_name(entry)}: {error}") from None
+
+    def _read(self, index: int, entry: object) -> GeoJson:
+        if not isinstance(entry, Mapping) or entry.get("type") != "Feature":
+            raise InvalidInputError('it must be an object with "type": "Feature".')
+        properties = entry.get("properties")
+        if not isinstance(properties, Mapping):
+            raise InvalidInputError("it has no properties.")
+        kind = kind_of(properties)
+        feature_id = given_id(entry, properties)
+        value: Value
+        if kind == "link":
+            own = feature_id or self._free(f"link-{index}", kind)
+            value = read_link(own, entry, self._floor_id, self._origin)
+        else:
+            if feature_id is None and isinstance(properties.get("name"), str):
+                feature_id = self._free(properties["name"].strip(), kind)
+            value = read_named(kind, feature_id, entry, self._origin)
+        if self._is_taken(value.id, kind):
+            also = "landmark or poi" if kind in POINTS else kind
+            raise InvalidInputError(f"there is another {also} with the id {short(value.id)} on this floor.")
+        self._positions += position_count(value)
+        if self._positions > MAX_POSITIONS:
+            raise InvalidInputError(f"the features up to here have more than {MAX_POSITIONS:,} positions.")
+        self._values[kind][value.id] = value
+        return as_geojson(kind, value, properties)
+
+    def _is_taken(self, feature_id: str, kind: Kind) -> bool:
+        return any(feature_id in self._values[other] for other in (POINTS if kind in POINTS else (kind,)))
+
+    def _free(self, wanted: str, kind: Kind) -> str:
+        """Return an id like `wanted` for a feature without one: rooms of one name are numbered."""
+        free = wanted
+        while self._is_taken(free, kind):
+            self._repeats[kind, wanted] += 1
+            free = f"{wanted} ({self._repeats[kind, wanted] + 1})"
+        return free
+
+    def features(self) -> FloorFeatures:
+        values = self._values
+        return FloorFeatures(
+            {key: value for key, value in values["landmark"].items() if isinstance(value, Landmark)},
+            {key: value for key, value in values["poi"].items() if isinstance(value, Landmark)},
+            tuple(value for value in values["area"].values() if isinstance(value, Area)),
+            tuple(value for value in values["link"].values() if isinstance(value, Link)),
+        )
+
+
+def _name(entry: object) -> str:
+    """Return how a message names a feature beside its index."""
+    if not isinstance(entry, Mapping):
+        return ""
+    properties = entry.get("properties")
+    inside = properties if isinstance(properties, Mapping) else {}
+    name = inside.get("id", entry.get("id", inside.get("name")))
+    return f" ({short(name)})" if isinstance(name, str | int) else ""

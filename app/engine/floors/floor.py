@@ -1,0 +1,39 @@
+"""A floor of a venue: its heights, its plan, and how the plan lies in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlanImage:
+    """A floor's drawing: blob, media type, size, and where plan (0, 0) lies in it."""
+
+    blob: str
+    media_type: str
+    width_px: int
+    height_px: int
+    meters_per_pixel: float
+    origin_px: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world.
+
+    `features_sha256` names the content of the floor's features; None when there is none.
+    """
+
+    venue_id: str
+    id: str
+    name: str
+    level: int
+    z_min_m: float
+    z_max_m: float
+    plan_from_world: NDArray[np.float64] | None
+    plan_residual_m: float | None
+    plan: PlanImage | None
+    features_sha256: str | None

@@ -1,0 +1,75 @@
+"""How a floor's plan lies in the world: a matrix as given, or fitted to pairs of points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import DegenerateGeometryError, InvalidInputError
+from app.geometry.plan import PlanTransform, fit_plan_from_world
+
+# No venue is larger; larger numbers lose their metres to rounding.
+MAX_COORDINATE_M = 1e8
+
+
+@dataclass(frozen=True, slots=True)
+class PlanAlignment:
+    """`plan_from_world` (4, 4), and how well it fits the correspondences it was made from, if any."""
+
+    matrix: NDArray[np.float64]
+    residual_m: float | None
+    scale: float
+
+
+def parse_plan_from_world(value: object) -> PlanAlignment | None:
+    """Return the transform of a request: a 4x4 matrix, or `{"correspondences": [{"world": [x, y, z], "plan":
+    [x, y]}, ...]}` fitted by least squares. Raises `InvalidInputError`."""
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        return _fit(value.get("correspondences"))
+    try:
+        matrix = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError("plan_from_world must be a 4x4 matrix of numbers.") from None
+    transform = PlanTransform(matrix)
+    return PlanAlignment(transform.matrix, None, transform.scale)
+
+
+def _fit(correspondences: object) -> PlanAlignment:
+    if (
+        not isinstance(correspondences, Sequence)
+        or isinstance(correspondences, str)
+        or len(correspondences) < 2
+    ):
+        raise InvalidInputError(
+            "plan_from_world.correspondences needs two or more pairs of world and plan points."
+        )
+    world, plan = [], []
+    for pair in correspondences:
+        if not isinstance(pair, Mapping) or "world" not in pair or "plan" not in pair:
+            raise InvalidInputError('Each correspondence is {"world": [x, y, z], "plan": [x, y]}.')
+        world.append(_coordinates(pair["world"], (2, 3), "world")[:2])
+        plan.append(_coordinates(pair["plan"], (2,), "plan"))
+    try:
+        fit = fit_plan_from_world(np.array(world), np.array(plan))
+    except DegenerateGeometryError as error:
+        raise InvalidInputError(str(error)) from None
+    return PlanAlignment(fit.matrix, fit.residual_rms_m, fit.scale)
+
+
+def _coordinates(value: object, counts: tuple[int, ...], name: str) -> list[float]:
+    if isinstance(value, Mapping):
+        value = [value[key] for key in ("x", "y", "z") if key in value]
+    if not isinstance(value, list | tuple) or len(value) not in counts:
+        raise InvalidInputError(
+            f"A correspondence's {name} point has {' or '.join(map(str, counts))} numbers."
+        )
+    if any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
+        raise InvalidInputError(f"A correspondence's {name} point holds something that is not a number.")
+    if not all(abs(v) < MAX_COORDINATE_M for v in value):
+        raise InvalidInputError(f"A correspondence's {name} point is not within {MAX_COORDINATE_M:,.0f} m.")
+    return [float(v) for v in value]

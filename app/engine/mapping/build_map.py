@@ -1,0 +1,249 @@
+"""From a scan to a map: keyframes, features, refined points, global descriptors (A 2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.mapping.calibrate import calibrate
+from app.engine.mapping.calibration_curves import Calibration
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.mapping.keyframe_quality import blur_limit, fault_of, find_replacements
+from app.engine.mapping.keyframe_rule import KeyframeRule
+from app.engine.mapping.options import BuildOptions
+from app.engine.mapping.refine_scan import RefinedScan, refined_scan
+from app.engine.mapping.select_keyframes import select_keyframes
+from app.engine.mapping.sparse_map import feature_limit, thin_out
+from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
+from app.engine.maps.points import MapPoints, View, points_from_depth
+from app.engine.maps.repetition import elsewhere
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress, map_in_order
+from app.engine.stage_timer import StageTimer
+from app.errors import InvalidScanError
+from app.geometry.alignment import world_from_scan_by_gravity
+from app.geometry.camera import Camera
+from app.geometry.depth import sample_depth
+from app.geometry.se3 import Pose
+from app.importers.frames import Frame, FrameSource
+from app.vision.features import LocalFeatureExtractor, LocalFeatures
+from app.vision.images import ImageQuality, measure_quality, to_gray
+from app.vision.index import GlobalIndex
+from app.vision.keyframes import PoseThresholds, select_by_pose
+
+# Supporting frames, which refine points and lend features, lie this much closer together than keyframes.
+SUPPORT_SPACING = 0.45
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltMap:
+    """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i).
+
+    `replaced` maps keyframes that were left out to the frames that took their places; `calibration` is where the
+    keyframe thresholds come from, if the options asked for one.
+    """
+
+    artifact: MapArtifact
+    index: GlobalIndex
+    keyframes: tuple[Frame, ...]
+    world_from_scan: Pose
+    discarded: dict[str, tuple[str, ...]]
+    replaced: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    calibration: Calibration | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Described:
+    frame: Frame
+    view: View
+    descriptor: NDArray[np.float32] | None
+    quality: ImageQuality
+
+
+def build_map(
+    source: FrameSource,
+    options: BuildOptions,
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+    world_from_scan: Pose | None = None,
+) -> BuiltMap:
+    """Build a map from a scan; raises `InvalidScanError` when nothing in it can become a keyframe.
+
+    `world_from_scan` overrides what the options say (a registration against the present map).
+    """
+    clock = StageTimer()
+    extractor = models.extractor(options.features)
+    placed = world_from_scan or scan_placement(options, source)
+    poses = [placed @ frame.scan_from_camera for frame in source.frames]
+    rule, calibration = options.keyframes, None
+    if rule.calibrated:
+        calibration = calibrate(source, options, models, executor, progress)
+        rule = replace(rule, thresholds=calibration.thresholds)
+        clock.lap("calibrate")
+    wanted = select_keyframes(source, poses, rule, extractor, executor, progress)
+    support = _support(poses, rule, wanted) if options.refine_depth else []
+    clock.lap("select")
+    chosen = sorted({*wanted, *support})
+    keyframe_rows = set(wanted)
+
+    def describe(row: int) -> _Described:
+        return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
+
+    def describe_keyframe(row: int) -> _Described:
+        return _describe(source, row, poses[row], True, models, extractor)
+
+    described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
+    clock.lap("describe")
+    usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
+    clock.lap("quality")
+    views = {row: item.view for row, item in described.items()}
+    if options.refine_depth:
+        refined = refined_scan(views, usable, _sharp(described), source.camera, extractor, executor, progress)
+    else:
+        refined = RefinedScan([points_from_depth(views[row], source.camera) for row in usable], source.camera)
+    limit = feature_limit(options, extractor, models.global_descriptor.size)
+    points = [thin_out(own, refined.camera, limit) for own in refined.points]
+    clock.lap("refine")
+    camera = refined.camera, refined.lens_sigma
+    artifact, index, kept = _pack(described, usable, points, camera, options, models, progress)
+    clock.lap("pack")
+    frames = tuple(described[row].frame for row in kept)
+    discarded = {**dict(source.discarded), **left_out}
+    return BuiltMap(artifact, index, frames, placed, discarded, replaced, clock.seconds, calibration)
+
+
+def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
+    """Return `world_from_scan`: as given, or by gravity, or the scan's frame itself."""
+    if options.world_from_scan is not None:
+        return options.world_from_scan
+    if options.gravity is not None:
+        return world_from_scan_by_gravity(options.gravity)
+    if source.gravity is not None:
+        return world_from_scan_by_gravity(source.gravity)
+    return Pose.identity()
+
+
+def _support(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
+    thresholds = PoseThresholds(
+        SUPPORT_SPACING * rule.thresholds.position_m, SUPPORT_SPACING * rule.thresholds.attitude_rad
+    )
+    return sorted(set(select_by_pose(poses, thresholds)) - set(keyframes))
+
+
+def _describe(
+    source: FrameSource,
+    row: int,
+    world_from_camera: Pose,
+    is_keyframe: bool,
+    models: VisionModels,
+    extractor: LocalFeatureExtractor,
+) -> _Described:
+    frame = source.frames[row]
+    rgb = frame_rgb(source, frame)
+    gray = to_gray(rgb)
+    quality = measure_quality(gray)
+    features = extractor.extract(gray)
+    depth_m = sample_depth(source.depth_m(frame), features.keypoints_px)
+    descriptor = models.global_descriptor.describe(rgb) if is_keyframe else None
+    view = View(world_from_camera, features, depth_m)
+    return _Described(frame, view, descriptor, quality)
+
+
+def _usable(
+    described: dict[int, _Described],
+    wanted: Sequence[int],
+    poses: Sequence[Pose],
+    rule: KeyframeRule,
+    source: FrameSource,
+    describe_keyframe: Callable[[int], _Described],
+) -> tuple[list[int], dict[str, tuple[str, ...]], dict[str, str]]:
+    """Return the keyframes that can be used, the names of those left out by reason, and who took whose place; adds
+    what took a place to `described`."""
+    limit = blur_limit([item.quality for item in described.values()])
+    fault = {row: fault_of(described[row].quality, limit) for row in wanted}
+    usable = [row for row in wanted if fault[row] is None]
+
+    def is_good(row: int) -> bool:
+        known = described.get(row)
+        quality = known.quality if known else measure_quality(to_gray(frame_rgb(source, source.frames[row])))
+        return fault_of(quality, limit) is None
+
+    replaced = find_replacements(wanted, usable, poses, rule.thresholds, is_good)
+    described.update((row, describe_keyframe(row)) for row in replaced.values())
+    usable = sorted({*usable, *replaced.values()})
+    if not usable:
+        raise InvalidScanError("No frame of the scan is sharp and bright enough to become a keyframe.")
+    names = [frame.name for frame in source.frames]
+    left_out = {
+        reason: tuple(names[row] for row in wanted if fault[row] == reason)
+        for reason in sorted({reason for reason in fault.values() if reason is not None})
+    }
+    return usable, left_out, {names[old]: names[new] for old, new in replaced.items()}
+
+
+def _sharp(described: dict[int, _Described]) -> list[int]:
+    """Return the frames that are good enough to take features from."""
+    limit = blur_limit([item.quality for item in described.values()])
+    return [row for row, item in described.items() if fault_of(item.quality, limit) is None]
+
+
+def _pack(
+    described: dict[int, _Described],
+    usable: Sequence[int],
+    points: Sequence[MapPoints],
+    camera: tuple[Camera, float],
+    options: BuildOptions,
+    models: VisionModels,
+    progress: Progress,
+) -> tuple[MapArtifact, GlobalIndex, list[int]]:
+    extractor = models.extractor(options.features)
+    kept = [(row, own) for row, own in zip(usable, points, strict=True) if len(own.features)]
+    if not kept:
+        raise InvalidScanError(
+            "No feature of any keyframe has a valid depth: check depth_scale and that depth fits the colour images."
+        )
+    poses = [described[row].view.world_from_camera for row, _ in kept]
+    counts = [len(own.features) for _, own in kept]
+    features = [own.features for _, own in kept]
+    descriptors = _stack_descriptors(features)
+    points_in_world = np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32)
+    progress.report("distinguish", 0, 1)
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses)
+    progress.report("distinguish", 1, 1)
+    arrays = MapArrays(
+        positions=np.stack([pose.translation for pose in poses]),
+        quaternions=np.stack([pose.quaternion for pose in poses]),
+        camera_rows=np.zeros(len(kept), np.int32),
+        offsets=offsets,
+        keypoints_px=np.concatenate([f.keypoints_px for f in features]).astype(np.float32),
+        points_in_world=points_in_world,
+        point_sigma_m=np.concatenate([own.sigma_m for _, own in kept]).astype(np.float32),
+        distance_elsewhere=distance,
+        keyframe_elsewhere=keyframe,
+        descriptors=descriptors,
+    )
+    global_descriptors = [described[row].descriptor for row, _ in kept]
+    model = models.global_descriptor
+    metadata = MapMetadata(
+        options.features,
+        model.sha256,
+        model.size,
+        (camera[0],),
+        tuple(described[row].frame.name for row, _ in kept),
+        lens_sigmas=(camera[1],),
+    )
+    index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
+    return MapArtifact(metadata, arrays), index, [row for row, _ in kept]
+
+
+def _stack_descriptors(features: Sequence[LocalFeatures]) -> NDArray[np.uint8] | NDArray[np.float16]:
+    stacked = np.concatenate([f.descriptors for f in features])
+    # Half precision is far below the noise of a learned descriptor.
+    return stacked.astype(np.float16) if stacked.dtype == np.float32 else stacked.astype(np.uint8)

@@ -1,0 +1,57 @@
+"""A map joined with another one of the same venue, in the same world."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
+from app.engine.maps.repetition import elsewhere
+from app.errors import InvalidInputError
+from app.vision.index import GlobalIndex
+
+
+def join_maps(
+    old: MapArtifact, old_index: GlobalIndex, new: MapArtifact, new_index: GlobalIndex, binary: bool
+) -> tuple[MapArtifact, GlobalIndex]:
+    """Return the map with the keyframes of both, the old ones first; `binary` says of what kind their features are.
+
+    Raises `InvalidInputError` when they were made with other features or another global descriptor.
+    """
+    if old.metadata.features != new.metadata.features:
+        raise InvalidInputError(
+            f"The present map has {old.metadata.features} features, the new scan {new.metadata.features}; a map "
+            "is extended with the features it has."
+        )
+    if old.metadata.descriptor_sha256 != new.metadata.descriptor_sha256:
+        raise InvalidInputError("The present map was made with another global descriptor model.")
+    a, b = old.arrays, new.arrays
+    points_in_world = np.concatenate([a.points_in_world, b.points_in_world])
+    descriptors = np.concatenate([a.descriptors, b.descriptors])
+    offsets = np.concatenate([a.offsets, a.offsets[-1] + b.offsets[1:]])
+    # What was distinct in one map may have its look-alike in the other.
+    poses = [part.pose(row) for part in (old, new) for row in range(part.keyframe_count)]
+    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses)
+    arrays = MapArrays(
+        positions=np.concatenate([a.positions, b.positions]),
+        quaternions=np.concatenate([a.quaternions, b.quaternions]),
+        camera_rows=np.concatenate([a.camera_rows, b.camera_rows + np.int32(len(old.metadata.cameras))]),
+        offsets=offsets,
+        keypoints_px=np.concatenate([a.keypoints_px, b.keypoints_px]),
+        points_in_world=points_in_world,
+        point_sigma_m=np.concatenate([a.point_sigma_m, b.point_sigma_m]),
+        distance_elsewhere=distance,
+        keyframe_elsewhere=keyframe,
+        descriptors=descriptors,
+    )
+    metadata = MapMetadata(
+        old.metadata.features,
+        old.metadata.descriptor_sha256,
+        old.metadata.descriptor_size,
+        old.metadata.cameras + new.metadata.cameras,
+        old.metadata.keyframe_names + new.metadata.keyframe_names,
+        max(old.metadata.position_sigma_m, new.metadata.position_sigma_m),
+        max(old.metadata.orientation_sigma_deg, new.metadata.orientation_sigma_deg),
+        old.metadata.lens_sigmas + new.metadata.lens_sigmas,
+    )
+    global_descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
+    return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(global_descriptors)

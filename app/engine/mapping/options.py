@@ -1,0 +1,183 @@
+"""What a build request may ask for, parsed and validated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from app.engine.mapping.keyframe_rule import KeyframeRule, parse_keyframe_rule
+from app.engine.mapping.option_values import choice as _choice
+from app.engine.mapping.option_values import count as _count
+from app.engine.mapping.option_values import flag as _flag
+from app.engine.mapping.option_values import number as _number
+from app.errors import InvalidInputError
+from app.geometry.camera import MODEL_PARAMETERS, Camera
+from app.geometry.se3 import Pose
+from app.geometry.uniform_motion import UniformMotion
+from app.importers.frames import ScanOptions
+from app.vision.local_features import FEATURE_NAMES, check_features
+
+# With fewer, hardly any pose passes its checks.
+MIN_FEATURES_PER_KEYFRAME = 50
+FORMATS = ("auto", "tum", "7scenes")
+MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
+KEYS = {
+    "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
+    "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "store_images",
+    "max_features_per_keyframe", *MOTION_KEYS,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class BuildOptions:
+    """A build's options. `world_from_scan` and `gravity` place the scan; without them its frame is the world.
+
+    Without `max_features_per_keyframe` a map with pictures keeps all features, one without as many as its size
+    allows (`app.engine.mapping.sparse_map`).
+    """
+
+    format: str = "auto"
+    scan: ScanOptions = ScanOptions()
+    keyframes: KeyframeRule = KeyframeRule()
+    features: str = "sift"
+    gravity: tuple[float, float, float] | None = None
+    world_from_scan: Pose | None = None
+    mode: Literal["replace", "extend"] = "replace"
+    refine_depth: bool = True
+    store_images: bool = True
+    max_features_per_keyframe: int | None = None
+
+
+def parse_build_options(values: object) -> BuildOptions:
+    """Return the options of a JSON object; raises `InvalidInputError` with a sentence that names the field."""
+    if not isinstance(values, Mapping):
+        raise InvalidInputError("options must be a JSON object.")
+    unknown = sorted(set(values) - KEYS)
+    if unknown:
+        raise InvalidInputError(
+            f"Option {unknown[0]!r} is not known; the options are {', '.join(sorted(KEYS))}."
+        )
+    return BuildOptions(
+        format=_choice(values, "format", FORMATS, "auto"),
+        scan=_scan_options(values),
+        keyframes=parse_keyframe_rule(values.get("keyframes")),
+        features=check_features(_choice(values, "features", FEATURE_NAMES, "sift")),
+        gravity=_gravity(values.get("gravity")),
+        world_from_scan=_matrix(values.get("world_from_scan"), "world_from_scan"),
+        mode=_choice(values, "mode", ("replace", "extend"), "replace"),  # type: ignore[arg-type]
+        refine_depth=_flag(values, "refine_depth", True),
+        store_images=_flag(values, "store_images", True),
+        max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
+    )
+
+
+def _scan_options(values: Mapping[str, Any]) -> ScanOptions:
+    difference = _number(values.get("max_time_difference_s"), "max_time_difference_s")
+    return ScanOptions(
+        camera=parse_camera(values.get("camera"), "camera"),
+        depth_scale=_number(values.get("depth_scale"), "depth_scale"),
+        depth_camera=parse_camera(values.get("depth_camera"), "depth_camera"),
+        color_from_depth=_matrix(values.get("color_from_depth"), "color_from_depth"),
+        max_time_difference_s=0.02 if difference is None else difference,
+        motion=_motion(values),
+    )
+
+
+def _motion(values: Mapping[str, Any]) -> UniformMotion | None:
+    """Return the uniform motion that the options state, all four of them or none."""
+    given = [key for key in MOTION_KEYS if values.get(key) is not None]
+    if not given:
+        return None
+    missing = [key for key in MOTION_KEYS if key not in given]
+    if missing:
+        raise InvalidInputError(f"{given[0]} is part of a uniform motion, which needs {missing[0]} too.")
+    if values.get("gravity") is not None:
+        raise InvalidInputError("gravity must be left out with a uniform motion, whose frame stands upright.")
+    start = values["start"]
+    if not isinstance(start, list | tuple) or len(start) != 3:
+        raise InvalidInputError("start must be three numbers, x, y and the camera's height z in metres.")
+    x, y, z, speed, direction, fps = (
+        _required(value, name)
+        for value, name in zip(
+            [*start, *(values[key] for key in MOTION_KEYS[1:])],
+            ("start", "start", "start", *MOTION_KEYS[1:]),
+            strict=True,
+        )
+    )
+    return UniformMotion((x, y, z), speed, direction, fps)
+
+
+def _required(value: object, name: str) -> float:
+    given = _number(value, name)
+    if given is None:
+        raise InvalidInputError(f"{name} must hold numbers.")
+    return given
+
+
+def _max_features(value: object) -> int | None:
+    if value is None:
+        return None
+    return _count(value, "max_features_per_keyframe", MIN_FEATURES_PER_KEYFRAME, "features")
+
+
+def parse_camera(value: object, name: str = "camera") -> Camera | tuple[float, ...] | None:
+    """Return the camera of a request: numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]` as a list or text, which get the
+    images' size, or an object `{model, width, height, params}`. Raises `InvalidInputError`."""
+    if value is None or value == "":
+        return None
+    if isinstance(value, Mapping):
+        return _camera_from_mapping(value, name)
+    parts = value.split(",") if isinstance(value, str) else value
+    if not isinstance(parts, list | tuple):
+        raise InvalidInputError(f"{name} must be numbers fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] or a JSON object.")
+    try:
+        numbers = tuple(float(part) for part in parts)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{name} holds something that is not a number.") from None
+    if len(numbers) not in (4, 8, 9):
+        raise InvalidInputError(
+            f"{name} takes 4, 8 or 9 numbers, fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; got {len(numbers)}."
+        )
+    if not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
+        raise InvalidInputError(f"{name} must hold finite numbers with focal lengths above zero.")
+    return numbers
+
+
+def _camera_from_mapping(value: Mapping[str, Any], name: str) -> Camera:
+    model = value.get("model", "PINHOLE")
+    if not isinstance(model, str) or model not in MODEL_PARAMETERS:
+        raise InvalidInputError(f"{name}.model must be one of {', '.join(MODEL_PARAMETERS)}.")
+    try:
+        width, height = int(value["width"]), int(value["height"])
+        params = tuple(float(x) for x in value["params"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{name} needs model, width, height and params (numbers).") from None
+    return Camera(model, width, height, params)
+
+
+def _gravity(value: object) -> tuple[float, float, float] | None:
+    if value is None:
+        return None
+    vector = np.asarray(value if isinstance(value, list | tuple) else [], dtype=object)
+    try:
+        x, y, z = (float(v) for v in vector)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(
+            "gravity must be three numbers, the direction of down in the scan's frame."
+        ) from None
+    length = float(np.linalg.norm([x, y, z]))
+    if not np.isfinite(length) or length < 1e-6:
+        raise InvalidInputError("gravity must have a direction: three finite numbers that are not all zero.")
+    return x, y, z
+
+
+def _matrix(value: object, name: str) -> Pose | None:
+    if value is None:
+        return None
+    try:
+        return Pose.from_matrix(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{name} must be a 4x4 matrix: four rows of four numbers.") from None

@@ -1,0 +1,73 @@
+"""The points of all keyframes of a scan, and its camera, by what all its views say together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+from app.engine.mapping.left_out_frames import nearest_keyframe, with_left_out
+from app.engine.mapping.scan_lens import learn_lens
+from app.engine.mapping.sensor_depth import corrected, learn_depth_response
+from app.engine.maps.points import MapPoints, View, nearby_views, refined_points
+from app.engine.progress import Progress, map_in_order
+from app.geometry.camera import Camera
+from app.vision.features import LocalFeatureExtractor
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedScan:
+    """The points of each keyframe, and the camera with the lens that the views show; `lens_sigma` is how well its
+    coefficient is known, 0 where the camera is as stated."""
+
+    points: list[MapPoints]
+    camera: Camera
+    lens_sigma: float = 0.0
+
+
+def refined_scan(
+    views: Mapping[int, View],
+    keyframes: Sequence[int],
+    sharp: Sequence[int],
+    camera: Camera,
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> RefinedScan:
+    """Return the points of each keyframe and the camera; `keyframes` and `sharp` are rows of `views`.
+
+    Lens and sensor are corrected by what the views say about them, the lens once more with better depths; each point
+    is refined by the views near its keyframe; and the `sharp` views that are no keyframes lend their features to the
+    keyframe nearest to them.
+    """
+    rows = sorted(views)
+    poses = [views[row].world_from_camera for row in rows]
+    near = {row: [rows[i] for i in nearby_views(views[row].world_from_camera, poses)] for row in rows}
+    seen_by = [[views[other] for other in near[row]] for row in keyframes]
+    known = [views[row] for row in keyframes]
+    lens = learn_lens(views, keyframes, camera, extractor, executor, progress)
+    seen_through = camera if lens is None else lens.of(camera)
+    response = learn_depth_response(known, seen_by, seen_through, extractor, executor, progress)
+    views = {row: corrected(view, response, seen_through) for row, view in views.items()}
+    if lens is not None:
+        lens = learn_lens(views, keyframes, camera, extractor, executor, progress) or lens
+        camera = lens.of(camera)
+    lenders = sorted(set(sharp) - set(keyframes))
+
+    def refine(row: int) -> MapPoints:
+        others = [views[other] for other in near[row]]
+        return refined_points(views[row], others, camera, extractor.ratio, extractor.binary)
+
+    asked = [*keyframes, *lenders]
+    points = dict(zip(asked, map_in_order(executor, refine, asked, "refine", progress), strict=True))
+    lent: dict[int, list[MapPoints]] = {row: [] for row in keyframes}
+    standing = [views[row].world_from_camera for row in keyframes]
+    for row in lenders:
+        nearest = nearest_keyframe(views[row].world_from_camera, standing)
+        if nearest is not None:
+            lent[keyframes[nearest]].append(points[row])
+    all_points = [
+        with_left_out(points[row], lent[row], views[row].world_from_camera, camera, extractor.binary)
+        for row in keyframes
+    ]
+    return RefinedScan(all_points, camera, 0.0 if lens is None else lens.sigma)

@@ -1,0 +1,1 @@
+"""An open map: its artefact, its index, its surroundings, and what in it looks like something elsewhere."""

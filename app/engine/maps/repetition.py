@@ -1,0 +1,40 @@
+"""What in a map looks like something elsewhere in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.se3 import Pose
+from app.vision.features import Descriptors
+from app.vision.keyframes import PoseThresholds, select_by_pose, thresholds_for_matches
+from app.vision.repetition import find_repetition
+
+# Views closer together than this share of what the pose rule takes are one. In a map of every frame of a video each
+# thing has so many features that they hide what looks like it elsewhere, and one of them always resembles something.
+SPACING_SHARE = 0.9
+
+
+def rows_of_views(poses: Sequence[Pose], offsets: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows (m,) of the features of keyframes that are views of their own, by the keyframes' poses and the
+    `offsets` of their features."""
+    usual = thresholds_for_matches()
+    spacing = PoseThresholds(SPACING_SHARE * usual.position_m, SPACING_SHARE * usual.attitude_rad)
+    chosen = [np.arange(offsets[row], offsets[row + 1]) for row in select_by_pose(poses, spacing)]
+    return np.concatenate([*chosen, np.zeros(0, np.int64)]).astype(np.int64)
+
+
+def elsewhere(
+    descriptors: Descriptors | NDArray[np.float16],
+    binary: bool,
+    points_in_world: NDArray[np.float32],
+    offsets: NDArray[np.int64],
+    poses: Sequence[Pose],
+) -> tuple[NDArray[np.float16], NDArray[np.int32]]:
+    """Return a map's `distance_elsewhere` and `keyframe_elsewhere` (both (f,)) from its other arrays and its
+    keyframes' poses."""
+    found = find_repetition(descriptors, binary, points_in_world, rows_of_views(poses, offsets))
+    keyframes = np.searchsorted(offsets, found.row, side="right") - 1
+    return found.distance.astype(np.float16), np.where(found.row < 0, -1, keyframes).astype(np.int32)

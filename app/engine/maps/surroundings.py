@@ -1,0 +1,79 @@
+"""What looks like something elsewhere in a map, judged by every view of it instead of the one that was matched.
+
+A feature knows how far off the most similar feature at another place is. Where the other place was scanned from other
+directions only, that is far although the same thing hangs there; another view of the thing on this side tells.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.repetition import rows_of_views
+
+# Features within this radius of a point are views of the same thing. Smaller, and not all views are among them;
+# larger, and in a furnished room every point is near something that is found elsewhere (docs/features.md).
+RADIUS_M = 0.08
+# Cells are numbered by 21 bits an axis: 80 km each way.
+BITS = 21
+
+Rows = NDArray[np.int64]
+
+
+class MapSurroundings:
+    """A map's features by place. Immutable, safe to share between threads."""
+
+    def __init__(self, artifact: MapArtifact) -> None:
+        self._artifact = artifact
+        poses = [artifact.pose(keyframe) for keyframe in range(artifact.keyframe_count)]
+        rows = rows_of_views(poses, artifact.arrays.offsets)
+        keys = _keys(_cells(artifact.arrays.points_in_world[rows]))
+        order = np.argsort(keys, kind="stable")
+        self._order, self._keys = rows[order].astype(np.int32), keys[order]
+
+    def distance_elsewhere(
+        self, points_in_world: NDArray[np.float64], excluded: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float32]:
+        """Return the least `distance_elsewhere` (n,) of the map's features around points (n, 3); infinite where there
+        are none.
+
+        `excluded`, from `services.matches.excluded_keyframes`, are keyframes whose features don't count, neither
+        here nor elsewhere.
+        """
+        least = np.full(len(points_in_world), np.inf, np.float32)
+        cells = _cells(points_in_world)
+        for step in np.ndindex(3, 3):
+            owners, rows = self._within(cells + np.array([*step, 1]) - 1)
+            offsets = self._artifact.arrays.points_in_world[rows] - points_in_world[owners]
+            near = np.einsum("ij,ij->i", offsets, offsets) <= RADIUS_M**2
+            if excluded is not None:
+                near &= ~self._left_out(rows, excluded)
+            distances = self._artifact.arrays.distance_elsewhere[rows[near]].astype(np.float32)
+            np.minimum.at(least, owners[near], distances)
+        return least
+
+    def _within(self, cells: Rows) -> tuple[Rows, Rows]:
+        """Return for every feature in cells (n, 3), and in those above and below, the number of its cell and its
+        row."""
+        # Cells on top of each other have successive keys.
+        keys = _keys(cells)
+        first = np.searchsorted(self._keys, keys - 1, side="left")
+        counts = np.searchsorted(self._keys, keys + 1, side="right") - first
+        owners = np.repeat(np.arange(len(keys)), counts)
+        within = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
+        return owners, self._order[first[owners] + within].astype(np.int64)
+
+    def _left_out(self, rows: Rows, excluded: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        arrays = self._artifact.arrays
+        own = np.searchsorted(arrays.offsets, rows, side="right") - 1
+        return np.asarray(excluded[own] | excluded[arrays.keyframe_elsewhere[rows]])
+
+
+def _cells(points: NDArray[np.float64] | NDArray[np.float32]) -> Rows:
+    return np.floor(points / RADIUS_M).astype(np.int64)
+
+
+def _keys(cells: Rows) -> Rows:
+    x, y, z = (cells + (1 << BITS - 1)).T
+    return np.asarray((x << 2 * BITS) | (y << BITS) | z)

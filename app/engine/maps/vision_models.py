@@ -1,0 +1,48 @@
+"""The models that describe images, opened once and shared: extractors by name and the global descriptor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Lock
+
+from app.errors import ConflictError
+from app.vision.features import LocalFeatureExtractor
+from app.vision.global_descriptor import DEFAULT_MODEL, GlobalDescriptor
+from app.vision.local_features import create_extractor
+
+
+class VisionModels:
+    """Opens each model at its first use; safe to share between threads."""
+
+    def __init__(
+        self, descriptor_path: Path | None = None, input_size: tuple[int, int] = (320, 240), threads: int = 1
+    ) -> None:
+        self._descriptor_path = descriptor_path or DEFAULT_MODEL
+        self._input_size = input_size
+        self._threads = threads
+        self._lock = Lock()
+        self._extractors: dict[str, LocalFeatureExtractor] = {}
+        self._descriptor: GlobalDescriptor | None = None
+
+    def extractor(self, name: str) -> LocalFeatureExtractor:
+        """Return the extractor of that name; raises `InvalidInputError` for an unknown one."""
+        with self._lock:
+            if name not in self._extractors:
+                self._extractors[name] = create_extractor(name, self._threads)
+            return self._extractors[name]
+
+    @property
+    def global_descriptor(self) -> GlobalDescriptor:
+        """The global descriptor."""
+        with self._lock:
+            if self._descriptor is None:
+                self._descriptor = GlobalDescriptor(self._descriptor_path, *self._input_size, self._threads)
+            return self._descriptor
+
+    def check_descriptor(self, sha256: str) -> None:
+        """Raise `ConflictError` unless a map with this model's checksum can be searched with ours."""
+        if sha256 != self.global_descriptor.sha256:
+            raise ConflictError(
+                "The map was built with another global descriptor model; rebuild it, or set "
+                "ROOMFIX_DESCRIPTOR_MODEL to the model it was built with."
+            )

@@ -1,0 +1,1 @@
+"""One picture located in one map: matches, pose, verification, accuracy."""

@@ -1,0 +1,1 @@
+"""The Visual-Depth Map paper's localization (B 2.3)."""

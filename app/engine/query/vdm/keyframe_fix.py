@@ -1,0 +1,82 @@
+"""The user's pose by one keyframe alone (B 2.3): EPnP's camera-frame points, aligned with the keyframe's points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.query.accuracy import seen_from_one_side, sigma_across
+from app.engine.query.vdm.keyframe_matches import KeyframeMatches
+from app.errors import DegenerateGeometryError
+from app.geometry.camera import Camera
+from app.geometry.covariance import pose_covariance
+from app.geometry.epnp import solve_epnp
+from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.se3 import Pose
+
+# Below this EPnP follows the noise of single points.
+MIN_INLIERS = 8
+# So many samples of three find a pose that a fifth of the matches agree on.
+MAX_SAMPLES = 1000
+# EPnP weighs equations, not pixels: its error is this many times that of least squares (synthetic points, 1 px).
+EPNP_EXCESS = 1.6
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeFix:
+    """Where one keyframe puts the user: its pose and the user's in the world, all matches and those that agree, and
+    the covariance (6, 6) of the user's pose (rotation in world axes, then position)."""
+
+    matches: KeyframeMatches
+    inliers: KeyframeMatches
+    world_from_keyframe: Pose
+    world_from_user: Pose
+    covariance: NDArray[np.float64]
+
+
+def fix_by_keyframe(
+    matches: KeyframeMatches, world_from_keyframe: Pose, camera: Camera, max_error_px: float
+) -> KeyframeFix | None:
+    """Return the user's pose by one keyframe, or None when its matches don't agree on one.
+
+    RANSAC finds the matches that agree. From them EPnP makes points in the user's camera frame; aligned with the
+    same points in the keyframe's frame they give R and t between both cameras, and the keyframe's pose the rest
+    (B eq. 7-13 and what follows them).
+    """
+    found = estimate_pose_lo_ransac(
+        matches.query_px,
+        matches.points_in_world,
+        camera,
+        max_error_px=max_error_px,
+        max_iterations=MAX_SAMPLES,
+    )
+    if found is None or np.count_nonzero(found.inlier_mask) < MIN_INLIERS:
+        return None
+    inliers = matches.take(found.inlier_mask)
+    in_keyframe = world_from_keyframe.inverse().apply(inliers.points_in_world)
+    try:
+        keyframe_from_user = solve_epnp(inliers.query_px, in_keyframe, camera)
+        world_from_user = world_from_keyframe @ keyframe_from_user
+        errors = reprojection_errors_px(matches.query_px, matches.points_in_world, camera, world_from_user)
+        # A wall in a mirror is the wall seen from behind.
+        front = seen_from_one_side(
+            matches.points_in_world, world_from_keyframe.translation, world_from_user.translation
+        )
+        inliers = matches.take((errors <= max_error_px) & front)
+        if len(inliers) < MIN_INLIERS:
+            return None
+        across = sigma_across(
+            inliers.sigma_m,
+            inliers.points_in_world,
+            world_from_keyframe.translation,
+            world_from_user.translation,
+        )
+        covariance = pose_covariance(
+            inliers.query_px, inliers.points_in_world, camera, world_from_user, point_sigma_m=across
+        )
+    except DegenerateGeometryError:
+        return None
+    return KeyframeFix(matches, inliers, world_from_keyframe, world_from_user, EPNP_EXCESS**2 * covariance)

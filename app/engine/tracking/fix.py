@@ -1,0 +1,312 @@
+"""Fixes: what tells a tracked camera where it is, be it a map or an anchor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from app.engine.query.accuracy import accuracy_of, sigma_across
+from app.engine.query.localization import KeyframeVote, Localization, same_place
+from app.engine.query.localizer import Localizer
+from app.engine.query.matches import Matches
+from app.engine.query.verification import Reason, confidence_of, coverage, evidence_of
+from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.guided_matching import match_near_projections
+from app.engine.tracking.hypotheses import poses_of
+from app.engine.tracking.monitor_view import SeenByMonitor
+from app.geometry.anchor_pose import Vertical
+from app.geometry.camera import Camera, tangent_of_px
+from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.se3 import Pose
+from app.vision.features import LocalFeatures
+from app.vision.matching import to_unit_vectors
+
+Array = NDArray[np.float64]
+WORLD = "world"
+# Keyframes whose points are looked for around a predicted pose.
+COVISIBLE_KEYFRAMES, NEARBY_KEYFRAMES = 6, 10
+# How far from its prediction a point is looked for, and from a pose that was found already, as a tangent.
+SEARCH_RADIUS, FOUND_RADIUS = tangent_of_px(24.0), tangent_of_px(8.0)
+MAX_ERROR = tangent_of_px(6.0)
+# Points looked for where they should be agree more easily by chance than those found anywhere.
+GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
+# A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
+PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
+# Tilted by less than 45 degrees.
+UPRIGHT_COSINE = 0.7
+# Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
+KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
+SURE_INLIER_FACTOR, SURE_COVERAGE = 2.5, 0.2
+# Of a place that is found where it was looked for no more of the picture may speak against it (docs/sessions.md).
+MAX_CONTRADICTED = 0.12
+# Of two places within reach the one must have so much more that agrees.
+MAX_RIVAL_SHARE = 0.45
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A pose with its accuracy, one sigma, and the pixels (n, 2) and world points (n, 3) that odometry goes on
+    from; `point_sigma_m` (n,) is how uncertain a point is across the camera's ray.
+
+    Pixels and `camera` are those of the frame at tracking size. `frame_id` is the frame that pose and points are
+    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. A fix whose
+    scale rests on known distances may be off by `scale_sigma`, as a share; `shared_scale_sigma` of that is the same in
+    all fixes that rest on them. `anchors` are the monitoring cameras that it comes from, `vertical` what they take as
+    vertical, and `seen` where one of them sees the points.
+    """
+
+    world_from_camera: Pose
+    position_m: float
+    orientation_deg: float
+    points_px: Array
+    points_in_world: Array
+    point_sigma_m: Array
+    camera: Camera
+    confidence: float
+    inliers: int
+    matches: int
+    method: str = "rgbd"
+    frame_id: str = WORLD
+    keyframes: tuple[KeyframeVote, ...] = ()
+    scale_sigma: float = 0.0
+    shared_scale_sigma: float = 0.0
+    anchors: tuple[str, ...] = ()
+    vertical: Vertical | None = None
+    seen: SeenByMonitor | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NoFix:
+    """Why there is none; with the counts of what was looked at."""
+
+    reason: Reason
+    inliers: int = 0
+    matches: int = 0
+
+
+def plan_frame(floor_id: str) -> str:
+    """Return the frame of fixes on a floor whose plan has no place in the world."""
+    return f"plan:{floor_id}"
+
+
+def _is_far(pose: Pose | None, near: Pose) -> bool:
+    """Whether a pose is out of the prior's reach: another place, or another floor."""
+    if pose is None:
+        return False
+    offset = pose.translation - near.translation
+    return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
+
+
+def _is_upright(pose: Pose) -> bool:
+    """Whether a camera was held upright: then it still is, and need not be looked for in other ways."""
+    return float(-pose.rotation[2, 1]) > UPRIGHT_COSINE
+
+
+class FixSource(Protocol):
+    """What gives fixes."""
+
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False, /
+    ) -> Fix | NoFix:
+        """Return where a frame is, looking everywhere; `near` may decide between places that look alike, but not for
+        a camera that may be on `any_floor` by now.
+
+        `camera` is the one of the frame at tracking size; without it the focal length is searched for.
+        """
+
+    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose, /) -> Fix | None:
+        """Return where a frame is, looking only where points should be by a pose that is nearly right; None when
+        they are not there."""
+
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float, /) -> Fix | None:
+        """Return where a frame is, of all places within reach of one where the camera was a moment ago; None when
+        none of them is seen, or when two of them look alike."""
+
+
+class MapFixes:
+    """Fixes by a map."""
+
+    def __init__(self, localizer: Localizer) -> None:
+        self.localizer = localizer
+        self._described: tuple[TrackingFrame, LocalFeatures] | None = None
+
+    def locate(
+        self, frame: TrackingFrame, camera: Camera | None, near: Pose | None, any_floor: bool = False
+    ) -> Fix | NoFix:
+        """Locate by the whole map, as a single photo is (`Localizer.localize`)."""
+        full = None if camera is None else camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
+        upright = near is not None and _is_upright(near)
+        found = self.localizer.localize(frame.rgb, full, upright=upright)
+        if any_floor:
+            near = None
+        if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
+            positions = self.localizer.artifact.arrays.positions
+            close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
+            close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
+            allowed = np.flatnonzero(close).astype(np.int64)
+            nearer = self.localizer.localize(frame.rgb, full, allowed, upright)
+            told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
+            if told_apart is not None:
+                return told_apart
+            if found.reason == "ambiguous" or nearer.world_from_camera is not None:
+                found = nearer
+        evidence = found.evidence
+        if found.world_from_camera is None or found.camera is None:
+            return NoFix(found.reason or "no_match", evidence.inliers, evidence.matches)
+        assert found.position_m is not None and found.orientation_deg is not None  # noqa: S101, PT018 - located
+        tracked = frame.scaled(found.camera)
+        matches = self._near(self._features(frame), tracked, found.world_from_camera, FOUND_RADIUS)
+        return Fix(
+            found.world_from_camera,
+            found.position_m,
+            found.orientation_deg,
+            matches.points_px,
+            matches.points_in_world,
+            self._across(matches, found.world_from_camera),
+            tracked,
+            found.confidence,
+            evidence.inliers,
+            evidence.matches,
+            keyframes=found.keyframes,
+        )
+
+    def _by_prior(self, frame: TrackingFrame, camera: Camera, nearer: Localization, near: Pose) -> Fix | None:
+        """Return the fix of a pose near the prior that alone is ambiguous: the prior tells it from its look-alikes."""
+        pose = nearer.candidate
+        if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
+            return None
+        return self._found(self._features(frame), camera, pose, FOUND_RADIUS)
+
+    def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
+        """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
+        return self._found(self._features(frame), camera, predicted, SEARCH_RADIUS)
+
+    def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
+        """Match all features with keyframes around a place, and go on as `refresh` does with each pose in reach
+        that they agree on.
+
+        What looks alike further away can't be meant; what looks alike within reach is told from nothing.
+        """
+        features = self._features(frame)
+        keyframes = self._around(frame, near, reach_m)
+        found: list[Fix] = []
+        for pose in poses_of(features, self.localizer, keyframes, camera):
+            if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
+                continue
+            fix = self._found(features, camera, pose, FOUND_RADIUS)
+            if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
+                found.append(fix)
+        best = max(found, key=lambda fix: fix.inliers, default=None)
+        if best is None:
+            return None
+        others = [fix for fix in found if not same_place(fix.world_from_camera, best.world_from_camera)]
+        return None if any(fix.inliers > MAX_RIVAL_SHARE * best.inliers for fix in others) else best
+
+    def _is_sure(self, fix: Fix) -> bool:
+        """Whether so much agrees that it is no part of another place which the map knows better than the true one."""
+        enough = fix.inliers >= SURE_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        return enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= SURE_COVERAGE
+
+    def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
+        """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
+        positions = self.localizer.artifact.arrays.positions
+        offsets = positions - near.translation
+        on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
+        keyframes = self.localizer.retrieval.covisible(
+            near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor)
+        )
+        if reach_m > KNOWN_REACH_M:
+            close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
+            allowed = np.flatnonzero(close).astype(np.int64)
+            keyframes += self.localizer.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
+        return list(dict.fromkeys(keyframes))
+
+    def _features(self, frame: TrackingFrame) -> LocalFeatures:
+        """Return the features of a frame, looked for once."""
+        if self._described is None or self._described[0] is not frame:
+            self._described = frame, self.localizer.extractor.extract(frame.gray)
+        return self._described[1]
+
+    def _found(self, features: LocalFeatures, camera: Camera, near: Pose, radius: float) -> Fix | None:
+        """Return the fix of the map's points around where a pose nearly right has them, None unless the picture
+        speaks for it and not against it."""
+        fix = self._concluded(self._near(features, camera, near, radius), camera, near)
+        return None if fix is None or self._contradicted(features, fix) > MAX_CONTRADICTED else fix
+
+    def _contradicted(self, features: LocalFeatures, fix: Fix) -> float:
+        """Return the share of the picture that speaks against a fix."""
+        unit = to_unit_vectors(features.descriptors, self.localizer.extractor.binary)
+        own = features.keypoints_px.astype(np.float64), unit
+        return self.localizer.contradicted(own, fix.world_from_camera, fix.camera, fix.points_px)
+
+    def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
+        """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""
+        estimate = estimate_pose_lo_ransac(
+            matches.points_px,
+            matches.points_in_world,
+            camera,
+            max_error_px=MAX_ERROR * camera.focal_px,
+            max_iterations=300,
+            min_iterations=20,
+            prior=predicted,
+        )
+        if estimate is None:
+            return None
+        pose, inliers = estimate.world_from_camera, matches.take(estimate.inlier_mask)
+        needed = GUIDED_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        if len(inliers) < needed or len(inliers) < GUIDED_INLIER_RATIO * len(matches):
+            return None
+        if coverage(inliers.points_px, (camera.width, camera.height)) < GUIDED_COVERAGE:
+            return None
+        across = self._across(inliers, pose)
+        metadata = self.localizer.artifact.metadata
+        position_m, orientation_deg = accuracy_of(
+            inliers.points_px, inliers.points_in_world, across, camera, pose
+        )
+        # The predicted pose tells what looks alike apart: all that was found near it is distinct.
+        evidence = evidence_of(matches, inliers, camera, self.localizer.retrieval.distance_m(pose))
+        evidence = replace(evidence, position_sigma_m=position_m)
+        return Fix(
+            pose,
+            float(np.hypot(position_m, metadata.position_sigma_m)),
+            float(np.hypot(orientation_deg, metadata.orientation_sigma_deg)),
+            inliers.points_px,
+            inliers.points_in_world,
+            across,
+            camera,
+            confidence_of(evidence),
+            len(inliers),
+            len(matches),
+        )
+
+    def _near(self, features: LocalFeatures, camera: Camera, pose: Pose, radius: float) -> Matches:
+        localizer = self.localizer
+        keyframes = localizer.retrieval.covisible(pose, COVISIBLE_KEYFRAMES, set())
+        return match_near_projections(
+            features,
+            localizer.extractor,
+            localizer.artifact,
+            keyframes,
+            camera,
+            pose,
+            radius * camera.focal_px,
+        )
+
+    def _across(self, matches: Matches, pose: Pose) -> Array:
+        """Return the sigma of points across the camera's ray: a point is uncertain along its keyframe's ray."""
+        centres = self.localizer.artifact.arrays.positions[matches.keyframes]
+        return sigma_across(matches.sigma_m, matches.points_in_world, centres, pose.translation)
+
+
+def confidence_of_sigma(position_m: float, orientation_deg: float) -> float:
+    """Return the probability that an error with these sigmas is below 0.5 m and 5 degrees.
+
+    A sigma is that of the error's length: with three equal axes its square is a chi-square of three.
+    """
+    within_m = chi2.cdf(3.0 * (0.5 / max(position_m, 1e-6)) ** 2, 3)
+    within_deg = chi2.cdf(3.0 * (5.0 / max(orientation_deg, 1e-6)) ** 2, 3)
+    return float(within_m * within_deg)

@@ -1,0 +1,184 @@
+"""The points that odometry follows: pixels now, and places in the world that get better as the camera moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera, tangent_of_px
+from app.geometry.reprojection import project_from_world, reprojection_jacobian
+from app.geometry.se3 import Pose
+from app.geometry.triangulation import homogeneous
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# What flow is off by, as a tangent; more than its noise, since its errors persist from frame to frame.
+FLOW_SIGMA = tangent_of_px(1.5)
+# A new point is taken to be as far as the others, give or take this share.
+NEW_DEPTH_SIGMA = 0.75
+# Nearer or further than this from the camera nothing is placed.
+MIN_DISTANCE_M, MAX_DISTANCE_M = 0.15, 60.0
+# However often a point was seen, poses that are off by something don't place it better than this share.
+LEAST_DEPTH_SIGMA = 0.005
+
+
+@dataclass(slots=True)
+class TrackedPoints:
+    """Points being followed.
+
+    `pixels` (n, 2) in the last frame. A point lies on the ray (n, 3) from `origin` (n, 3) at `inverse_m` (n,), one
+    over its distance, which is uncertain by `inverse_sigma` (n,). `from_fix` (n,) marks points that a fix gave:
+    their places are not changed, and `across_m` (n,) is their uncertainty in any direction. `ids` (n,) are given
+    by whoever follows them.
+    """
+
+    ids: NDArray[np.int64]
+    pixels: Array
+    origin: Array
+    ray: Array
+    inverse_m: Array
+    inverse_sigma: Array
+    across_m: Array
+    from_fix: Mask
+
+    @staticmethod
+    def none() -> TrackedPoints:
+        """Return no points."""
+        zero, line = np.zeros((0, 3)), np.zeros(0)
+        return TrackedPoints(
+            np.zeros(0, np.int64), np.zeros((0, 2)), zero, zero, line, line, line, np.zeros(0, dtype=bool)
+        )
+
+    @staticmethod
+    def new(
+        ids: NDArray[np.int64],
+        pixels: Array,
+        camera: Camera,
+        world_from_camera: Pose,
+        distances_m: Array | float,
+        share: float = NEW_DEPTH_SIGMA,
+    ) -> TrackedPoints:
+        """Return points (n, 2) seen for the first time, as far away as told, each (n,) or all, give or take that share
+        of it: by default as things around them."""
+        rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        n = len(pixels)
+        return TrackedPoints(
+            ids,
+            pixels,
+            np.tile(world_from_camera.translation, (n, 1)),
+            rays,
+            np.full(n, 1.0 / distances_m),
+            np.full(n, share / distances_m),
+            np.zeros(n),
+            np.zeros(n, dtype=bool),
+        )
+
+    @staticmethod
+    def fixed(
+        ids: NDArray[np.int64],
+        pixels: Array,
+        points_in_world: Array,
+        across_m: Array,
+        world_from_camera: Pose,
+    ) -> TrackedPoints:
+        """Return the points (n, 2), (n, 3) that a fix gave."""
+        rays = points_in_world - world_from_camera.translation
+        distances = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
+        n = len(pixels)
+        return TrackedPoints(
+            ids,
+            pixels,
+            np.tile(world_from_camera.translation, (n, 1)),
+            rays / distances[:, None],
+            1.0 / distances,
+            np.zeros(n),
+            across_m,
+            np.ones(n, dtype=bool),
+        )
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @property
+    def points_in_world(self) -> Array:
+        """Where the points are (n, 3)."""
+        return np.asarray(self.origin + self.ray / self.inverse_m[:, None])
+
+    @property
+    def is_placed(self) -> Mask:
+        """Which points (n,) are placed well enough to find a pose from nothing."""
+        return np.asarray(self.from_fix | (self.inverse_sigma < 0.2 * self.inverse_m))
+
+    def take(self, rows: Mask | NDArray[np.intp]) -> TrackedPoints:
+        """Return the points of the given rows."""
+        return TrackedPoints(*(getattr(self, name)[rows] for name in TrackedPoints.__slots__))
+
+    def joined(self, other: TrackedPoints) -> TrackedPoints:
+        """Return these points and the others."""
+        return TrackedPoints(
+            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in TrackedPoints.__slots__)
+        )
+
+    def moved(self, new_from_old: Pose) -> TrackedPoints:
+        """Return the points with their places moved by a correction of the frame that they are in."""
+        return TrackedPoints(
+            self.ids,
+            self.pixels,
+            new_from_old.apply(self.origin),
+            self.ray @ new_from_old.rotation.T,
+            self.inverse_m,
+            self.inverse_sigma,
+            self.across_m,
+            self.from_fix,
+        )
+
+    def scaled(self, centre: Array, factor: float) -> TrackedPoints:
+        """Return the points with all that is between them and a centre (3,) so many times as long."""
+        return replace(
+            self,
+            origin=centre + factor * (self.origin - centre),
+            inverse_m=self.inverse_m / factor,
+            inverse_sigma=self.inverse_sigma / factor,
+            across_m=self.across_m * factor,
+        )
+
+    def place(self, rows: NDArray[np.intp], points_in_world: Array) -> None:
+        """Put points (n,) where a bundle adjustment has them (n, 3)."""
+        rays = points_in_world - self.origin[rows]
+        distances = np.clip(np.linalg.norm(rays, axis=1), MIN_DISTANCE_M, MAX_DISTANCE_M)
+        self.ray[rows], self.inverse_m[rows] = rays / distances[:, None], 1.0 / distances
+
+    def sigma_across_m(self, centre: Array) -> Array:
+        """Return how uncertain the points are (n,) across the rays from a centre (3,).
+
+        A point is uncertain along its first ray: seen from where it was seen first, that doesn't show.
+        """
+        seen = self.points_in_world - centre
+        sines = np.linalg.norm(np.cross(self.ray, seen), axis=1) / np.maximum(
+            np.linalg.norm(seen, axis=1), 1e-9
+        )
+        return np.asarray(np.hypot(self.inverse_sigma / self.inverse_m**2 * sines, self.across_m))
+
+    def observe(self, camera: Camera, world_from_camera: Pose) -> None:
+        """Better the distances of the points by where they are seen now, a Kalman filter for each of them.
+
+        The state is the inverse distance on the first ray, whose effect on the pixel is nearly linear.
+        """
+        rows = np.flatnonzero(~self.from_fix)
+        points = self.points_in_world[rows]
+        _, by_point = reprojection_jacobian(points, camera, world_from_camera)
+        inverse = self.inverse_m[rows]
+        slope = np.einsum("nij,nj->ni", by_point, -self.ray[rows] / inverse[:, None] ** 2)
+        offset = self.pixels[rows] - project_from_world(points, camera, world_from_camera)
+        usable = np.isfinite(slope).all(axis=1) & np.isfinite(offset).all(axis=1)
+        rows, slope, offset = rows[usable], slope[usable], offset[usable]
+        noise = (FLOW_SIGMA * camera.focal_px) ** 2
+        information = 1.0 / self.inverse_sigma[rows] ** 2 + np.sum(slope**2, axis=1) / noise
+        step = np.sum(slope * offset, axis=1) / noise / information
+        moved = np.clip(self.inverse_m[rows] + step, 1.0 / MAX_DISTANCE_M, 1.0 / MIN_DISTANCE_M)
+        self.inverse_m[rows] = moved
+        self.inverse_sigma[rows] = np.maximum(1.0 / np.sqrt(information), LEAST_DEPTH_SIGMA * moved)

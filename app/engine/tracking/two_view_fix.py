@@ -1,0 +1,165 @@
+"""A fix by one other view whose pose is known: what an anchor gives, ready for odometry to go on from.
+
+The relative pose is up to scale (C 4.2.4); a known distance makes it metric (C 4.2.7). The points that both views
+see are triangulated with it, so that odometry starts with the anchor's own scale and needs no second one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.query.accuracy import accuracy_of
+from app.engine.query.verification import coverage
+from app.engine.tracking.fix import WORLD, Fix, confidence_of_sigma
+from app.engine.tracking.monitor_view import ScaleOf, SeenByMonitor
+from app.geometry.camera import Camera
+from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.se3 import Pose, rotation_from_vector, vector_from_rotation
+from app.geometry.triangulation import triangulate
+
+Array = NDArray[np.float64]
+MIN_POINTS, MIN_COVERAGE, MAX_ERROR_PX = 20, 0.1, 3.0
+# Nearer to parallel, rays place a point too badly to start from.
+MIN_PARALLAX_DEG = 1.0
+MATCH_SIGMA_PX = 1.0
+# The least that the scale of a single fix is off by, besides what it shares with others.
+MIN_SCALE_SIGMA = 0.01
+# Scales further apart than this are not of the same place.
+CONTRADICTION_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class KnownView:
+    """The other view: its camera and pose in the world or on a plan (`frame_id`, see `Fix`), the share by which the
+    scale of the relative pose may be off, one sigma, how much of that is the same whatever is seen in it, and what it
+    knows of distances."""
+
+    camera: Camera
+    world_from_camera: Pose
+    scale_sigma: float = 0.0
+    frame_id: str = WORLD
+    shared_scale_sigma: float = 0.0
+    scale_of: ScaleOf | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedPlace:
+    """Where odometry has a camera since an earlier fix, one sigma of it, and of its scale."""
+
+    world_from_camera: Pose
+    position_m: float
+    orientation_deg: float
+    scale_sigma: float
+
+
+def fix_from_two_views(
+    points_px: Array, points_in_known_px: Array, camera: Camera, known: KnownView, known_from_camera: Pose
+) -> Fix | None:
+    """Return the fix of a camera whose metric pose in a known view is given, or None when too few of the matched
+    pixels (n, 2), (n, 2) can be triangulated or they are all in one spot.
+
+    `camera` is the one of the frame at tracking size, and so are `points_px`. The accuracy holds what the pixels
+    leave open and what the scale is off by; all points share the latter, so it is not in their own sigma.
+    """
+    pose = known.world_from_camera @ known_from_camera
+    points = triangulate(
+        points_in_known_px,
+        points_px,
+        known.camera,
+        camera,
+        known_from_camera.inverse(),
+        min_parallax_deg=MIN_PARALLAX_DEG,
+    )
+    placed = np.isfinite(points).all(axis=1)
+    in_world = known.world_from_camera.apply(points)
+    good = np.zeros(len(points), dtype=bool)
+    good[placed] = (
+        reprojection_errors_px(points_px[placed], in_world[placed], camera, pose) < MAX_ERROR_PX
+    ) & (
+        reprojection_errors_px(
+            points_in_known_px[placed], in_world[placed], known.camera, known.world_from_camera
+        )
+        < MAX_ERROR_PX
+    )
+    if good.sum() < MIN_POINTS or coverage(points_px[good], (camera.width, camera.height)) < MIN_COVERAGE:
+        return None
+    sigma_m = _sigma_across(in_world[good], camera, pose)
+    position_m, orientation_deg = accuracy_of(points_px[good], in_world[good], sigma_m, camera, pose)
+    baseline_m = float(np.linalg.norm(known_from_camera.translation))
+    position_m = float(np.hypot(position_m, known.scale_sigma * baseline_m))
+    return Fix(
+        pose,
+        position_m,
+        orientation_deg,
+        points_px[good],
+        in_world[good],
+        sigma_m,
+        camera,
+        confidence=confidence_of_sigma(position_m, orientation_deg),
+        inliers=int(good.sum()),
+        matches=len(points_px),
+        method="anchor",
+        frame_id=known.frame_id,
+        scale_sigma=known.scale_sigma,
+        shared_scale_sigma=known.shared_scale_sigma,
+        seen=SeenByMonitor(known.camera, known.world_from_camera, points_in_known_px[good], known.scale_of),
+    )
+
+
+def at_common_scale(fix: Fix, tracked: TrackedPlace, ratio: float) -> tuple[Fix, float] | None:
+    """Return a fix by what it and odometry have in common, each by its certainty, and how many times as long
+    odometry's lengths are to be; None when their scales contradict each other.
+
+    `ratio` is how many times as far odometry, at the scale of earlier fixes, has what both see. What is seen tells it
+    better than how far the phone is from the known view, which turns with every error of the relative pose. What
+    fixes by one anchor are off by alike stays, however many there are.
+    """
+    shared = fix.shared_scale_sigma
+    ours, theirs = _own_variance(fix.scale_sigma, shared), _own_variance(tracked.scale_sigma, shared)
+    apart = float(np.log(ratio))
+    if abs(apart) > CONTRADICTION_SIGMAS * float(np.hypot(fix.scale_sigma, tracked.scale_sigma)):
+        return None
+    factor = float(np.exp(-apart * theirs / (ours + theirs)))
+    sigma = float(np.hypot(shared, np.sqrt(ours * theirs / (ours + theirs))))
+    place, turn = (
+        _weight(tracked.position_m, fix.position_m),
+        _weight(tracked.orientation_deg, fix.orientation_deg),
+    )
+    before, pose = tracked.world_from_camera, fix.world_from_camera
+    rotation = before.rotation @ rotation_from_vector(
+        turn * vector_from_rotation(before.rotation.T @ pose.rotation)
+    )
+    common = replace(
+        fix,
+        world_from_camera=Pose(
+            rotation, before.translation + place * (pose.translation - before.translation)
+        ),
+        position_m=min(tracked.position_m, fix.position_m),
+        orientation_deg=min(tracked.orientation_deg, fix.orientation_deg),
+        scale_sigma=sigma,
+    )
+    return common, factor
+
+
+def _weight(ours: float, theirs: float) -> float:
+    """Return the say of theirs in the mean of two values with these sigmas."""
+    return ours**2 / max(ours**2 + theirs**2, 1e-12)
+
+
+def _own_variance(scale_sigma: float, shared: float) -> float:
+    return max(scale_sigma**2 - shared**2, MIN_SCALE_SIGMA**2)
+
+
+def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
+    """Return a relative pose in metres, of one up to `scale` metres per unit (C eq. 4.2.7)."""
+    return Pose(b_from_a.rotation, scale * b_from_a.translation)
+
+
+def _sigma_across(points_in_world: Array, camera: Camera, pose: Pose) -> Array:
+    """Return how uncertain points are across the camera's ray, by the pixel they were matched with."""
+    return np.asarray(
+        MATCH_SIGMA_PX / camera.focal_px * np.linalg.norm(points_in_world - pose.translation, axis=1)
+    )

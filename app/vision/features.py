@@ -1,0 +1,51 @@
+"""Local features as values, and the protocol of what finds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.images import Gray
+
+Descriptors = NDArray[np.uint8] | NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFeatures:
+    """Keypoints (n, 2) in pixels of the full image (centre of the first pixel at 0, 0) and descriptors (n, d)."""
+
+    keypoints_px: NDArray[np.float32]
+    descriptors: Descriptors
+
+    def __len__(self) -> int:
+        return len(self.keypoints_px)
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> LocalFeatures:
+        """Return the features of the given rows."""
+        return LocalFeatures(self.keypoints_px[rows], self.descriptors[rows])
+
+
+class LocalFeatureExtractor(Protocol):
+    """What finds and describes keypoints.
+
+    `name` is what a map records, `ratio` its matching threshold, `min_inliers` well above what images of
+    places that are not in a map reach by chance (docs/features.md).
+    """
+
+    name: str
+    binary: bool
+    ratio: float
+    min_inliers: int
+    descriptor_size: int
+    descriptor_dtype: type[np.uint8] | type[np.float32]
+
+    def extract(self, gray: Gray) -> LocalFeatures:
+        """Return the features of a grey image (height, width), best first where the method ranks them."""
+        ...
+
+    def for_faint_images(self) -> LocalFeatureExtractor | None:
+        """Return an extractor for images in which this one finds too little, or None if there is none."""
+        ...
