@@ -51,7 +51,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     the options, else of `camera.txt`. With neither the scan is taken for an original one, **whose depth is not
     registered to its colour images**: colour at its own focal length, depth at 585 px, registered on the way,
     both cameras in one place, for how far they are apart is not published; give `depth_camera` and
-    `color_from_depth` if you know it. The poses of the original are those of the depth camera, so they are moved to the colour camera.
+    `color_from_depth` if you know it. The poses of the
+    original are those of the depth camera, so they are moved to the colour camera.
 
     A frame without depth or pose, or with a pose that is no rigid transform, is discarded.
     Raises `InvalidScanError` for other files, mostly broken poses, or no usable frame.
