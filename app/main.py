@@ -1,4 +1,4 @@
-"""The app: `create_app` and its lifespan, the only place that wires."""
+"""The app: `create_app` and its lifespan, the only place that wires the server."""
 
 from __future__ import annotations
 
@@ -31,17 +31,10 @@ from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware, UploadLimitMiddleware
-from app.engine.anchors.features import AnchorDescriber
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
-from app.services.anchor_locator import AnchorLocator
-from app.services.anchors import AnchorService
-from app.services.feature_library import FeatureLibrary
-from app.services.locate import LocateService
-from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.routes import RouteService
-from app.services.sessions import SessionService
+from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.venues import list_venues
 from app.web.pages import install_pages
@@ -64,11 +57,13 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
             "global descriptor %s", resources.models.global_descriptor.sha256[:12]
         )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
-        library = MapLibrary(resources)
+        services = wire_services(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
-        app.state.roomfix = _wire(resources, library, executor, builds, metrics)
+        app.state.roomfix = AppState(services, executor, builds, metrics)
         with resources.database.read() as connection:
-            warming = executor.run(partial(library.warm, [venue.id for venue in list_venues(connection)]))
+            warming = executor.run(
+                partial(services.maps.warm, [venue.id for venue in list_venues(connection)])
+            )
         # Kept, since a task that nothing refers to may be collected before it has run.
         app.state.warming = asyncio.ensure_future(warming)
         builds.start()
@@ -99,27 +94,3 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)
     return app
-
-
-def _wire(
-    resources: Resources,
-    library: MapLibrary,
-    executor: BoundedExecutor,
-    builds: BuildRunner,
-    metrics: Metrics,
-) -> AppState:
-    features = FeatureLibrary(resources.database)
-    routes_of = RouteService(resources.database, features)
-    describer = AnchorDescriber()
-    anchors = AnchorLocator(resources, describer)
-    return AppState(
-        resources,
-        LocateService(resources, library, features, anchors),
-        executor,
-        builds,
-        metrics,
-        features,
-        routes_of,
-        AnchorService(resources, library, describer),
-        SessionService(resources, library, features, routes_of, anchors),
-    )

@@ -104,27 +104,27 @@ def list_all(
     state: State, venue: Annotated[str | None, Query(description="Of this venue only")] = None
 ) -> list[dict[str, Any]]:
     """List anchors by their id."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         found = list_anchors(connection, venue)
         frames = list_frames(connection, [anchor.id for anchor in found])
-    settings = state.resources.settings
+    settings = state.services.resources.settings
     return [anchor_as_dict(anchor, frames.get(anchor.id), settings.anchor_max_age_s) for anchor in found]
 
 
 @router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
 def put(state: State, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
     """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
-    state.anchors.put(camera, _spec(body))
+    state.services.anchors.put(camera, _spec(body))
     return get(state, camera)
 
 
 @router.get("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
 def get(state: State, camera: AnchorId) -> dict[str, Any]:
     """Return an anchor, its newest frame's age and features, and how often it has located a phone."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         anchor = get_anchor(connection, camera)
         frame = list_frames(connection, [camera]).get(camera)
-    return anchor_as_dict(anchor, frame, state.resources.settings.anchor_max_age_s)
+    return anchor_as_dict(anchor, frame, state.services.resources.settings.anchor_max_age_s)
 
 
 @router.delete(
@@ -132,7 +132,7 @@ def get(state: State, camera: AnchorId) -> dict[str, Any]:
 )
 def remove(state: State, camera: AnchorId) -> Response:
     """Delete an anchor with its frame."""
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         delete_anchor(connection, camera)
     return Response(status_code=204)
 
@@ -147,7 +147,7 @@ async def push(state: State, camera: AnchorId, request: Request) -> FrameBody:
     """Push a camera's newest frame, as a form field or as the body itself. Its features are kept, it is not,
     unless the anchor says so."""
     image = await image_of(request)
-    pushed = await state.executor.run(lambda: state.anchors.push(camera, image))
+    pushed = await state.executor.run(lambda: state.services.anchors.push(camera, image))
     return FrameBody(
         frame=pushed.frame,
         features=pushed.features,
@@ -166,7 +166,7 @@ async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[st
     """Find the camera and its POIs in the venue's map, by the picture sent or else the newest stored one. From then on
     the camera's frames get their distances from the map."""
     image = await image_of(request)
-    await state.executor.run(lambda: state.anchors.calibrate(camera, image or None))
+    await state.executor.run(lambda: state.services.anchors.calibrate(camera, image or None))
     return await asyncio.to_thread(get, state, camera)
 
 

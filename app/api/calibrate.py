@@ -82,5 +82,7 @@ async def calibrate(
         parsed = parse_build_options(json.loads(options))
     except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"options is not JSON: {error}.") from None
-    found = await state.executor.run(lambda: calibrate_archive(state.resources, venue, parsed, archive.file))
+    found = await state.executor.run(
+        lambda: calibrate_archive(state.services.resources, venue, parsed, archive.file)
+    )
     return CalibrationBody.model_validate(found.as_dict())

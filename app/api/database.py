@@ -79,7 +79,7 @@ def build(
     options: Annotated[str, Form(description="JSON: format, camera, depth_scale, features, ...")] = "{}",
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
-    build_id = submit_build(state.resources, venue, _json(options), archive.file)
+    build_id = submit_build(state.services.resources, venue, _json(options), archive.file)
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
@@ -88,7 +88,7 @@ def build(
 @router.get("/builds", responses=problems(401, 422))
 def list_all(state: State, venue: str | None = None) -> list[BuildBody]:
     """List builds, newest first."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         return [BuildBody.of(item) for item in list_builds(connection, venue)]
 
 
@@ -108,7 +108,7 @@ async def events(state: State, build: str) -> EventSourceResponse:
 @router.delete("/builds/{build}", status_code=202, responses=problems(401, 404, 409, 422))
 def cancel(state: State, build: str) -> BuildBody:
     """Cancel a build; a running one stops at its next step."""
-    return BuildBody.of(withdraw_build(state.resources, build))
+    return BuildBody.of(withdraw_build(state.services.resources, build))
 
 
 async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, str]]:
@@ -128,7 +128,7 @@ async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, s
 
 
 def _read(state: AppState, build: str) -> BuildBody:
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         return BuildBody.of(get_build(connection, build))
 
 

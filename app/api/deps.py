@@ -14,12 +14,7 @@ from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
-from app.services.anchors import AnchorService
-from app.services.feature_library import FeatureLibrary
-from app.services.locate import LocateService
-from app.services.resources import Resources
-from app.services.routes import RouteService
-from app.services.sessions import SessionService
+from app.services.wiring import Services
 
 Scope = Literal["locate", "anchor", "admin"]
 ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
@@ -32,15 +27,10 @@ bearer = HTTPBearer(
 class AppState:
     """Everything the routes use, built once by the lifespan."""
 
-    resources: Resources
-    locate: LocateService
+    services: Services
     executor: BoundedExecutor
     runner: BuildRunner
     metrics: Metrics
-    features: FeatureLibrary
-    routes: RouteService
-    anchors: AnchorService
-    sessions: SessionService
 
 
 def get_state(request: Request) -> AppState:
@@ -72,7 +62,7 @@ def require(scope: Scope) -> Callable[..., None]:
 
 def check_key(state: AppState, given: str, scope: Scope) -> None:
     """Raise `AuthenticationError` unless a key has the scope."""
-    settings = state.resources.settings
+    settings = state.services.resources.settings
     if settings.open:
         return
     expected = settings.admin_key.get_secret_value() if settings.admin_key is not None else ""

@@ -58,8 +58,8 @@ async def put(state: State, venue: VenueId, floor: FloorId, request: Request) ->
     data = await request.body()
 
     def store() -> FeaturesBody:
-        features = store_features(state.resources, venue, floor, data)
-        warnings = unmet_links(state.routes.network(venue))
+        features = store_features(state.services.resources, venue, floor, data)
+        warnings = unmet_links(state.services.routes.network(venue))
         return FeaturesBody(venue=venue, floor=floor, counts={**features.counts}, warnings=warnings)
 
     return await run_in_threadpool(store)
@@ -73,4 +73,4 @@ async def put(state: State, venue: VenueId, floor: FloorId, request: Request) ->
 )
 def get(state: State, venue: VenueId, floor: FloorId) -> Any:
     """Return a floor's features in plan metres, in the form that PUT takes."""
-    return JSONResponse(stored_features(state.resources, venue, floor), media_type=MEDIA_TYPE)
+    return JSONResponse(stored_features(state.services.resources, venue, floor), media_type=MEDIA_TYPE)

@@ -55,7 +55,7 @@ class NewFloor(BaseModel):
 @router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def list_all(state: State, venue: VenueId) -> list[dict[str, Any]]:
     """List a venue's floors, lowest first."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         get_venue(connection, venue)
         return [as_dict(floor) for floor in list_floors(connection, venue)]
 
@@ -64,7 +64,7 @@ def list_all(state: State, venue: VenueId) -> list[dict[str, Any]]:
 def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[str, Any]:
     """Add or change a floor; says how well fitted correspondences agree."""
     alignment = parse_plan_from_world(body.plan_from_world)
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         get_venue(connection, venue)
         stored = put_floor(
             connection,
@@ -83,7 +83,7 @@ def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[st
 @router.get("/{floor}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def get(state: State, venue: VenueId, floor: FloorId) -> dict[str, Any]:
     """Return a floor."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         return as_dict(get_floor(connection, venue, floor))
 
 
@@ -92,7 +92,7 @@ def get(state: State, venue: VenueId, floor: FloorId) -> dict[str, Any]:
 )
 def remove(state: State, venue: VenueId, floor: FloorId) -> Response:
     """Delete a floor with its plan."""
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         delete_floor(connection, venue, floor)
     return Response(status_code=204)
 
@@ -109,10 +109,10 @@ def put_plan(
     origin_px: Annotated[str, Form(description="u,v of plan (0, 0) in the image, e.g. 100,820")],
 ) -> dict[str, Any]:
     """Store a floor's plan image."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         get_floor(connection, venue, floor)
     stored = store_plan_image(
-        state.resources, venue, floor, image.file.read(), meters_per_pixel, _pixel(origin_px)
+        state.services.resources, venue, floor, image.file.read(), meters_per_pixel, _pixel(origin_px)
     )
     return as_dict(stored)
 
@@ -125,11 +125,11 @@ def put_plan(
 )
 def get_plan(state: State, venue: VenueId, floor: FloorId) -> Response:
     """Return a floor's plan image."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         plan = get_floor(connection, venue, floor).plan
     if plan is None:
         raise NotFoundError(f"Floor {floor!r} has no plan image.")
-    return Response(state.resources.blobs.get(plan.blob), media_type=plan.media_type)
+    return Response(state.services.resources.blobs.get(plan.blob), media_type=plan.media_type)
 
 
 def _pixel(text: str) -> tuple[float, float]:

@@ -37,12 +37,12 @@ def readyz(state: State) -> Readiness | Response:
     """Answer 200 when database, blobs and build worker are there."""
     checks: dict[str, str] = {}
     try:
-        state.resources.database.ping()
+        state.services.resources.database.ping()
         checks["database"] = "ok"
     except SQLAlchemyError as error:
         checks["database"] = type(error).__name__
     try:
-        state.resources.blobs.check_writable()
+        state.services.resources.blobs.check_writable()
         checks["blobs"] = "ok"
     except OSError as error:
         checks["blobs"] = str(error)

@@ -108,7 +108,7 @@ async def locate(
         method=method,
         area=area or None,
     )
-    result = await state.executor.run(lambda: state.locate.locate(request))
+    result = await state.executor.run(lambda: state.services.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
     return body_of(result)
 
@@ -139,13 +139,14 @@ def body_of(result: LocateResult) -> LocateBody:
             nearest_landmark_m=_rounded(plan.nearest_landmark_m, 3),
         ),
         accuracy=None
-        if result.position_m is None or result.orientation_deg is None
+        if result.accuracy is None
         else AccuracyBody(
-            position_m=round(result.position_m, 5), orientation_deg=round(result.orientation_deg, 4)
+            position_m=round(result.accuracy.position_m, 5),
+            orientation_deg=round(result.accuracy.orientation_deg, 4),
         ),
         confidence=round(result.confidence, 4),
-        inliers=result.inliers,
-        matches=result.matches,
+        inliers=result.support.inliers,
+        matches=result.support.matches,
         keyframes=[
             KeyframeBody(keyframe=vote.keyframe, matches=vote.matches, inliers=vote.inliers)
             for vote in result.keyframes

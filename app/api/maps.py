@@ -39,7 +39,7 @@ def _body(version: MapVersion, active: int | None) -> MapBody:
 @router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def list_all(state: State, venue: VenueId) -> list[MapBody]:
     """List a venue's map versions, newest first."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         active = get_venue(connection, venue).active_map_version
         return [_body(version, active) for version in list_maps(connection, venue)]
 
@@ -49,7 +49,7 @@ def list_all(state: State, venue: VenueId) -> list[MapBody]:
 )
 def activate(state: State, venue: VenueId, version: Annotated[int, Path(ge=1, le=2**31 - 1)]) -> MapBody:
     """Let a map version serve the venue: roll back, or forward again."""
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         get_venue(connection, venue)
         found = get_map(connection, venue, version)
         set_active_map(connection, venue, version)

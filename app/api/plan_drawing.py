@@ -33,9 +33,9 @@ def get(
     """Return the plan image with areas, links and landmarks; with `from` and `to` the route between them too."""
     if (start is None) != (end is None):
         raise InvalidInputError("Give both from and to, or neither.")
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         found = get_floor(connection, venue, floor)
-    route = None if start is None or end is None else state.routes.route(venue, start, end)
-    image = None if found.plan is None else state.resources.blobs.get(found.plan.blob)
-    drawing = draw_plan(found, state.features.features(found), image, route)
+    route = None if start is None or end is None else state.services.routes.route(venue, start, end)
+    image = None if found.plan is None else state.services.resources.blobs.get(found.plan.blob)
+    drawing = draw_plan(found, state.services.features.features(found), image, route)
     return Response(drawing, media_type="image/svg+xml", headers=HEADERS)

@@ -88,8 +88,8 @@ def get(
     limits = Limits(_modes(avoid or []), accessible)
     origin: str | Place = start
     if start.startswith(SESSION_PREFIX):
-        origin = state.sessions.place(start.removeprefix(SESSION_PREFIX), venue)
-    return body_of(venue, state.routes.route(venue, origin, end, limits, heading_deg), spoken)
+        origin = state.services.sessions.place(start.removeprefix(SESSION_PREFIX), venue)
+    return body_of(venue, state.services.routes.route(venue, origin, end, limits, heading_deg), spoken)
 
 
 def body_of(venue: str, route: Route, language: str) -> RouteBody:

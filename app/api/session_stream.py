@@ -107,7 +107,7 @@ async def stream(socket: WebSocket, session: str) -> None:
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
     try:
         check_key(state, _key(socket), "locate")
-        await asyncio.to_thread(state.sessions.get, session)
+        await asyncio.to_thread(state.services.sessions.get, session)
     except RoomfixError as error:
         await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
         return
@@ -119,7 +119,7 @@ async def stream(socket: WebSocket, session: str) -> None:
         await _close(older.socket, CLOSE_REPLACED, "Another connection has taken over this session.")
     answering = asyncio.create_task(_answer(state, connection))
     try:
-        await _receive(connection, state.resources.settings.max_image_bytes)
+        await _receive(connection, state.services.resources.settings.max_image_bytes)
     finally:
         answering.cancel()
         await asyncio.gather(answering, return_exceptions=True)
@@ -164,7 +164,7 @@ async def _answer(state: AppState, connection: Stream) -> None:
         try:
             frame = _frame(waiting)
             answer = await state.executor.run(
-                lambda frame=frame: state.sessions.process(connection.session, frame)  # type: ignore[misc]
+                lambda frame=frame: state.services.sessions.process(connection.session, frame)  # type: ignore[misc]
             )
         except (BusyError, ConflictError):
             _put_back(connection, waiting)

@@ -134,7 +134,7 @@ class SessionBody(BaseModel):
 @router.post("", status_code=201, responses=problems(401, 404, 422))
 def create(state: State, new: NewSession) -> SessionBody:
     """Start a session."""
-    service = state.sessions
+    service = state.services.sessions
     return SessionBody.of(
         service.create(new.venue, new.camera, new.destination, new.language), service.timeout
     )
@@ -147,7 +147,7 @@ def get(
     points: Annotated[int, Query(ge=0, le=100_000, description="Newest points of the trajectory")] = 1000,
 ) -> SessionBody:
     """Return a session and where it went."""
-    service = state.sessions
+    service = state.services.sessions
     trajectory = service.trajectory(session, points)
     return SessionBody.of(service.get(session), service.timeout, trajectory)
 
@@ -156,13 +156,13 @@ def get(
 def change(state: State, session: SessionId, change: SessionChange) -> SessionBody:
     """Change destination, language or camera."""
     values = change.model_dump(include=change.model_fields_set)
-    return SessionBody.of(state.sessions.change(session, values), state.sessions.timeout)
+    return SessionBody.of(state.services.sessions.change(session, values), state.services.sessions.timeout)
 
 
 @router.delete("/{session}", status_code=204, responses=problems(401, 404, 422))
 def remove(state: State, session: SessionId) -> Response:
     """End a session and delete where it went."""
-    state.sessions.delete(session)
+    state.services.sessions.delete(session)
     return Response(status_code=204)
 
 
@@ -183,7 +183,7 @@ async def frame(
 ) -> FrameBody:
     """Answer one frame."""
     request = session_frame(await image.read(), camera, gravity, motion, timestamp)
-    answer = await state.executor.run(lambda: state.sessions.process(session, request))
+    answer = await state.executor.run(lambda: state.services.sessions.process(session, request))
     state.metrics.observe_query(
         answer.result.venue, answer.result.reason or "located", answer.result.timings_ms
     )

@@ -51,28 +51,28 @@ def _body(venue: Venue) -> VenueBody:
 @router.post("", status_code=201, dependencies=[Depends(require("admin"))], responses=problems(401, 409, 422))
 def create(state: State, venue: NewVenue) -> VenueBody:
     """Add a venue."""
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         return _body(create_venue(connection, venue.id, venue.name))
 
 
 @router.get("", dependencies=[Depends(require("locate"))], responses=problems(401))
 def list_all(state: State) -> list[VenueBody]:
     """List the venues."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         return [_body(venue) for venue in list_venues(connection)]
 
 
 @router.get("/{venue}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
 def get(state: State, venue: VenueId) -> VenueBody:
     """Return a venue."""
-    with state.resources.database.read() as connection:
+    with state.services.resources.database.read() as connection:
         return _body(get_venue(connection, venue))
 
 
 @router.patch("/{venue}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
 def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
     """Change a venue's name."""
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         return _body(rename_venue(connection, venue, change.name))
 
 
@@ -81,6 +81,6 @@ def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
 )
 def remove(state: State, venue: VenueId) -> Response:
     """Delete a venue with its floors, maps and builds."""
-    with state.resources.database.write() as connection:
+    with state.services.resources.database.write() as connection:
         delete_venue(connection, venue)
     return Response(status_code=204)

@@ -22,17 +22,13 @@ from app.commands.console import (
     progress_bars,
     settings_from,
 )
-from app.engine.anchors.features import AnchorDescriber
 from app.engine.mapping.options import parse_camera
 from app.errors import ConflictError, RoomfixError
 from app.jobs.local import finish_build_here
-from app.services.anchor_locator import AnchorLocator
-from app.services.feature_library import FeatureLibrary
-from app.services.locate import LocateService
 from app.services.locate_result import LocateRequest
-from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.submit_build import submit_build
+from app.services.wiring import wire_services
 from app.storage.builds import Build
 from app.storage.sweep import GRACE, sweep_blobs
 from app.storage.venues import create_venue
@@ -105,11 +101,9 @@ def locate(
     resources = Resources.open(settings_from(data_dir=data_dir))
     try:
         request = LocateRequest(
-            image.read_bytes(), venue=venue, floor=floor, camera=parse_camera(camera), area=area
+            image=image.read_bytes(), venue=venue, floor=floor, camera=parse_camera(camera), area=area
         )
-        features = FeatureLibrary(resources.database)
-        anchors = AnchorLocator(resources, AnchorDescriber())
-        result = LocateService(resources, MapLibrary(resources), features, anchors).locate(request)
+        result = wire_services(resources).locate.locate(request)
     finally:
         resources.close()
     console.print_json(body_of(result).model_dump_json())

@@ -93,9 +93,9 @@ class AnchorService:
         image = image or self._stored_image(anchor_id)
         rgb = decode_image(image, self._resources.settings.max_image_pixels)
         camera = frame_camera(anchor.spec, rgb.shape[1], rgb.shape[0])
-        localizer, version = serving
+        opened, version = serving
         calibration = {
-            **calibrate_in_map(localizer, version.version, floor, anchor.spec, camera, rgb),
+            **calibrate_in_map(opened, version.version, floor, anchor.spec, camera, rgb),
             "calibrated_at": now().isoformat(),
         }
         with self._resources.database.write() as connection:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from app.engine.floors.floor import Floor
 from app.engine.query.camera_sources import QueryCamera, query_camera
@@ -11,7 +10,8 @@ from app.engine.query.localization import Localization
 from app.engine.query.localizer import Localizer
 from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
 from app.engine.query.upright import localize_upright
-from app.engine.query.vdm.localizer import VdmLocalizer, VdmLocalizers
+from app.engine.query.vdm.localizer import VdmLocalizer
+from app.engine.stage_timer import StageTimer
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.anchor_locator import AnchorLocator
@@ -21,13 +21,22 @@ from app.services.locate_result import (
     LocateResult,
     anchor_result,
     map_result,
-    no_map_result,
 )
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.floors import get_floor, list_floors
+from app.storage.maps import MapVersion, active_version
 from app.storage.venues import list_venues
 from app.vision.images import Rgb, decode_image
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A venue as a query finds it: its floors and the map version that serves it, if any."""
+
+    venue: str
+    floors: list[Floor]
+    version: MapVersion | None
 
 
 class LocateService:
@@ -43,7 +52,6 @@ class LocateService:
         self._resources = resources
         self._library = library
         self._features = features
-        self._vdm = VdmLocalizers(resources.models)
         self._anchors = anchors
 
     def locate(self, request: LocateRequest) -> LocateResult:
@@ -52,66 +60,77 @@ class LocateService:
         Raises `NotFoundError` for an unknown venue, floor or area, `InvalidImageError`, `InvalidCameraError` and
         `InvalidInputError` for a request that can't be answered.
         """
-        started = time.perf_counter()
-        method = "vdm" if request.method == "vdm" else "rgbd"
-        venue = self._venue(request.venue)
-        floors = self._floors(venue, request.floor)
-        areas = self._areas(floors, request)
+        timer = StageTimer()
+        place = self._place(request)
+        areas = self._areas(place.floors, request)
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
-        decoded_ms = 1e3 * (time.perf_counter() - started)
+        timer.lap("decode")
         camera = query_camera(request.camera, rgb, request.image)
         known = camera.camera if isinstance(camera.camera, Camera) else None
-        if request.method == "anchor":
-            return self._by_anchor(venue, rgb, known, request, floors, decoded_ms)
-        serving = self._library.active(venue)
-        if serving is None:
-            if request.method == "auto" and known is not None:
-                return self._by_anchor(venue, rgb, known, request, floors, decoded_ms)
-            timings = {"decode": decoded_ms, "total": 1e3 * (time.perf_counter() - started)}
-            return no_map_result(venue, method, camera, request, timings)
-        version = serving[1]
-        localizer = self._vdm.of(serving[0]) if request.method == "vdm" else serving[0]
-        found, narrowed = self._search(localizer, rgb, camera, request, floors, areas)
-        result = self._described(map_result(venue, version, found, floors, request, camera, narrowed))
-        result.timings_ms.update(decode=decoded_ms, total=1e3 * (time.perf_counter() - started))
-        if result.reason is not None and request.method == "auto" and known is not None:
-            other = self._by_anchor(venue, rgb, known, request, floors, decoded_ms)
-            return other if other.reason is None else result
-        return result
+        result = None
+        if request.method != "anchor":
+            result = self._by_map(place, rgb, camera, request, areas)
+        if request.method == "anchor" or (request.method == "auto" and known is not None):
+            result = self._by_anchor(place, rgb, known, request, result)
+        assert result is not None  # noqa: S101 - one of the two was asked
+        timings = {**result.timings_ms, **timer.milliseconds, "total": timer.total_ms}
+        return replace(self._described(result), timings_ms=timings)
+
+    def _by_map(
+        self,
+        place: _Place,
+        rgb: Rgb,
+        camera: QueryCamera,
+        request: LocateRequest,
+        areas: list[AreaOnFloor] | None,
+    ) -> LocateResult:
+        """Answer from the venue's map."""
+        if place.version is None:
+            known = camera.likely
+            return LocateResult(
+                venue=place.venue,
+                method="vdm" if request.method == "vdm" else "rgbd",
+                map_version=None,
+                reason="no_map",
+                camera=known,
+                camera_source=camera.source_of(known),
+                gravity_checked=None if request.gravity is None else False,
+            )
+        found, narrowed = self._search(place, rgb, camera, request, areas)
+        return map_result(place.venue, place.version, found, narrowed, place.floors, request, camera)
 
     def _by_anchor(
         self,
-        venue: str,
+        place: _Place,
         rgb: Rgb,
         camera: Camera | None,
         request: LocateRequest,
-        floors: list[Floor],
-        decoded_ms: float,
+        by_map: LocateResult | None,
     ) -> LocateResult:
-        """Answer from what the venue's monitoring cameras see."""
+        """Answer from what the venue's monitoring cameras see, where the map's answer says nothing."""
+        if by_map is not None and by_map.reason is None:
+            return by_map
         if camera is None:
             raise InvalidInputError("method anchor needs the phone's intrinsics: send the field camera.")
-        found = self._anchors.locate(venue, request.floor, rgb, camera, request.gravity)
-        result = self._described(anchor_result(venue, found, floors, camera))
-        result.timings_ms.update(decode=decoded_ms, total=decoded_ms + sum(found.timings_ms.values()))
-        return result
+        found = self._anchors.locate(place.venue, request.floor, rgb, camera, request.gravity)
+        result = anchor_result(place.venue, found, place.floors, camera)
+        keep_map = by_map is not None and by_map.map_version is not None and result.reason is not None
+        return by_map if keep_map and by_map is not None else result
 
-    def _venue(self, venue: str | None) -> str:
-        if venue is not None:
-            return venue
+    def _place(self, request: LocateRequest) -> _Place:
         with self._resources.database.read() as connection:
-            venues = list_venues(connection)
-        if len(venues) != 1:
-            raise InvalidInputError(
-                f"There are {len(venues)} venues: say in the field venue which one the image is from."
-            )
-        return venues[0].id
-
-    def _floors(self, venue: str, floor: str | None) -> list[Floor]:
-        with self._resources.database.read() as connection:
-            if floor is not None:
-                get_floor(connection, venue, floor)
-            return list_floors(connection, venue)
+            venue = request.venue
+            if venue is None:
+                venues = list_venues(connection)
+                if len(venues) != 1:
+                    raise InvalidInputError(
+                        f"There are {len(venues)} venues: say in the field venue which one the image is from."
+                    )
+                venue = venues[0].id
+            if request.floor is not None:
+                get_floor(connection, venue, request.floor)
+            version = active_version(connection, venue)
+            return _Place(venue, list_floors(connection, venue), version)
 
     def _areas(self, floors: list[Floor], request: LocateRequest) -> list[AreaOnFloor] | None:
         """Return the areas that the request names, on its floor if it names one."""
@@ -128,17 +147,18 @@ class LocateService:
 
     def _search(
         self,
-        localizer: Localizer | VdmLocalizer,
+        place: _Place,
         rgb: Rgb,
         camera: QueryCamera,
         request: LocateRequest,
-        floors: list[Floor],
         areas: list[AreaOnFloor] | None,
     ) -> tuple[Localization, bool]:
         """Search where floor, area and prior say; where that finds nothing, everywhere."""
-        floor = next((floor for floor in floors if floor.id == request.floor), None)
-        positions = localizer.artifact.arrays.positions
-        allowed = allowed_keyframes(positions, floor, areas, request.prior)
+        assert place.version is not None  # noqa: S101 - asked for a venue with a map
+        opened = self._library.open(place.version)
+        localizer = VdmLocalizer(opened) if request.method == "vdm" else Localizer(opened)
+        floor = next((floor for floor in place.floors if floor.id == request.floor), None)
+        allowed = allowed_keyframes(opened.artifact.arrays.positions, floor, areas, request.prior)
         if allowed is not None and len(allowed):
             found = localize_upright(localizer, rgb, camera.camera, request.gravity, allowed)
             if found.world_from_camera is not None:

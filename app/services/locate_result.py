@@ -12,10 +12,10 @@ from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera
 from app.engine.query.localization import KeyframeVote, Localization
 from app.engine.query.narrowing import Prior
+from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
-from app.geometry.focal import ApproximateCamera
 from app.geometry.se3 import Pose
 from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
@@ -25,7 +25,7 @@ Method = Literal["auto", "rgbd", "vdm", "anchor"]
 GRAVITY_LIMIT_DEG = 20.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
     image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
@@ -41,7 +41,7 @@ class LocateRequest:
     area: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LocateResult:
     """The answer: a pose, or a reason why there is none.
 
@@ -56,11 +56,9 @@ class LocateResult:
     world_from_camera: Pose | None = None
     floor: Floor | None = None
     plan: PlanPoint | None = None
-    position_m: float | None = None
-    orientation_deg: float | None = None
+    accuracy: Accuracy | None = None
     confidence: float = 0.0
-    inliers: int = 0
-    matches: int = 0
+    support: Support = Support()
     keyframes: tuple[KeyframeVote, ...] = ()
     camera: Camera | None = None
     camera_source: CameraSource = "unknown"
@@ -71,30 +69,14 @@ class LocateResult:
     vertical: Vertical | None = None
 
 
-def no_map_result(
-    venue: str, method: str, camera: QueryCamera, request: LocateRequest, timings_ms: dict[str, float]
-) -> LocateResult:
-    known = camera.camera.camera if isinstance(camera.camera, ApproximateCamera) else camera.camera
-    return LocateResult(
-        venue,
-        method,
-        None,
-        "no_map",
-        camera=known,
-        camera_source=camera.source_of(known),
-        gravity_checked=None if request.gravity is None else False,
-        timings_ms=timings_ms,
-    )
-
-
 def map_result(
     venue: str,
     version: MapVersion,
     found: Localization,
+    narrowed: bool,
     floors: list[Floor],
     request: LocateRequest,
     camera: QueryCamera,
-    narrowed: bool,
 ) -> LocateResult:
     reason, pose = found.reason, found.world_from_camera
     gravity_checked = None if request.gravity is None else pose is not None and version.z_up
@@ -115,11 +97,9 @@ def map_result(
         world_from_camera=pose,
         floor=floor,
         plan=plan_point(floor, pose) if floor is not None and pose is not None else None,
-        position_m=found.position_m if located else None,
-        orientation_deg=found.orientation_deg if located else None,
+        accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
-        inliers=found.evidence.inliers,
-        matches=found.evidence.matches,
+        support=found.evidence.support,
         keyframes=found.keyframes,
         camera=own,
         camera_source=camera.source_of(own),
@@ -149,11 +129,9 @@ def anchor_result(venue: str, found: AnchorLocalization, floors: list[Floor], ca
         world_from_camera=None if place is None else place.world_from_camera,
         floor=None if place is None else place.floor,
         plan=None if place is None else place.plan,
-        position_m=found.position_m if located else None,
-        orientation_deg=found.orientation_deg if located else None,
+        accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
-        inliers=found.inliers,
-        matches=found.matches,
+        support=found.support,
         camera=camera,
         camera_source="request",
         timings_ms=dict(found.timings_ms),

@@ -17,6 +17,7 @@ from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.register_scan import middle_of, register_scan
 from app.engine.mapping.self_check import SelfCheck, check_map
 from app.engine.maps.artifact import MapArtifact, MapArtifactError
+from app.engine.maps.open_map import OpenMap
 from app.engine.progress import Progress
 from app.engine.query.localizer import Localizer
 from app.errors import CancelledBuildError, ConflictError, InvalidScanError
@@ -90,7 +91,7 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
 
 def _present_map(
     build: Build, options: BuildOptions, library: MapLibrary
-) -> tuple[Localizer, MapVersion] | None:
+) -> tuple[OpenMap, MapVersion] | None:
     """Return the map that serves. One that can't be opened, as after a change of the global descriptor, is what
     a new build replaces, so it doesn't stand in its way."""
     try:
@@ -141,7 +142,7 @@ def _unpack(
 def _place(
     source: FrameSource,
     options: BuildOptions,
-    present: tuple[Localizer, MapVersion] | None,
+    present: tuple[OpenMap, MapVersion] | None,
     resources: Resources,
     progress: Progress,
 ) -> Placement:
@@ -152,7 +153,7 @@ def _place(
     if present is None:
         return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     try:
-        found = register_scan(source, present[0], resources.executor, progress)
+        found = register_scan(source, Localizer(present[0]), resources.executor, progress)
     except InvalidScanError:
         if options.mode == "extend":
             raise
@@ -177,7 +178,7 @@ def _publish(
     placement: Placement,
     check: SelfCheck,
     seconds: dict[str, float],
-    present: tuple[Localizer, MapVersion] | None,
+    present: tuple[OpenMap, MapVersion] | None,
     resources: Resources,
     folder: Path,
     written: set[str],
@@ -188,10 +189,10 @@ def _publish(
     artifact, index = check.stated_in(built.artifact), built.index
     images = _store_images(built, options, resources, written)
     if options.mode == "extend" and present is not None:
-        localizer, old = present
+        opened, old = present
         artifact, index = join_maps(
-            localizer.artifact,
-            localizer.index,
+            opened.artifact,
+            opened.index,
             artifact,
             index,
             resources.models.extractor(options.features).binary,
@@ -199,7 +200,7 @@ def _publish(
         with resources.database.read() as connection:
             before = list_keyframe_images(connection, build.venue_id, old.version)
         # Pictures are kept for all keyframes or for none.
-        images = [*before, *images] if len(before) == localizer.artifact.keyframe_count and images else []
+        images = [*before, *images] if len(before) == opened.artifact.keyframe_count and images else []
     artifact_path, index_path = folder / "map.rfmap", folder / "global.faiss"
     artifact.write(artifact_path)
     index.write(index_path)

@@ -15,12 +15,16 @@ import numpy as np
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.mapping.options import parse_camera
+from app.engine.maps.open_map import OpenMap
 from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
+from app.engine.query.camera import scanned_camera
 from app.engine.query.camera_sources import CameraSource, query_camera
 from app.engine.query.localizer import Localizer
+from app.engine.query.placed import plan_frame
+from app.engine.stage_timer import StageTimer
 from app.engine.tracking.anchor_fixes import AnchorFixes, FirstFixes
-from app.engine.tracking.fix import WORLD, FixSource, MapFixes, plan_frame
+from app.engine.tracking.fix import FixSource, MapFixes
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.memory import (
     camera_from_json,
@@ -29,9 +33,11 @@ from app.engine.tracking.memory import (
     memory_to_json,
     pose_to_json,
 )
+from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.state import State
+from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracked import Tracked
-from app.engine.tracking.tracker import Tracker, TrackerSettings
+from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
@@ -73,7 +79,7 @@ class SessionFrame:
     gravity: tuple[float, float, float] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SessionResult:
     """The answer to a frame: that of /locate, the tracking state, the trajectory's last points, guidance."""
 
@@ -90,7 +96,7 @@ class SessionResult:
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
-    tracker: Tracker = field(default_factory=lambda: Tracker(FirstFixes(())))
+    tracker: Tracker = field(default_factory=Tracker)
     frames: int = -1
     recent: list[SessionPoint] = field(default_factory=list)
     way: Way = field(default_factory=Way)
@@ -187,7 +193,7 @@ class SessionService:
         it is worked on, `InvalidImageError` and `InvalidCameraError` for a frame that can't be used: then nothing
         has changed.
         """
-        started = time.perf_counter()
+        timer = StageTimer()
         live = self._live_of(session_id)
         if not live.lock.acquire(blocking=False):
             raise ConflictError(
@@ -196,7 +202,7 @@ class SessionService:
         try:
             session = self.get(session_id)
             self._bring_up_to_date(live, session)
-            return self._answer(session, live, frame, started)
+            return self._answer(session, live, frame, timer)
         except NotFoundError:
             self._drop(session_id)
             raise
@@ -221,29 +227,28 @@ class SessionService:
             return
         with self._resources.database.read() as connection:
             live.recent = list_points(connection, session.id, RECENT_POINTS)
-        live.tracker = Tracker(FirstFixes(()), memory_from_json(session.memory), self._tracking)
+        live.tracker = Tracker(memory_from_json(session.memory), self._tracking)
         live.frames = session.frames
 
-    def _answer(self, session: Session, live: _Live, frame: SessionFrame, started: float) -> SessionResult:
+    def _answer(self, session: Session, live: _Live, frame: SessionFrame, timer: StageTimer) -> SessionResult:
         rgb = decode_image(frame.image, self._resources.settings.max_image_pixels)
-        timings = {"decode": 1e3 * (time.perf_counter() - started)}
+        timer.lap("decode")
         given = frame.camera if frame.camera is not None else _own_camera(session, live.tracker, rgb)
         known = query_camera(given, rgb, frame.image).camera
         # What EXIF says is too rough to follow points by; the first fix searches for the focal length.
         camera = known if isinstance(known, Camera) else None
         serving = self._library.active(session.venue_id)
-        behind_lens = camera if camera is None or serving is None else serving[0].scanned_camera(camera)
+        opened = None if serving is None else serving[0]
+        behind_lens = (
+            camera if camera is None or opened is None else scanned_camera(opened.artifact.metadata, camera)
+        )
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
         tracker, before = live.tracker, live.tracker.memory
-        tracker.source = self._source(session.venue_id, None if serving is None else serving[0], floors)
-        tracker.is_inside = lambda pose: not floors or floor_of(floors, pose) is not None
-        tracker.can_change_floor = lambda pose, away_s: self._can_change_floor(
-            session.venue_id, floors, pose, away_s
-        )
         time_s = time.time() if frame.time_s is None else frame.time_s
-        tracked = tracker.process(TrackingFrame.of(rgb, time_s, frame.gravity), behind_lens, frame.motion)
-        timings["track"] = 1e3 * (time.perf_counter() - started) - timings["decode"]
+        taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
+        tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
+        timer.lap("track")
         floor, plan = _place(tracked, floors)
         if floor is not None and plan is not None:
             plan = self._features.described(plan, floor)
@@ -254,10 +259,14 @@ class SessionService:
             tracker.forget(before)
             raise
         live.frames, live.recent = point.frame, [*live.recent, point][-RECENT_POINTS:]
-        timings["total"] = 1e3 * (time.perf_counter() - started)
-        version = None if serving is None else serving[1].version
-        # What was given is answered as it was given.
-        result = _result(session, version, tracked, camera or tracker.camera, floor, plan, timings)
+        result = _result(session, tracked, floor, plan)
+        result = replace(
+            result,
+            map_version=None if serving is None else serving[1].version,
+            # What was given is answered as it was given.
+            **_camera_of(session, camera or tracker.camera),
+            timings_ms={**timer.milliseconds, "total": timer.total_ms},
+        )
         guidance = self._guide.guidance(
             live.way,
             session.venue_id,
@@ -265,11 +274,28 @@ class SessionService:
             session.language,
             floor,
             plan,
-            tracked.world_from_camera is not None,
+            tracked.placed is not None,
             time_s,
         )
         return SessionResult(
-            result, session.id, point.frame, tracked.state, tracked.unaided_m, tuple(live.recent), guidance
+            result=result,
+            session=session.id,
+            frame=point.frame,
+            tracking=tracked.state,
+            unaided_m=tracked.unaided_m,
+            trajectory=tuple(live.recent),
+            guidance=guidance,
+        )
+
+    def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
+        """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
+        sources: list[FixSource] = [] if opened is None else [MapFixes(Localizer(opened))]
+        if self._anchors is not None:
+            sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
+        return Surroundings(
+            FirstFixes(sources),
+            is_inside=lambda pose: not floors or floor_of(floors, pose) is not None,
+            can_change_floor=lambda pose, away_s: self._can_change_floor(venue_id, floors, pose, away_s),
         )
 
     def _can_change_floor(self, venue_id: str, floors: list[Floor], pose: Pose, away_s: float) -> bool:
@@ -279,13 +305,6 @@ class SessionService:
             return len(floors) > 1
         network = self._routes.network(venue_id)
         return can_have_changed_floor(network, PlanPlace(floor.id, plan.x, plan.y), away_s)
-
-    def _source(self, venue_id: str, localizer: Localizer | None, floors: list[Floor]) -> FixSource:
-        """Return what gives fixes: the map, and the anchors where it shows nothing."""
-        sources: list[FixSource] = [] if localizer is None else [MapFixes(localizer)]
-        if self._anchors is not None:
-            sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
-        return FirstFixes(sources)
 
     def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:
         camera = session.camera
@@ -315,57 +334,52 @@ def _was_searched(session: Session) -> bool:
 
 def _place(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanPoint | None]:
     """Return floor and point on its plan of a tracked pose in the world or on a plan."""
-    pose = tracked.world_from_camera
-    if pose is None:
+    placed = tracked.placed
+    if placed is None:
         return None, None
-    if tracked.frame_id == WORLD:
-        floor = floor_of(floors, pose)
-        return floor, None if floor is None else plan_point(floor, pose)
-    floor = next((floor for floor in floors if tracked.frame_id == plan_frame(floor.id)), None)
-    return floor, None if floor is None else plan_point(replace(floor, plan_from_world=np.eye(4)), pose)
+    if placed.world_from_camera is not None:
+        floor = floor_of(floors, placed.world_from_camera)
+        return floor, None if floor is None else plan_point(floor, placed.world_from_camera)
+    floor = next((floor for floor in floors if placed.frame_id == plan_frame(floor.id)), None)
+    if floor is None:
+        return None, None
+    return floor, plan_point(replace(floor, plan_from_world=np.eye(4)), placed.frame_from_camera)
 
 
 def _point(
     frame: int, time_s: float, tracked: Tracked, floor: Floor | None, plan: PlanPoint | None
 ) -> SessionPoint:
+    in_world = None if tracked.placed is None else tracked.placed.world_from_camera
     return SessionPoint(
-        frame,
-        time_s,
-        tracked.state,
-        pose_to_json(tracked.world_from_camera) if tracked.frame_id == WORLD else None,
-        None if floor is None else floor.id,
-        None if plan is None else [plan.x, plan.y, plan.heading_deg],
-        tracked.position_m,
+        frame=frame,
+        time_s=time_s,
+        tracking=tracked.state,
+        pose=pose_to_json(in_world),
+        floor=None if floor is None else floor.id,
+        plan=None if plan is None else [plan.x, plan.y, plan.heading_deg],
+        position_m=None if tracked.accuracy is None else tracked.accuracy.position_m,
     )
 
 
-def _result(
-    session: Session,
-    version: int | None,
-    tracked: Tracked,
-    camera: Camera | None,
-    floor: Floor | None,
-    plan: PlanPoint | None,
-    timings_ms: dict[str, float],
-) -> LocateResult:
+def _camera_of(session: Session, camera: Camera | None) -> dict[str, Any]:
     source: CameraSource = "search" if _was_searched(session) else "request"
+    return {"camera": camera, "camera_source": "unknown" if camera is None else source}
+
+
+def _result(session: Session, tracked: Tracked, floor: Floor | None, plan: PlanPoint | None) -> LocateResult:
+    fix = tracked.fix
     return LocateResult(
         venue=session.venue_id,
         method=tracked.method,
-        map_version=version,
+        map_version=None,
         reason=tracked.reason,
-        world_from_camera=tracked.world_from_camera if tracked.frame_id == WORLD else None,
+        world_from_camera=None if tracked.placed is None else tracked.placed.world_from_camera,
         floor=floor,
         plan=plan,
-        position_m=tracked.position_m,
-        orientation_deg=tracked.orientation_deg,
+        accuracy=tracked.accuracy,
         confidence=tracked.confidence,
-        inliers=tracked.inliers,
-        matches=tracked.matches,
-        keyframes=() if tracked.fix is None else tracked.fix.keyframes,
-        anchors=() if tracked.fix is None else tracked.fix.anchors,
-        vertical=None if tracked.fix is None else tracked.fix.vertical,
-        camera=camera,
-        camera_source="unknown" if camera is None else source,
-        timings_ms=timings_ms,
+        support=tracked.support,
+        keyframes=() if fix is None else fix.keyframes,
+        anchors=() if fix is None else fix.anchors,
+        vertical=None if fix is None else fix.vertical,
     )

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Row, func, insert, select
 from app.errors import NotFoundError
 from app.storage.db import as_utc, now
 from app.storage.tables import keyframe_images, map_versions
-from app.storage.venues import set_active_map
+from app.storage.venues import get_venue, set_active_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +82,14 @@ def publish_map(
         connection.execute(insert(keyframe_images), rows)
     set_active_map(connection, venue_id, version)
     return version
+
+
+def active_version(connection: Connection, venue_id: str) -> MapVersion | None:
+    """Return the version that serves a venue, None while it has no map; raises `NotFoundError` for an unknown venue."""
+    venue = get_venue(connection, venue_id)
+    if venue.active_map_version is None:
+        return None
+    return get_map(connection, venue_id, venue.active_map_version)
 
 
 def get_map(connection: Connection, venue_id: str, version: int) -> MapVersion:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +49,26 @@ def match_unit_vectors(
     ratios = _distance(best, binary) / np.maximum(_distance(candidates.max(axis=1), binary), 1e-6)
     keep = ratios < ratio if ratio < 1.0 else np.ones(len(rows), dtype=bool)
     return rows[keep], nearest[keep], ratios[keep].astype(np.float32)
+
+
+def match_with_each(
+    unit: Unit, others: Sequence[Descriptors | NDArray[np.float16]], ratio: float, binary: bool = False
+) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]]:
+    """Match unit descriptors (n, d) with each of several sets of descriptors (m, d), one set at a time.
+
+    Returns, for each set, rows of `unit`, rows of the set, and the distances of the matched unit vectors (k,).
+    """
+    found = []
+    for other in others:
+        theirs = to_unit_vectors(other, binary)
+        a, b, _ = match_unit_vectors(unit, theirs, ratio, binary)
+        found.append((a, b, unit_distances(unit[a], theirs[b])))
+    return found
+
+
+def unit_distances(a: Unit, b: Unit) -> NDArray[np.float32]:
+    """Return the distances (n,) of unit vectors (n, d) and (n, d)."""
+    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * np.einsum("ij,ij->i", a, b), 0.0)), dtype=np.float32)
 
 
 def _distance(similarity: NDArray[np.float32], binary: bool) -> NDArray[np.float32]:

@@ -17,6 +17,7 @@ from app.engine.anchors.map_depth import SeenPoints
 from app.engine.anchors.verification import judge_fix
 from app.engine.floors.floor import Floor
 from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.open_map import OpenMap
 from app.engine.query.localizer import Localizer
 from app.engine.stage_timer import StageTimer
 from app.errors import ConflictError
@@ -53,18 +54,18 @@ class CornerOutcome:
 
 
 def evaluate_in_map(
-    evaluator: PairEvaluator, localizer: Localizer, floors: Mapping[str, Floor], pairs: Sequence[MapPair]
+    evaluator: PairEvaluator, opened: OpenMap, floors: Mapping[str, Floor], pairs: Sequence[MapPair]
 ) -> list[CornerOutcome]:
     """Calibrate each pair's camera, take the POI's corner out of the map, and locate the phone without it."""
-    return [_outcome(evaluator, localizer, floors[one.pair.spec.floor_id], one) for one in pairs]
+    return [_outcome(evaluator, opened, floors[one.pair.spec.floor_id], one) for one in pairs]
 
 
-def _outcome(evaluator: PairEvaluator, localizer: Localizer, floor: Floor, one: MapPair) -> CornerOutcome:
+def _outcome(evaluator: PairEvaluator, opened: OpenMap, floor: Floor, one: MapPair) -> CornerOutcome:
     pair, camera = one.pair, one.pair.monitor_camera
-    left = keyframes_outside(localizer.artifact, one.poi_in_world)
-    alone = localizer.localize(pair.phone(), pair.phone_camera, left).world_from_camera is not None
+    left = keyframes_outside(opened.artifact, one.poi_in_world)
+    alone = Localizer(opened).localize(pair.phone(), pair.phone_camera, left).world_from_camera is not None
     try:
-        stored = calibrate_in_map(localizer, 0, floor, pair.spec, camera, pair.monitor())
+        stored = calibrate_in_map(opened, 0, floor, pair.spec, camera, pair.monitor())
     except ConflictError as error:
         return CornerOutcome(float("inf"), 180.0, alone, float("inf"), str(error))
     calibration, mounted = calibration_of(stored), mounted_camera(stored, floor)

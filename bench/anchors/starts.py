@@ -18,7 +18,9 @@ from app.engine.stage_timer import StageTimer
 from app.engine.tracking.anchor_fixes import fix_of_anchor
 from app.engine.tracking.fix import Fix, NoFix
 from app.engine.tracking.frame import TrackingFrame
-from app.engine.tracking.tracker import Tracker, TrackerSettings
+from app.engine.tracking.settings import TrackerSettings
+from app.engine.tracking.surroundings import Surroundings
+from app.engine.tracking.tracker import Tracker
 from app.geometry.se3 import Pose, rotation_between
 from app.importers.frames import Frame, Scan
 from bench.anchors.pairs import AnchorPair, PairEvaluator
@@ -158,7 +160,7 @@ def _run(
 ) -> Start | str:
     plan_from_scan = Pose(rotation_between(gravity, np.array([0.0, 0.0, -1.0])), np.zeros(3))
     source = _OneAnchor(pair, evaluator.monitor_features(pair), evaluator)
-    tracker = Tracker(source, settings=TrackerSettings(use_refresh=False))
+    tracker, around = Tracker(settings=TrackerSettings(use_refresh=False)), Surroundings(source)
     truth: list[Array] = []
     places: list[Array] = []
     started: list[StartedFrame] = []
@@ -166,20 +168,24 @@ def _run(
     for i, frame in enumerate(frames):
         source.is_open = i < settings.anchored
         down = frame.scan_from_camera.rotation.T @ gravity
-        taken = TrackingFrame.of(frame_rgb(scan, frame), frame.timestamp_s, (down[0], down[1], down[2]))
-        answer = tracker.process(taken, scan.camera)
-        if answer.world_from_camera is None:
+        gravity_in_phone = float(down[0]), float(down[1]), float(down[2])
+        rgb = frame_rgb(scan, frame)
+        taken = TrackingFrame.of(rgb, frame.timestamp_s, gravity_in_phone, scan.camera)
+        answer = tracker.process(taken, around)
+        if answer.placed is None:
             reason = str(answer.reason)
             if source.is_open and i + 1 < settings.anchored:
                 continue
             break
         truth.append((plan_from_scan @ frame.scan_from_camera).translation)
-        places.append(answer.world_from_camera.translation)
+        places.append(answer.placed.frame_from_camera.translation)
         if not source.is_open:
             path_m = float(np.linalg.norm(np.diff(truth[-len(started) - 2 :], axis=0), axis=1).sum())
             # A phone's height is not what anchors tell: the place on the plan counts.
             error_m = float(np.linalg.norm((places[-1] - truth[-1])[:2]))
-            started.append(StartedFrame(path_m, error_m, answer.position_m or 0.0))
+            started.append(
+                StartedFrame(path_m, error_m, 0.0 if answer.accuracy is None else answer.accuracy.position_m)
+            )
     if not started:
         return reason
     scale, distance_m = tracked_scale(np.array(truth[-len(started) :]), np.array(places[-len(started) :]))

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.retrieval import Retrieval
-from app.engine.maps.vision_models import VisionModels
+from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera import scanned_camera
 from app.engine.query.localization import KeyframeVote, Localization
 from app.engine.query.vdm.keyframe_matches import KeyframeMatches, match_keyframes
-from app.engine.query.verification import Evidence, Reason, gather_evidence
+from app.engine.query.verification import Reason, gather_evidence
 from app.engine.stage_timer import StageTimer
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
@@ -21,7 +19,6 @@ from app.geometry.epipolar import RelativePoseEstimate, estimate_relative_pose
 from app.geometry.lines import line_through, point_nearest_to_lines
 from app.geometry.se3 import Pose
 from app.vision.images import Rgb, to_gray
-from app.vision.index import GlobalIndex
 
 BEST, CANDIDATES = 4, 12
 MAX_ERROR_PX = 1.5
@@ -46,28 +43,23 @@ class EpipolarLocalizer:
     is the point nearest to the lines along them (B section 3, after eq. 15), as high as the keyframes are.
     """
 
-    def __init__(self, artifact: MapArtifact, index: GlobalIndex, models: VisionModels) -> None:
-        models.check_descriptor(artifact.metadata.descriptor_sha256)
-        self.artifact = artifact
-        self.index = index
-        self._retrieval = Retrieval(artifact, index)
-        self._descriptor = models.global_descriptor
-        self._extractor = models.extractor(artifact.metadata.features)
+    def __init__(self, opened: OpenMap) -> None:
+        self.map = opened
 
     def localize(
         self, rgb: Rgb, camera: Camera | None, allowed: NDArray[np.int64] | None = None
     ) -> Localization:
         """Localize an RGB image (height, width, 3) of a known camera; without one there is no answer."""
         timer = StageTimer()
-        descriptor = self._descriptor.describe(rgb)
+        descriptor = self.map.descriptor.describe(rgb)
         timer.lap("describe")
-        similar = self._retrieval.similar(descriptor, CANDIDATES, 0, allowed)
+        similar = self.map.retrieval.similar(descriptor, CANDIDATES, 0, allowed)
         timer.lap("retrieve")
-        matches = match_keyframes(to_gray(rgb), similar, self.artifact, self._extractor)[:BEST]
+        matches = match_keyframes(to_gray(rgb), similar, self.map)[:BEST]
         timer.lap("match")
         if camera is None:
             return _nothing("no_match", timer, None)
-        camera = scanned_camera(self.artifact.metadata, camera)
+        camera = scanned_camera(self.map.artifact.metadata, camera)
         directions = [d for found in matches if (d := self._direction(found, camera)) is not None]
         try:
             x, y = point_nearest_to_lines(np.stack([d.line for d in directions]).reshape(-1, 3))
@@ -80,13 +72,13 @@ class EpipolarLocalizer:
         estimate = estimate_relative_pose(
             found.keyframe_px,
             found.query_px,
-            self.artifact.camera(found.keyframe),
+            self.map.artifact.camera(found.keyframe),
             camera,
             max_error_px=MAX_ERROR_PX,
         )
         if estimate is None or estimate.parallax_deg < MIN_PARALLAX_DEG:
             return None
-        world_from_keyframe = self.artifact.pose(found.keyframe)
+        world_from_keyframe = self.map.artifact.pose(found.keyframe)
         world_from_user = world_from_keyframe @ estimate.b_from_a.inverse()
         try:
             line = line_through(world_from_keyframe.translation[:2], world_from_user.translation[:2])
@@ -97,18 +89,18 @@ class EpipolarLocalizer:
     def _conclude(
         self, directions: list[_Direction], x: float, y: float, camera: Camera, timer: StageTimer
     ) -> Localization:
-        heights = [self.artifact.arrays.positions[d.matches.keyframe, 2] for d in directions]
+        heights = [self.map.artifact.arrays.positions[d.matches.keyframe, 2] for d in directions]
         best = max(directions, key=lambda d: int(d.estimate.inlier_mask.sum()))
         pose = Pose(best.world_from_user_rotation, np.array([x, y, float(np.mean(heights))]))
         inliers = [d.matches.take(d.estimate.inlier_mask) for d in directions]
         evidence = gather_evidence(
-            np.concatenate([d.matches.query_rows for d in directions]),
-            np.concatenate([own.query_rows for own in inliers]),
-            np.concatenate([own.query_px for own in inliers]),
-            0,
-            np.zeros(0, np.intp),
-            (camera.width, camera.height),
-            self._retrieval.distance_m(pose),
+            matched_rows=np.concatenate([d.matches.query_rows for d in directions]),
+            inlier_rows=np.concatenate([own.query_rows for own in inliers]),
+            inlier_px=np.concatenate([own.query_px for own in inliers]),
+            distinct=0,
+            rival_rows=np.zeros(0, np.intp),
+            size_px=(camera.width, camera.height),
+            keyframe_distance_m=self.map.retrieval.distance_m(pose),
         )
         votes = tuple(
             KeyframeVote(own.keyframe, len(d.matches), len(own))
@@ -116,8 +108,14 @@ class EpipolarLocalizer:
         )
         timer.lap("pose")
         # What it isn't sure of it doesn't know: lines without depth say nothing about their own error.
-        return Localization(pose, None, evidence, None, None, 0.0, votes, camera, timer.milliseconds)
+        return Localization(
+            evidence=evidence,
+            world_from_camera=pose,
+            keyframes=votes,
+            camera=camera,
+            timings_ms=timer.milliseconds,
+        )
 
 
 def _nothing(reason: Reason, timer: StageTimer, camera: Camera | None) -> Localization:
-    return Localization(None, reason, Evidence.none(), None, None, 0.0, (), camera, timer.milliseconds)
+    return Localization(reason=reason, camera=camera, timings_ms=timer.milliseconds)

@@ -69,12 +69,12 @@ def evaluate_demo(
             for region in REGIONS:
                 queries = render_queries(data_dir / f"queries-{region}", count, region=region)
                 regions += [
-                    evaluate_region(region, serving[0], queries, progress, variation)
+                    evaluate_region(region, Localizer(serving[0]), queries, progress, variation)
                     for variation in variations
                 ]
                 if region == "upper" and without_upper_floor:
                     regions += evaluate_absent_floor(
-                        serving[0], resources.models, queries, progress, variations
+                        Localizer(serving[0]), resources.models, queries, progress, variations
                     )
     finally:
         resources.close()
@@ -108,11 +108,11 @@ def evaluate_absent_floor(
     """Locate pictures of the upper floor in a map of the ground floor's keyframes alone: none may be located."""
     from bench.demo import floor_of
 
-    artifact = localizer.artifact
+    artifact = localizer.map.artifact
     below = np.array([i for i in range(artifact.keyframe_count) if floor_of(artifact.pose(i)) == 0], np.int64)
-    part, index = part_of_map(artifact, localizer.index, below, localizer.extractor)
+    part, index = part_of_map(artifact, localizer.map.index, below, localizer.map.extractor)
     upper = [query for query in queries if query.floor == 1]
-    ground = Localizer(part, index, models)
+    ground = Localizer.of(part, index, models)
     return [evaluate_region("upper, not in the map", ground, upper, progress, each) for each in variations]
 
 
@@ -138,7 +138,7 @@ def evaluate_region(
         if found.world_from_camera is not None:
             timings.append(found.timings_ms)
             wrong_floor += floor_of(found.world_from_camera) != query.floor
-    figures = map_figures(region, localizer.artifact, int(localizer.index.descriptors.nbytes))
+    figures = map_figures(region, localizer.map.artifact, int(localizer.map.index.descriptors.nbytes))
     evaluation = Evaluation(
         figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
     )

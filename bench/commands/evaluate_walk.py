@@ -49,7 +49,7 @@ def evaluate_walk(
         source = open_scan(walk.scan.directory, parsed.format, parsed.scan)
         built = build_map(source, parsed, models, executor, progress)
         check_map(built, source, models, executor, progress)
-        localizer = Localizer(built.artifact, built.index, models)
+        localizer = Localizer.of(built.artifact, built.index, models)
         offsets = []
         for path, truth in zip(walk.queries, walk.world_from_query, strict=True):
             found = localizer.localize(decode_image(path.read_bytes()), walk.scan.camera).world_from_camera

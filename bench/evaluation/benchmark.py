@@ -59,7 +59,7 @@ def run_benchmark(
 ) -> Benchmark:
     """Build the map, then time every query `repeats` times, taking each query's median."""
     built = build_map(split.database, options, models, executor, progress)
-    localizer = Localizer(built.artifact, built.index, models)
+    localizer = Localizer.of(built.artifact, built.index, models)
     plain = PlainSift(split.database, built.keyframes, built.world_from_scan, models) if compare else None
     camera = split.database.camera
     results, totals, plain_totals, decodes = [], [], [], []
@@ -108,7 +108,9 @@ def _kernels(
     out = {}
     out["local features"], _ = _timed(_features_kernel(localizer, models, rgb), repeats)
     out["global descriptor"], descriptor = _timed(lambda: models.global_descriptor.describe(rgb), repeats)
-    out["index search"], (rows, _) = _timed(lambda: localizer.index.search(descriptor, keyframes), repeats)
+    out["index search"], (rows, _) = _timed(
+        lambda: localizer.map.index.search(descriptor, keyframes), repeats
+    )
     out["matching"], _ = _timed(_matching_kernel(localizer, models, rgb, rows), repeats)
     out["pose"] = _pose_kernel(localizer, rgb, camera, repeats)
     return out
@@ -116,8 +118,8 @@ def _kernels(
 
 def _features_kernel(localizer: Localizer, models: VisionModels, rgb: Rgb) -> Callable[[], Any]:
     gray = to_gray(rgb)
-    if localizer.artifact.metadata.features != "sift":
-        extractor = models.extractor(localizer.artifact.metadata.features)
+    if localizer.map.artifact.metadata.features != "sift":
+        extractor = models.extractor(localizer.map.artifact.metadata.features)
         return lambda: extractor.extract(gray)
     small, _ = shrink(gray, SIFT_SIDE_PX)
     return lambda: cv2.SIFT.create(SIFT_FEATURES).detectAndCompute(small, None)
@@ -127,10 +129,13 @@ def _matching_kernel(
     localizer: Localizer, models: VisionModels, rgb: Rgb, rows: Sequence[int]
 ) -> Callable[[], Any]:
     """One matrix product a keyframe, and the nearest neighbours both ways."""
-    extractor, arrays = models.extractor(localizer.artifact.metadata.features), localizer.artifact.arrays
+    extractor, arrays = (
+        models.extractor(localizer.map.artifact.metadata.features),
+        localizer.map.artifact.arrays,
+    )
     unit = to_unit_vectors(extractor.extract(to_gray(rgb)).descriptors, extractor.binary)
     theirs = [
-        to_unit_vectors(arrays.descriptors[localizer.artifact.rows(int(row))], extractor.binary)
+        to_unit_vectors(arrays.descriptors[localizer.map.artifact.rows(int(row))], extractor.binary)
         for row in rows
     ]
 

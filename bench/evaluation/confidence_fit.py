@@ -69,13 +69,11 @@ def _is_right(outcome: QueryOutcome) -> bool:
 def _evidence(outcome: QueryOutcome) -> Evidence:
     sigma_m = float("inf") if outcome.position_sigma_m is None else outcome.position_sigma_m
     return Evidence(
-        outcome.matches,
-        outcome.inliers,
-        outcome.coverage or 0.0,
-        round((outcome.distinct_share or 0.0) * outcome.inliers),
-        round((outcome.rival_share or 0.0) * outcome.inliers),
-        0,
-        0,
-        0.0,
-        sigma_m,
+        matches=outcome.matches,
+        inliers=outcome.inliers,
+        coverage=outcome.coverage or 0.0,
+        distinct=round((outcome.distinct_share or 0.0) * outcome.inliers),
+        rival=round((outcome.rival_share or 0.0) * outcome.inliers),
+        keyframe_distance_m=0.0,
+        position_sigma_m=sigma_m,
     )

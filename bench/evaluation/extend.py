@@ -114,15 +114,15 @@ def evaluate_extension(
     first = _checked(split.first, options, models, executor, progress)
     moved_from_scan = other_frame(seed)
     second = moved_scan(split.second, moved_from_scan)
-    alone = Localizer(first.artifact, first.index, models)
+    alone = Localizer.of(first.artifact, first.index, models)
     found = register_scan(second, alone, executor, progress)
     built = _checked(second, options, models, executor, progress, found.world_from_scan)
     binary = models.extractor(options.features).binary
     joined = join_maps(first.artifact, first.index, built.artifact, built.index, binary)
-    extended = Localizer(*joined, models)
+    extended = Localizer.of(*joined, models)
     both = replace(split.first, frames=split.first.frames + split.second.frames)
     one = _checked(both, options, models, executor, progress)
-    single = Localizer(one.artifact, one.index, models)
+    single = Localizer.of(one.artifact, one.index, models)
     truth = first.world_from_scan
     registration_m, registration_deg = registration_error(found, truth @ moved_from_scan.inverse(), second)
     localizers = {"first scan": alone, "extended": extended, "one scan": single}
@@ -135,7 +135,7 @@ def evaluate_extension(
         found.agreeing,
         round(100 * registration_m, 3),
         round(registration_deg, 4),
-        {name: localizer.artifact.keyframe_count for name, localizer in localizers.items()},
+        {name: localizer.map.artifact.keyframe_count for name, localizer in localizers.items()},
         summaries,
     )
 

@@ -87,7 +87,7 @@ def evaluate_phones(
     """Build the map, then locate all queries in each case."""
     built = build_map(split.database, options, models, executor, progress)
     check = check_map(built, split.database, models, executor, progress)
-    localizer = Localizer(check.stated_in(built.artifact), built.index, models)
+    localizer = Localizer.of(check.stated_in(built.artifact), built.index, models)
     return [_figures(case, localizer, split, built.world_from_scan, progress) for case in cases]
 
 
@@ -112,10 +112,10 @@ def _figures(
         milliseconds = 1e3 * (time.perf_counter() - started)
         sources[known.source_of(found.camera)] += 1
         pose, errors = found.world_from_camera, (float("inf"), 180.0)
-        if pose is not None and found.camera is not None and found.position_m:
+        if pose is not None and found.camera is not None and found.accuracy is not None:
             errors = pose_error(pose, truth)
             focal.append(100 * abs(found.camera.focal_px / true_focal_px - 1))
-            shares.append(errors[0] / found.position_m)
+            shares.append(errors[0] / found.accuracy.position_m)
         outcomes.append(
             QueryOutcome(
                 frame.name,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.mapping.build_map import BuiltMap
 from app.engine.mapping.options import BuildOptions
+from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
 from app.engine.query.localization import Localization
 from app.engine.query.localizer import PAPER, Localizer, LocalizerSettings
@@ -36,12 +37,13 @@ def open_pipeline(
     name: Pipeline, built: BuiltMap, models: VisionModels, settings: LocalizerSettings | None = None
 ) -> FrameLocalizer:
     """Return the localizer of that name on a map; `settings` are for `default` and `paper`."""
+    opened = OpenMap.of(built.artifact, built.index, models)
     if name == "vdm":
-        return VdmLocalizer(built.artifact, built.index, models)
+        return VdmLocalizer(opened)
     if name == "epipolar":
-        return EpipolarLocalizer(built.artifact, built.index, models)
+        return EpipolarLocalizer(opened)
     own = settings or (PAPER if name == "paper" else LocalizerSettings())
-    return Localizer(built.artifact, built.index, models, own)
+    return Localizer(opened, own)
 
 
 def options_for(name: Pipeline, options: BuildOptions) -> BuildOptions:

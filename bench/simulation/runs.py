@@ -14,7 +14,7 @@ import numpy as np
 
 from app.engine.floors.floor import Floor
 from app.engine.navigation.places import PlanPlace
-from app.engine.tracking.tracker import TrackerSettings
+from app.engine.tracking.settings import TrackerSettings
 from app.errors import ConflictError
 from app.geometry.plan import PlanTransform
 from app.services.feature_library import FeatureLibrary

@@ -15,10 +15,13 @@ from app.engine.mapping.build_map import build_map
 from app.engine.mapping.options import BuildOptions
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
+from app.engine.query.camera import scanned_camera
 from app.engine.query.localizer import Localizer
 from app.engine.tracking.fix import Fix, FixSource, MapFixes, NoFix
 from app.engine.tracking.frame import TrackingFrame
-from app.engine.tracking.tracker import Tracker, TrackerSettings
+from app.engine.tracking.settings import TrackerSettings
+from app.engine.tracking.surroundings import Surroundings
+from app.engine.tracking.tracker import Tracker
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.vision.images import decode_image
@@ -125,12 +128,12 @@ def track_video(
 ) -> tuple[TrackingFigures, list[TrackedFrame]]:
     """Build the map of the database's frames and track the queries as a video, each at its own time."""
     built = build_map(split.database, options, models, executor, progress)
-    localizer = Localizer(built.artifact, built.index, models)
+    localizer = Localizer.of(built.artifact, built.index, models)
     gate = _Gate(MapFixes(localizer))
     # A closed gate costs nothing, and an open one is to be used.
     limited = TrackerSettings(relocalize_every=1, use_refresh=False)
-    tracker = Tracker(gate, settings=TrackerSettings() if settings.map_frames is None else limited)
-    camera, frames, locate_ms = localizer.scanned_camera(split.database.camera), [], []
+    tracker = Tracker(settings=TrackerSettings() if settings.map_frames is None else limited)
+    camera, frames, locate_ms = scanned_camera(localizer.map.artifact.metadata, split.database.camera), [], []
     for i, frame in enumerate(split.queries):
         progress.report("track", i, len(split.queries))
         data = split.database.color_bytes(frame)
@@ -138,10 +141,10 @@ def track_video(
         started = time.perf_counter()
         rgb = decode_image(data)
         decoded = time.perf_counter()
-        tracked = tracker.process(TrackingFrame.of(rgb, frame.timestamp_s), camera)
+        tracked = tracker.process(TrackingFrame.of(rgb, frame.timestamp_s, camera=camera), Surroundings(gate))
         milliseconds = 1e3 * (time.perf_counter() - started)
         truth = built.world_from_scan @ frame.scan_from_camera
-        pose = tracked.world_from_camera
+        pose = None if tracked.placed is None else tracked.placed.frame_from_camera
         errors = (float("inf"), 180.0) if pose is None else pose_error(pose, truth)
         frames.append(
             TrackedFrame(
@@ -149,7 +152,7 @@ def track_video(
                 tracked.state,
                 tracked.reason,
                 *errors,
-                tracked.position_m,
+                None if tracked.accuracy is None else tracked.accuracy.position_m,
                 milliseconds,
                 truth.translation.tolist(),
                 None if pose is None else pose.translation.tolist(),

@@ -251,7 +251,7 @@ def test_a_frame_without_an_image_or_of_no_session(museum: Server, video: list[V
 def test_two_frames_at_once_are_refused(museum: Server, video: list[View]) -> None:
     session = start(museum)
     assert isinstance(museum.client, TestClient)
-    service = cast(FastAPI, museum.client.app).state.roomfix.sessions
+    service = cast(FastAPI, museum.client.app).state.roomfix.services.sessions
     with service._live_of(session).lock:
         assert "stream" in assert_problem(post(museum, session, video[0].jpeg()), 409, "conflict")
     assert send(museum, session, video[0], 0.0)["frame"] == 1

@@ -14,7 +14,7 @@ from app.engine.anchors.monitor_pose import find_monitor
 from app.engine.anchors.sights import centroid, inside_region, region_in
 from app.engine.floors.floor import Floor
 from app.engine.maps.artifact import MapArtifact
-from app.engine.query.localizer import Localizer
+from app.engine.maps.open_map import OpenMap
 from app.errors import ConflictError
 from app.geometry.camera import Camera
 from app.geometry.plan import PlanTransform, plan_position
@@ -44,7 +44,7 @@ class Calibration:
 
 
 def calibrate_in_map(
-    localizer: Localizer, map_version: int, floor: Floor, spec: AnchorSpec, camera: Camera, rgb: Rgb
+    opened: OpenMap, map_version: int, floor: Floor, spec: AnchorSpec, camera: Camera, rgb: Rgb
 ) -> dict[str, Any]:
     """Return a camera's calibration as the anchor stores it: pose in the world, place on the plan, POIs.
 
@@ -56,7 +56,7 @@ def calibrate_in_map(
             f"Floor {floor.id!r} has no plan_from_world yet, so its map says nothing of the plan."
         )
     plan = PlanTransform(floor.plan_from_world)
-    found = find_monitor(localizer, camera, rgb, keyframes_near(localizer.artifact, floor, plan, spec))
+    found = find_monitor(opened, camera, rgb, keyframes_near(opened.artifact, floor, plan, spec))
     if isinstance(found, str):
         raise ConflictError(
             f"The camera could not be calibrated: {found}. Scan what the camera sees, or check its position and "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live import LiveAnchor
 from app.engine.anchors.look import look_closely
 from app.engine.anchors.verification import confidence_of_fix, judge_fix
+from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.engine.stage_timer import StageTimer
 from app.geometry.anchor_pose import Vertical
@@ -30,7 +31,7 @@ NEARLY_AS_ALIKE = 0.6
 AGREEMENT_SIGMAS, AGREEMENT_M = 4.0, 0.3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorLocalization:
     """The outcome for one picture. `plan_from_phone` is None exactly when `reason` says why.
 
@@ -38,17 +39,15 @@ class AnchorLocalization:
     one that is surest, with its own answer.
     """
 
-    plan_from_phone: Pose | None
-    reason: Reason | None
-    floor_id: str | None
-    anchors: tuple[str, ...]
-    vertical: Vertical | None
-    position_m: float | None
-    orientation_deg: float | None
-    confidence: float
-    inliers: int
-    matches: int
-    timings_ms: dict[str, float]
+    plan_from_phone: Pose | None = None
+    reason: Reason | None = None
+    floor_id: str | None = None
+    anchors: tuple[str, ...] = ()
+    vertical: Vertical | None = None
+    confidence: float = 0.0
+    accuracy: Accuracy | None = None
+    support: Support = Support()
+    timings_ms: dict[str, float] = field(default_factory=dict)
     best: tuple[LiveAnchor, AnchorFix] | None = None
 
 
@@ -65,7 +64,7 @@ def locate_by_anchors(
     `gravity` is down in camera axes; without it the phone is taken to be upright.
     """
     if not live:
-        return nothing("no_map", timer)
+        return _nothing("no_map", timer)
     gray = to_gray(rgb)
     akaze = describer.akaze.extract(gray)
     timer.lap("akaze")
@@ -78,7 +77,7 @@ def locate_by_anchors(
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
     fixes, matched = _fixes(candidates, phone, camera, down, timer)
     if not fixes and matched == 0 and measure_quality(gray).is_poor:
-        return nothing("poor_image", timer)
+        return _nothing("poor_image", timer)
     return conclude(fixes, matched, timer)
 
 
@@ -135,7 +134,7 @@ def conclude(
     good = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
     if not good:
         reasons = [reason for _, _, reason in judged if reason is not None]
-        return nothing(
+        return _nothing(
             "ambiguous" if "ambiguous" in reasons else "too_few_inliers" if reasons else "no_match",
             timer,
             matched,
@@ -144,28 +143,29 @@ def conclude(
     anchor, best = good[0]
     agreeing = [pair for pair in good if _agree(anchor, best, *pair)]
     if len(agreeing) < len(good):
-        return nothing("ambiguous", timer, matched)
+        return _nothing("ambiguous", timer, matched)
     pose, covariance = _joined([fix for _, fix in agreeing])
     timer.lap("pose")
     return AnchorLocalization(
         plan_from_phone=pose,
-        reason=None,
         floor_id=anchor.anchor.spec.floor_id,
         anchors=tuple(live.anchor.id for live, _ in agreeing),
         vertical=best.solution.vertical,
-        position_m=float(np.sqrt(np.trace(covariance[:2, :2]))),
-        orientation_deg=min(fix.orientation_sigma_deg for _, fix in agreeing),
+        accuracy=Accuracy(
+            float(np.sqrt(np.trace(covariance[:2, :2]))),
+            min(fix.orientation_sigma_deg for _, fix in agreeing),
+        ),
         confidence=max(confidence_of_fix(fix) for _, fix in agreeing),
-        inliers=sum(fix.evidence.inliers for _, fix in agreeing),
-        matches=sum(fix.evidence.matches for _, fix in agreeing),
+        support=Support(
+            sum(fix.evidence.inliers for _, fix in agreeing), sum(fix.evidence.matches for _, fix in agreeing)
+        ),
         timings_ms=timer.milliseconds,
         best=(anchor, best),
     )
 
 
-def nothing(reason: Reason, timer: StageTimer, matches: int = 0) -> AnchorLocalization:
-    """Return the outcome of a picture that can't be placed."""
-    return AnchorLocalization(None, reason, None, (), None, None, None, 0.0, 0, matches, timer.milliseconds)
+def _nothing(reason: Reason, timer: StageTimer, matches: int = 0) -> AnchorLocalization:
+    return AnchorLocalization(reason=reason, support=Support(matches=matches), timings_ms=timer.milliseconds)
 
 
 def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bool:

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 from app.engine.anchors.map_depth import SeenPoints, points_seen
 from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.open_map import OpenMap
 from app.engine.query.accuracy import accuracy_in_map, seen_from_one_side
-from app.engine.query.localizer import Localizer
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.pose import pose_in_map
+from app.engine.query.query import Query
 from app.engine.query.verification import Limits, evidence_of, judge
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
-from app.vision.images import Rgb, to_gray
+from app.vision.images import Rgb
 from app.vision.local_features import create_fine_extractor
 
 Rows = NDArray[np.int64]
@@ -54,7 +55,7 @@ class MonitorPose:
     seen: SeenPoints
 
 
-def find_monitor(localizer: Localizer, camera: Camera, rgb: Rgb, near: Rows) -> MonitorPose | str:
+def find_monitor(opened: OpenMap, camera: Camera, rgb: Rgb, near: Rows) -> MonitorPose | str:
     """Return a fixed camera's pose by its RGB image (height, width, 3), or a sentence's part that says why not.
 
     `near` are the keyframes (rows) around the place where the camera is known to hang. A pose is not returned
@@ -62,10 +63,10 @@ def find_monitor(localizer: Localizer, camera: Camera, rgb: Rgb, near: Rows) -> 
     """
     if len(near) == 0:
         return "the map has no pictures from around it"
-    artifact = localizer.artifact
+    artifact = opened.artifact
     extractor = create_fine_extractor(artifact.metadata.features)
-    query = QueryMatcher(to_gray(rgb), artifact, extractor, False, near)
-    matches = query.match(localizer.similar(rgb, FIRST_KEYFRAMES, near))
+    query = QueryMatcher(Query.of(rgb, camera, near), opened, extractor)
+    matches = query.match(opened.similar(rgb, FIRST_KEYFRAMES, near))
     found = _estimate(artifact, matches, camera, None)
     for _ in range(ROUNDS if found is not None else 0):
         assert found is not None  # noqa: S101 - the loop ends where it is None
@@ -74,7 +75,7 @@ def find_monitor(localizer: Localizer, camera: Camera, rgb: Rgb, near: Rows) -> 
         found = _estimate(artifact, matches, camera, found.world_from_camera) or found
     if found is None:
         return "nothing that it sees is in the map"
-    return _judged(localizer, camera, matches, found)
+    return _judged(opened, camera, matches, found)
 
 
 def sharing_keyframes(
@@ -102,16 +103,15 @@ def _estimate(
     return pose_in_map(artifact, matches, camera, MAX_ERROR, iterations, prior)
 
 
-def _judged(localizer: Localizer, camera: Camera, matches: Matches, found: PnpEstimate) -> MonitorPose | str:
-    artifact, pose = localizer.artifact, found.world_from_camera
+def _judged(opened: OpenMap, camera: Camera, matches: Matches, found: PnpEstimate) -> MonitorPose | str:
+    artifact, pose = opened.artifact, found.world_from_camera
     inliers = matches.take(found.inlier_mask)
-    centres = artifact.arrays.positions[inliers.keyframes]
-    position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, 0.0)
+    own = accuracy_in_map(artifact, inliers, camera, pose)
     apart_m, apart_deg = _halves_apart(artifact, matches, camera, pose)
     metadata = artifact.metadata
-    position_m = float(np.hypot(max(position_m, apart_m), metadata.position_sigma_m))
-    orientation_deg = float(np.hypot(max(orientation_deg, apart_deg), metadata.orientation_sigma_deg))
-    evidence = evidence_of(matches, inliers, camera, localizer.retrieval.distance_m(pose))
+    position_m = float(np.hypot(max(own.position_m, apart_m), metadata.position_sigma_m))
+    orientation_deg = float(np.hypot(max(own.orientation_deg, apart_deg), metadata.orientation_sigma_deg))
+    evidence = evidence_of(matches, inliers, camera, opened.retrieval.distance_m(pose))
     evidence = replace(evidence, position_sigma_m=position_m)
     reason = judge(evidence, min(position_m, MAX_POSITION_SIGMA_M), LIMITS)
     if reason is not None:

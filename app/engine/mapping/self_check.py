@@ -66,7 +66,7 @@ def check_map(
     Raises `InvalidScanError` when the map can't be right: it finds hardly any of the frames that have a keyframe
     nearby, or finds frames elsewhere.
     """
-    localizer = Localizer(built.artifact, built.index, models)
+    localizer = Localizer.of(built.artifact, built.index, models)
     keyframes = {frame.name: row for row, frame in enumerate(built.keyframes)}
     others = [frame for frame in source.frames if frame.name not in keyframes]
     frames = spread(others if len(others) >= MIN_OTHERS else source.frames, SAMPLE)

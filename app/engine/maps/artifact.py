@@ -7,7 +7,7 @@ and offset of each array), then the arrays, each aligned to 64 bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -106,6 +106,16 @@ class MapArtifact:
     def rows(self, keyframe: int) -> slice:
         """Return the rows of a keyframe's features."""
         return slice(int(self.arrays.offsets[keyframe]), int(self.arrays.offsets[keyframe + 1]))
+
+    def spans(self, keyframes: Sequence[int]) -> list[slice]:
+        """Return the rows of each keyframe's features."""
+        offsets = self.arrays.offsets
+        return [slice(int(offsets[keyframe]), int(offsets[keyframe + 1])) for keyframe in keyframes]
+
+    def rows_of(self, keyframes: Sequence[int]) -> NDArray[np.intp]:
+        """Return the rows (n,) of the features of some keyframes, one keyframe after the other."""
+        spans = [np.arange(span.start, span.stop) for span in self.spans(keyframes)]
+        return np.concatenate([np.zeros(0, np.intp), *spans])
 
     def write(self, path: Path) -> None:
         """Write the map to a file."""

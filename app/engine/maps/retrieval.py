@@ -2,27 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.index import GlobalIndex
 
-# So many ranks are looked through for places that look alike.
-POOL = 200
-# Keyframes further apart than this, or turned further, show another place.
-PLACE_RADIUS_M = 4.0
-PLACE_COSINE = 0.5
-# Heights count this much more than lengths along the floor: the next floor is another place, 3 m away or not.
-HEIGHT_WEIGHT = 3.0
-# Of places that look alike one keyframe each metre and a half is enough.
-SPOT_RADIUS_M = 1.5
-# Keyframes further from a pose than this, or looking elsewhere, share nothing with it.
-COVISIBLE_RADIUS_M = 5.0
-COVISIBLE_COSINE = 0.5
+EVALUATED = "roomfix evaluate and evaluate-demo; docs/features.md."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RetrievalOptions:
+    """Which keyframes show the same place, another place, or what a pose sees."""
+
+    pool_keyframes: int = limit(
+        200, "Ranks that are searched for other places that look alike.", chosen=EVALUATED
+    )
+    place_radius_m: float = limit(
+        4.0,
+        "Keyframes farther apart than this show different places.",
+        chosen="By hand: the depth of a room.",
+    )
+    place_cosine: float = limit(
+        0.5,
+        "Keyframes whose optical axes have a smaller cosine than this show different places.",
+        chosen="By hand: 60 degrees, the field of view of a phone.",
+    )
+    height_weight: float = limit(
+        3.0,
+        "Heights count this many times as much as lengths along the floor, so that the next storey is another place.",
+        chosen="By hand: a storey of 3 m is beyond place_radius_m.",
+    )
+    spot_radius_m: float = limit(
+        1.5, "Of keyframes that look alike, one within this radius is enough.", chosen=EVALUATED
+    )
+    covisible_radius_m: float = limit(
+        5.0, "Keyframes farther from a pose than this share nothing with it.", chosen=EVALUATED
+    )
+    covisible_cosine: float = limit(
+        0.5,
+        "Keyframes that look away from a pose's axis by more than this cosine share nothing with it.",
+        chosen=EVALUATED,
+    )
+    covisible_turn_m: float = limit(
+        2.0,
+        "Metres that a difference of 1 in the cosine of the axes counts for when covisible keyframes are ranked.",
+        chosen=EVALUATED,
+    )
+
+
+OPTIONS = RetrievalOptions()
 
 
 class Retrieval:
@@ -32,7 +66,7 @@ class Retrieval:
         self._index = index
         self._positions = artifact.arrays.positions
         self._axes = np.stack([artifact.pose(i).rotation[:, 2] for i in range(artifact.keyframe_count)])
-        self._look_alikes: dict[int, list[int]] = {}
+        self._look_alikes: dict[tuple[int, int], list[int]] = {}
 
     def similar(
         self,
@@ -46,7 +80,9 @@ class Retrieval:
 
         Where two places look alike the nearest keyframes may all show the wrong one: the others are what tells.
         """
-        rows, _ = self._index.search(descriptor, max(count, POOL if other_places else 0), allowed)
+        rows, _ = self._index.search(
+            descriptor, max(count, OPTIONS.pool_keyframes if other_places else 0), allowed
+        )
         chosen = [int(row) for row in rows[:count]]
         for row in rows[count:]:
             if len(chosen) >= count + other_places:
@@ -60,20 +96,32 @@ class Retrieval:
 
         A property of the map: computed when first asked for, then kept.
         """
-        if keyframe not in self._look_alikes:
-            rows, _ = self._index.search(self._index.descriptor(keyframe), POOL)
+        key = keyframe, count
+        if key not in self._look_alikes:
+            rows, _ = self._index.search(self._index.descriptor(keyframe), OPTIONS.pool_keyframes)
             chosen: list[int] = []
             for row in rows:
                 elsewhere = not self._shown(int(row), [keyframe])
-                if len(chosen) < count and elsewhere and not self._shown(int(row), chosen, SPOT_RADIUS_M):
+                if (
+                    len(chosen) < count
+                    and elsewhere
+                    and not self._shown(int(row), chosen, OPTIONS.spot_radius_m)
+                ):
                     chosen.append(int(row))
-            self._look_alikes[keyframe] = chosen
-        return self._look_alikes[keyframe]
+            self._look_alikes[key] = chosen
+        return self._look_alikes[key]
 
-    def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE_RADIUS_M) -> bool:
-        offsets = (self._positions[chosen] - self._positions[row]) * [1.0, 1.0, HEIGHT_WEIGHT]
+    def look_alikes_of(
+        self, keyframes: Sequence[int], count: int, allowed: NDArray[np.int64] | None = None
+    ) -> list[int]:
+        """Return up to `count` look-alikes of each of some keyframes, of the allowed ones."""
+        twins = [twin for keyframe in keyframes for twin in self.look_alikes(keyframe, count)]
+        return twins if allowed is None else [twin for twin in twins if twin in set(allowed.tolist())]
+
+    def _shown(self, row: int, chosen: list[int], radius_m: float = OPTIONS.place_radius_m) -> bool:
+        offsets = (self._positions[chosen] - self._positions[row]) * [1.0, 1.0, OPTIONS.height_weight]
         near = np.linalg.norm(offsets, axis=1) < radius_m
-        alike = self._axes[chosen] @ self._axes[row] > PLACE_COSINE
+        alike = self._axes[chosen] @ self._axes[row] > OPTIONS.place_cosine
         return bool(np.any(near & alike))
 
     def covisible(
@@ -86,8 +134,8 @@ class Retrieval:
         """Return up to `count` keyframes, none of them known, that see what a pose sees, best first."""
         distances = np.linalg.norm(self._positions - world_from_camera.translation, axis=1)
         cosines = self._axes @ world_from_camera.rotation[:, 2]
-        cost = distances + 2.0 * (1.0 - cosines)
-        cost[(distances > COVISIBLE_RADIUS_M) | (cosines < COVISIBLE_COSINE)] = np.inf
+        cost = distances + OPTIONS.covisible_turn_m * (1.0 - cosines)
+        cost[(distances > OPTIONS.covisible_radius_m) | (cosines < OPTIONS.covisible_cosine)] = np.inf
         cost[list(known)] = np.inf
         if allowed is not None:
             outside = np.ones(len(cost), dtype=bool)

@@ -2,32 +2,57 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.maps.artifact import MapArtifact, MapMetadata
 from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.se3 import Pose
+from app.limits import limit
 
-# Eighty degrees.
-MAX_TURN_COSINE = 0.17
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewOptions:
+    """From how far aside a feature is still recognised."""
+
+    max_turn_cosine: float = limit(
+        0.17,
+        "Cosine of the largest angle between two rays to a point at which its feature is still matched.",
+        chosen="By hand: 80 degrees, beyond which a wall shows nothing and a mirror image begins.",
+    )
+
+
+VIEW = ViewOptions()
 
 
 def accuracy_in_map(
+    artifact: MapArtifact,
     inliers: Matches,
-    keyframe_centres: NDArray[np.float64],
     camera: Camera,
     pose: Pose,
     focal_sigma: float = 0.0,
     lens_sigma: float = 0.0,
-) -> tuple[float, float]:
-    """Return one sigma of position in metres and orientation in degrees of a pose, by what its inliers and the
-    centres (n, 3) of their keyframes tell; infinity for what they leave open."""
-    across = sigma_across(inliers.sigma_m, inliers.points_in_world, keyframe_centres, pose.translation)
+) -> Accuracy:
+    """Return how accurate a pose is by its inliers and the places of their keyframes; infinity for what they leave
+    open. The sigmas are those of the camera's focal length (relative) and lens coefficient."""
+    centres = artifact.arrays.positions[inliers.keyframes]
+    across = sigma_across(inliers.sigma_m, inliers.points_in_world, centres, pose.translation)
     return accuracy_of(
         inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma, lens_sigma
+    )
+
+
+def with_map_error(accuracy: Accuracy, metadata: MapMetadata) -> Accuracy:
+    """Return an accuracy with the map's own error, which all points share and no covariance of them shows."""
+    return Accuracy(
+        float(np.hypot(accuracy.position_m, metadata.position_sigma_m)),
+        float(np.hypot(accuracy.orientation_deg, metadata.orientation_sigma_deg)),
     )
 
 
@@ -39,9 +64,9 @@ def accuracy_of(
     pose: Pose,
     focal_sigma: float = 0.0,
     lens_sigma: float = 0.0,
-) -> tuple[float, float]:
-    """Return one sigma of position in metres and orientation in degrees of a pose by pixels (n, 2) and world points
-    (n, 3) that agree with it; infinite where the points don't tell."""
+) -> Accuracy:
+    """Return how accurate a pose is by pixels (n, 2) and world points (n, 3) that agree with it, whose noise is
+    `point_sigma_m` (n,); infinite where the points don't determine it."""
     try:
         covariance = pose_covariance(
             points_px,
@@ -53,8 +78,8 @@ def accuracy_of(
             lens_sigma=lens_sigma,
         )
     except DegenerateGeometryError:
-        return float("inf"), 180.0
-    return pose_accuracy(covariance)
+        return Accuracy(float("inf"), 180.0)
+    return Accuracy(*pose_accuracy(covariance))
 
 
 def sigma_across(
@@ -76,10 +101,10 @@ def seen_from_one_side(
     points: NDArray[np.float64],
     keyframe_centres: NDArray[np.float32] | NDArray[np.float64],
     centre: NDArray[np.float64],
-    min_cosine: float = MAX_TURN_COSINE,
+    min_cosine: float = VIEW.max_turn_cosine,
 ) -> NDArray[np.bool_]:
     """Return which points (n, 3) a camera at `centre` (3,) sees from the side that their keyframes, at (n, 3), saw
-    them from, or one keyframe at (3,): by default within `MAX_TURN_COSINE`, beyond which no feature is matched."""
+    them from, or one keyframe at (3,): by default within `max_turn_cosine`, beyond which no feature is matched."""
     a, b = points - keyframe_centres, points - centre
     lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     return np.asarray(np.einsum("ij,ij->i", a, b) > min_cosine * lengths)

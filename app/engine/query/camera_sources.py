@@ -30,6 +30,11 @@ class QueryCamera:
     camera: Camera | ApproximateCamera | None
     source: CameraSource
 
+    @property
+    def likely(self) -> Camera | None:
+        """The camera, exact or approximate, None where nothing is known."""
+        return self.camera.camera if isinstance(self.camera, ApproximateCamera) else self.camera
+
     def source_of(self, used: Camera | None) -> CameraSource:
         """Return where the camera that was used in the end comes from: a search may have left what was known."""
         if used is None:

@@ -6,32 +6,91 @@ contradicts as well, so that only a large share of the picture counts.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from app.engine.maps.artifact import MapArtifact
+from app.engine.maps.open_map import OpenMap
 from app.engine.query.accuracy import seen_from_one_side
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.matching import to_unit_vectors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Chosen on right poses in RedKitchen, freiburg1_rpy and the demonstration and on wrong ones with a floor of it out of
-# the map (docs/features.md).
+# Columns and rows of the grid whose cells may contradict a pose.
 GRID = (12, 9)
-KEYFRAMES = 8
-# A feature is expected when the pose sees it from nearly the keyframe's direction and distance.
-MIN_COSINE, MIN_RATIO, MAX_RATIO = 0.9, 0.6, 1.6
-# A cell with so many expected features, and so many of the picture's own, says something ...
-MIN_EXPECTED, MIN_FEATURES = 10, 4
-# ... against the pose when no more than this share of either is found in the other,
-MAX_EXPLAINED = 0.1
-# within this share of the picture's longer side, as one of the nearest features, and with descriptors this near: unit
-# vectors, binary ones of +1 and -1.
-RADIUS_SHARE, NEIGHBOURS, MAX_DISTANCE, MAX_DISTANCE_BINARY = 5.0 / 640.0, 6, 0.75, 1.0
+CHOSEN = (
+    "On right poses in RedKitchen, freiburg1_rpy and the demonstration venue, and on wrong ones with a floor of it "
+    "left out of the map; docs/features.md."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContradictionOptions:
+    """When a cell of the picture contradicts a pose."""
+
+    keyframes: int = limit(8, "Keyframes whose features are expected in the picture.", chosen=CHOSEN)
+    min_cosine: float = limit(
+        0.9,
+        "A feature is expected when the pose sees it within this cosine of the keyframe's ray.",
+        chosen=CHOSEN,
+    )
+    min_distance_ratio: float = limit(
+        0.6,
+        "A feature is expected when it is at least this ratio of the keyframe's distance away.",
+        chosen=CHOSEN,
+    )
+    max_distance_ratio: float = limit(
+        1.6,
+        "A feature is expected when it is at most this ratio of the keyframe's distance away.",
+        chosen=CHOSEN,
+    )
+    min_expected: int = limit(10, "Expected features that a cell must have to contradict.", chosen=CHOSEN)
+    min_features: int = limit(
+        4, "Features of the picture that a cell must have to contradict.", chosen=CHOSEN
+    )
+    max_explained_share: float = limit(
+        0.1,
+        "A cell contradicts when at most this share of either's features is found in the other.",
+        chosen=CHOSEN,
+    )
+    radius_share: float = limit(
+        5.0 / 640.0,
+        "A feature is searched for within this share of the picture's longer side.",
+        chosen=CHOSEN,
+    )
+    neighbours: int = limit(
+        6, "Nearest features of the picture that an expected one is compared with.", chosen=CHOSEN
+    )
+    max_distance: float = limit(0.75, "Largest distance of unit descriptors of one thing.", chosen=CHOSEN)
+    max_distance_binary: float = limit(
+        1.0, "Largest distance of binary descriptors (of +1 and -1, unit length) of one thing.", chosen=CHOSEN
+    )
+
+
+OPTIONS = ContradictionOptions()
+
+
+def contradicted_in_map(
+    opened: OpenMap,
+    world_from_camera: Pose,
+    camera: Camera,
+    features: tuple[Array, NDArray[np.float32]],
+    inliers_px: Array,
+    allowed: NDArray[np.int64] | None = None,
+) -> float:
+    """Return the `contradicted_share` by the keyframes that see what the pose sees; `allowed` restricts them."""
+    keyframes = opened.retrieval.covisible(world_from_camera, OPTIONS.keyframes, set(), allowed)
+    binary = opened.extractor.binary
+    return contradicted_share(
+        opened.artifact, keyframes, world_from_camera, camera, features, inliers_px, binary
+    )
 
 
 def contradicted_share(
@@ -54,14 +113,15 @@ def contradicted_share(
     rows, expected_px = _expected(artifact, keyframes, world_from_camera, camera)
     cells, own_cells = _cells(expected_px, size_px), _cells(points_px, size_px)
     expected, own = _count(cells), _count(own_cells)
-    doubtful = (expected >= MIN_EXPECTED) & (own >= MIN_FEATURES) & ~supported
+    doubtful = (expected >= OPTIONS.min_expected) & (own >= OPTIONS.min_features) & ~supported
     if not doubtful.any():
         return 0.0
     asked = doubtful[cells]
     theirs = to_unit_vectors(artifact.arrays.descriptors[rows[asked]], binary)
     found, used = _explained(expected_px[asked], theirs, points_px, unit, camera, binary)
     explained, own_explained = _count(cells[asked][found]), _count(own_cells[used])
-    against = doubtful & (explained <= MAX_EXPLAINED * expected) & (own_explained <= MAX_EXPLAINED * own)
+    share = OPTIONS.max_explained_share
+    against = doubtful & (explained <= share * expected) & (own_explained <= share * own)
     return float(against.sum() / (against.sum() + supported.sum()))
 
 
@@ -71,16 +131,16 @@ def _expected(
     """Return the rows (n,) of the map's features that the pose should show, and their pixels (n, 2)."""
     if not keyframes:
         return np.zeros(0, np.intp), np.zeros((0, 2))
-    slices = [artifact.rows(keyframe) for keyframe in keyframes]
-    rows = np.concatenate([np.arange(each.start, each.stop) for each in slices])
-    centres = np.repeat(
-        artifact.arrays.positions[keyframes], [each.stop - each.start for each in slices], axis=0
-    )
+    rows = artifact.rows_of(keyframes)
+    counts = np.diff(artifact.arrays.offsets)[keyframes]
+    centres = np.repeat(artifact.arrays.positions[keyframes], counts, axis=0)
     points = artifact.arrays.points_in_world[rows].astype(np.float64)
     mapped_m = np.linalg.norm(points - centres, axis=1)
     seen_m = np.linalg.norm(points - world_from_camera.translation, axis=1)
-    alike = seen_from_one_side(points, centres, world_from_camera.translation, MIN_COSINE)
-    alike &= (seen_m > MIN_RATIO * mapped_m) & (seen_m < MAX_RATIO * mapped_m)
+    alike = seen_from_one_side(points, centres, world_from_camera.translation, OPTIONS.min_cosine)
+    alike &= (seen_m > OPTIONS.min_distance_ratio * mapped_m) & (
+        seen_m < OPTIONS.max_distance_ratio * mapped_m
+    )
     pixels = camera.project(world_from_camera.inverse().apply(points[alike]))
     inside = camera.contains(pixels)
     return rows[alike][inside], pixels[inside]
@@ -95,12 +155,12 @@ def _explained(
     binary: bool,
 ) -> tuple[Mask, Mask]:
     """Return which expected features are found in the picture, and which of the picture's are found in them."""
-    radius = RADIUS_SHARE * max(camera.width, camera.height)
-    distances, near = cKDTree(points_px).query(expected_px, NEIGHBOURS, distance_upper_bound=radius)
+    radius = OPTIONS.radius_share * max(camera.width, camera.height)
+    distances, near = cKDTree(points_px).query(expected_px, OPTIONS.neighbours, distance_upper_bound=radius)
     owner, slot = np.nonzero(np.isfinite(distances))
     rows = np.asarray(near)[owner, slot]
     squared = 2.0 - 2.0 * np.einsum("ij,ij->i", expected[owner], unit[rows])
-    same = squared < (MAX_DISTANCE_BINARY if binary else MAX_DISTANCE) ** 2
+    same = squared < (OPTIONS.max_distance_binary if binary else OPTIONS.max_distance) ** 2
     found, used = np.zeros(len(expected_px), bool), np.zeros(len(points_px), bool)
     found[owner[same]] = True
     used[rows[same]] = True

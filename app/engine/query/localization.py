@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy
 from app.engine.query.verification import Evidence, Reason
-from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.limits import limit
 
-# Two poses nearer than this, in both respects, are one place.
-SAME_PLACE_M, SAME_PLACE_COSINE = 0.5, float(np.cos(np.radians(15)))
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SamePlaceOptions:
+    """When two poses are one place: near in both respects."""
+
+    distance_m: float = limit(0.5, "Poses nearer than this may be one place.", chosen="By hand: a step.")
+    angle_deg: float = limit(
+        15.0,
+        "Optical axes closer than this may be one place.",
+        chosen="By hand: well within a field of view.",
+    )
+
+
+SAME_PLACE = SamePlaceOptions()
+SAME_PLACE_COSINE = float(np.cos(np.radians(SAME_PLACE.angle_deg)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,30 +39,34 @@ class KeyframeVote:
     inliers: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Localization:
     """The outcome for one frame. `world_from_camera` is None exactly when `reason` says why.
 
-    `position_m`, `orientation_deg`: one sigma; `confidence`: probability that the error is below 0.5 m and 5
-    degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: for evaluation only.
+    `accuracy` is one sigma, None where it isn't known; `confidence` the probability that the error is below 0.5 m and
+    5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
+    for it.
     """
 
-    world_from_camera: Pose | None
-    reason: Reason | None
-    evidence: Evidence
-    position_m: float | None
-    orientation_deg: float | None
-    confidence: float
-    keyframes: tuple[KeyframeVote, ...]
-    camera: Camera | None
-    timings_ms: dict[str, float]
+    evidence: Evidence = field(default_factory=Evidence)
+    reason: Reason | None = None
+    world_from_camera: Pose | None = None
+    accuracy: Accuracy | None = None
+    confidence: float = 0.0
+    keyframes: tuple[KeyframeVote, ...] = ()
+    camera: Camera | None = None
+    timings_ms: dict[str, float] = field(default_factory=dict)
     candidate: Pose | None = None
+
+    def refused(self, reason: Reason) -> Localization:
+        """Return the outcome with its pose refused for a reason."""
+        return replace(self, reason=reason, world_from_camera=None, accuracy=None, confidence=0.0)
 
 
 def same_place(a: Pose, b: Pose) -> bool:
     """Return whether two `world_from_camera` are near in place and direction."""
     apart_m = float(np.linalg.norm(a.translation - b.translation))
-    return apart_m < SAME_PLACE_M and float(a.rotation[:, 2] @ b.rotation[:, 2]) > SAME_PLACE_COSINE
+    return apart_m < SAME_PLACE.distance_m and float(a.rotation[:, 2] @ b.rotation[:, 2]) > SAME_PLACE_COSINE
 
 
 def votes_of(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:
@@ -57,10 +75,3 @@ def votes_of(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:
     agreed = {int(i): int(n) for i, n in zip(*np.unique(inliers.keyframes, return_counts=True), strict=True)}
     votes = [KeyframeVote(int(i), int(n), agreed.get(int(i), 0)) for i, n in zip(ids, counts, strict=True)]
     return tuple(sorted(votes, key=lambda vote: -vote.inliers))
-
-
-def nothing_found(
-    reason: Reason, timer: StageTimer, matches: int = 0, camera: Camera | None = None
-) -> Localization:
-    """Return the outcome for a frame without any pose to judge."""
-    return Localization(None, reason, Evidence.none(matches), None, None, 0.0, (), camera, timer.milliseconds)

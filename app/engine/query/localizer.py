@@ -9,62 +9,90 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.retrieval import Retrieval
-from app.engine.maps.surroundings import MapSurroundings
+from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
-from app.engine.query.accuracy import accuracy_in_map
-from app.engine.query.camera import fit_query_camera, lens_of_query, scanned_camera
-from app.engine.query.contradiction import KEYFRAMES, contradicted_share
-from app.engine.query.localization import Localization, nothing_found, same_place, votes_of
+from app.engine.query.accuracy import accuracy_in_map, with_map_error
+from app.engine.query.camera import fit_query_camera, lens_of_query
+from app.engine.query.contradiction import contradicted_in_map
+from app.engine.query.localization import Localization, same_place, votes_of
 from app.engine.query.matches import Matches, QueryMatcher
+from app.engine.query.placed import Accuracy
 from app.engine.query.pose import pose_in_map
+from app.engine.query.query import Query
 from app.engine.query.verification import (
+    Evidence,
     Limits,
+    Reason,
     confidence_of,
     coverage,
     evidence_of,
     judge,
 )
-from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of
 from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm
 from app.geometry.se3 import Pose
-from app.vision.features import LocalFeatureExtractor
-from app.vision.images import Rgb, measure_quality, to_gray
+from app.limits import limit
+from app.vision.images import Rgb, measure_quality
 from app.vision.index import GlobalIndex
 
-# A rival below this share of the best pose's features is not worth a closer look.
-RIVAL_SHARE = 0.1
-MIN_RIVAL_INLIERS = 8
-# A first pose with this many times the inliers that are asked for, spread over this share of the image, gets no
-# better by more keyframes (measured: docs/features.md).
-CONVINCING_INLIERS, CONVINCING_COVERAGE = 5, 0.4
-
-
-# A frame that failed for these reasons is looked at again.
+# A frame that failed for these reasons gets another attempt.
 UNSURE = ("no_match", "too_few_inliers")
+MEASURED = "roomfix evaluate and benchmark on RedKitchen and the demonstration venue; docs/features.md."
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LocalizerSettings:
-    """How to localize. The defaults are the measured best (docs/features.md); `PAPER` is paper A's pipeline.
+    """How to localize. The defaults are the measured best; `PAPER` is paper A's pipeline.
 
     `keyframes` are matched for their looks, then up to `other_places` more that look alike but show other
     places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
-    may prove that the place is not unique. A frame that is not located gets a second look at `second_look`
-    keyframes, turned ones too, and a third with the features of a faint image. `max_error` is the inlier limit as
-    an angle (tangent): pixels over focal length. `fit_lens` fits the lens of a camera whose distortion isn't stated.
-    Without `limits` those of the map's features hold.
+    may prove that the place is not unique. A frame that is not located gets a second attempt with `second_attempt`
+    keyframes, turned ones too, and a third with the features of a faint image. `fit_lens` fits the lens of a camera
+    whose distortion isn't stated. Without `limits` those of the map's features hold.
     """
 
-    keyframes: int = 10
-    other_places: int = 4
-    look_alikes: int = 6
-    covisible: int = 10
-    second_look: int = 40
-    max_error: float = tangent_of_px(6.0)
+    keyframes: int = limit(10, "Most similar keyframes that a query is matched with.", chosen=MEASURED)
+    other_places: int = limit(
+        4, "Further keyframes, each of a place that the most similar ones don't show.", chosen=MEASURED
+    )
+    look_alikes: int = limit(
+        6,
+        "Keyframes of other places that look like one of the best two, which are matched too.",
+        chosen=MEASURED,
+    )
+    covisible: int = limit(
+        10, "Keyframes that see what the first pose sees, which are matched too.", chosen=MEASURED
+    )
+    second_attempt: int = limit(
+        40,
+        "Most similar keyframes that are matched when the first attempt fails; 0 for none.",
+        chosen=MEASURED,
+    )
+    max_error_tangent: float = limit(
+        tangent_of_px(6.0), "Inlier threshold: the reprojection error over the focal length.", chosen=MEASURED
+    )
+    rival_ratio: float = limit(
+        0.1,
+        "A rival with fewer inliers than this ratio of the best pose's is not examined.",
+        chosen="By hand: far below max_rival_share, where a rival decides.",
+    )
+    min_rival_inliers: int = limit(
+        8, "Fewest inliers of a rival.", chosen="By hand: twice what a pose needs."
+    )
+    convincing_inliers_factor: float = limit(
+        5,
+        "A first pose with this many times min_inliers, and convincing_coverage, needs no covisible keyframes.",
+        chosen=MEASURED,
+    )
+    convincing_coverage: float = limit(0.4, "Coverage of a first pose that is convincing.", chosen=MEASURED)
+    max_iterations: int = limit(5000, "RANSAC iterations of a pose.", chosen=MEASURED)
+    rival_iterations: int = limit(
+        300,
+        "RANSAC iterations of a rival's first pose.",
+        chosen="A rival that matters holds a third of what is left or more: 300 samples of three find it.",
+    )
     estimator: Literal["lo_ransac", "epnp_lm"] = "lo_ransac"
     fundamental_filter: bool = False
     fit_lens: bool = True
@@ -78,7 +106,7 @@ PAPER = LocalizerSettings(
     other_places=0,
     look_alikes=0,
     covisible=0,
-    second_look=0,
+    second_attempt=0,
     estimator="epnp_lm",
     fundamental_filter=True,
     fit_lens=False,
@@ -88,73 +116,45 @@ PAPER = LocalizerSettings(
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A pose and the matches that it was estimated from."""
+    """A pose, the matches that it was estimated from, and those of them that agree with it."""
 
     estimate: PnpEstimate
     matches: Matches
+    inliers: Matches
+
+    @staticmethod
+    def of(estimate: PnpEstimate, matches: Matches) -> Hypothesis:
+        """Return the hypothesis of an estimate from matches."""
+        return Hypothesis(estimate, matches, matches.take(estimate.inlier_mask))
 
     @property
-    def inliers(self) -> Matches:
-        """The matches that agree with the pose."""
-        return self.matches.take(self.estimate.inlier_mask)
+    def pose(self) -> Pose:
+        """The pose, `world_from_camera`."""
+        return self.estimate.world_from_camera
 
     @property
     def rest(self) -> Matches:
-        """The matches that don't."""
+        """The matches that don't agree."""
         return self.matches.take(~self.estimate.inlier_mask)
 
 
 class Localizer:
     """Localizes frames in one map. Stateless between calls, safe to share between threads."""
 
-    def __init__(
-        self,
+    def __init__(self, opened: OpenMap, settings: LocalizerSettings | None = None) -> None:
+        self.map = opened
+        self._settings = settings or LocalizerSettings()
+        self._limits = self._settings.limits or Limits(min_inliers=opened.extractor.min_inliers)
+
+    @staticmethod
+    def of(
         artifact: MapArtifact,
         index: GlobalIndex,
         models: VisionModels,
         settings: LocalizerSettings | None = None,
-    ) -> None:
-        models.check_descriptor(artifact.metadata.descriptor_sha256)
-        self.artifact = artifact
-        self.index = index
-        self._retrieval = Retrieval(artifact, index)
-        self._surroundings = MapSurroundings(artifact)
-        self._descriptor = models.global_descriptor
-        self._extractor = models.extractor(artifact.metadata.features)
-        self._settings = settings or LocalizerSettings()
-        self._faint = self._extractor.for_faint_images()
-        self._limits = self._settings.limits or Limits(min_inliers=self._extractor.min_inliers)
-
-    @property
-    def retrieval(self) -> Retrieval:
-        """Retrieval in this map."""
-        return self._retrieval
-
-    @property
-    def extractor(self) -> LocalFeatureExtractor:
-        """The extractor of the map's features."""
-        return self._extractor
-
-    def scanned_camera(self, known: Camera) -> Camera:
-        """Return a camera behind the lens that the map's scan showed, where it is the camera of the scan."""
-        return scanned_camera(self.artifact.metadata, known)
-
-    def similar(self, rgb: Rgb, count: int, allowed: NDArray[np.int64]) -> list[int]:
-        """Return the `count` of the allowed keyframes that look most like an image (height, width, 3)."""
-        return self._retrieval.similar(self._descriptor.describe(rgb), count, 0, allowed)
-
-    def contradicted(
-        self,
-        features: tuple[NDArray[np.float64], NDArray[np.float32]],
-        pose: Pose,
-        camera: Camera,
-        inliers_px: NDArray[np.float64],
-        allowed: NDArray[np.int64] | None = None,
-    ) -> float:
-        """Return the share of a picture that speaks against a pose in this map (`contradicted_share`)."""
-        keyframes = self._retrieval.covisible(pose, KEYFRAMES, set(), allowed)
-        binary = self._extractor.binary
-        return contradicted_share(self.artifact, keyframes, pose, camera, features, inliers_px, binary)
+    ) -> Localizer:
+        """Return the localizer of a map that is not open yet (`OpenMap.of`)."""
+        return Localizer(OpenMap.of(artifact, index, models), settings)
 
     def localize(
         self,
@@ -168,74 +168,65 @@ class Localizer:
         Without a camera, or with an approximate one, the focal length of a centred pinhole is searched for.
         `upright` says that the image needs no turn.
         """
-        timer = StageTimer()
-        gray = to_gray(rgb)
-        query = QueryMatcher(gray, self.artifact, self._extractor, self._settings.fundamental_filter, allowed)
-        descriptor = self._descriptor.describe(rgb)
-        timer.lap("describe")
-        settings = self._settings
-        similar = self._retrieval.similar(descriptor, settings.keyframes, settings.other_places, allowed)
-        timer.lap("retrieve")
-        matches = query.match(similar)
-        timer.lap("match")
-        size = rgb.shape[:2]
-        result = self._locate(query, matches, camera, size, allowed, timer)
-        if settings.second_look and result.reason in UNSURE and query.feature_count:
-            matches = query.match_all(self._wider(rgb, descriptor, allowed, upright))
-            timer.lap("match")
-            result = self._better(result, self._locate(query, matches, camera, size, allowed, timer))
-        if settings.second_look and result.reason in UNSURE and self._faint is not None:
-            faint = QueryMatcher(gray, self.artifact, self._faint, settings.fundamental_filter, allowed)
-            timer.lap("describe")
-            matches = faint.match([*similar, *query.matched])
-            timer.lap("match")
-            result = self._better(result, self._locate(faint, matches, camera, size, allowed, timer))
-        if result.reason == "no_match" and measure_quality(gray).is_poor:
+        return self.answer(Query.of(rgb, camera, allowed, upright))
+
+    def answer(self, query: Query) -> Localization:
+        """Localize a query: a first attempt, and where that finds nothing a second and a third, wider ones."""
+        opened, settings = self.map, self._settings
+        matcher = QueryMatcher(query, opened, fundamental_filter=settings.fundamental_filter)
+        descriptor = opened.descriptor.describe(query.rgb)
+        query.timer.lap("describe")
+        similar = opened.retrieval.similar(
+            descriptor, settings.keyframes, settings.other_places, query.allowed
+        )
+        query.timer.lap("retrieve")
+        result = self._attempt(matcher, matcher.match(similar))
+        if settings.second_attempt and result.reason in UNSURE and matcher.feature_count:
+            result = _later(result, self._second_attempt(matcher, descriptor))
+        if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
+            result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
+        if result.reason == "no_match" and measure_quality(query.gray).is_poor:
             return replace(result, reason="poor_image")
         return result
 
-    @staticmethod
-    def _better(first: Localization, second: Localization) -> Localization:
-        """Return the later look's result if it found the place, else the first look's with its reason."""
-        return second if second.world_from_camera is not None else first
+    def _second_attempt(self, matcher: QueryMatcher, descriptor: NDArray[np.float32]) -> Localization:
+        """Localize with keyframes further down the ranks, and with those for the image turned by 90, 180 and 270
+        degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
+        query, retrieval = matcher.query, self.map.retrieval
+        rows = retrieval.similar(descriptor, self._settings.second_attempt, 0, query.allowed)
+        for turns in () if query.upright else (1, 2, 3):
+            turned = self.map.descriptor.describe(np.ascontiguousarray(np.rot90(query.rgb, turns)))
+            rows += retrieval.similar(turned, self._settings.keyframes, 0, query.allowed)
+        return self._attempt(matcher, matcher.match_all(rows))
 
-    def _wider(
-        self, rgb: Rgb, descriptor: NDArray[np.float32], allowed: NDArray[np.int64] | None, upright: bool
-    ) -> list[int]:
-        """Return keyframes for a second look: further down the ranks, and for the image turned by 90, 180 and
-        270 degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
-        rows = self._retrieval.similar(descriptor, self._settings.second_look, 0, allowed)
-        for turns in () if upright else (1, 2, 3):
-            turned = self._descriptor.describe(np.ascontiguousarray(np.rot90(rgb, turns)))
-            rows += self._retrieval.similar(turned, self._settings.keyframes, 0, allowed)
-        return rows
+    def _third_attempt(self, query: Query, keyframes: list[int]) -> Localization:
+        """Localize with the features of a faint image, among keyframes that were matched before."""
+        faint = QueryMatcher(
+            query, self.map, self.map.faint_extractor, fundamental_filter=self._settings.fundamental_filter
+        )
+        query.timer.lap("describe")
+        return self._attempt(faint, faint.match(keyframes))
 
-    def _locate(
-        self,
-        query: QueryMatcher,
-        matches: Matches,
-        known: Camera | ApproximateCamera | None,
-        size: tuple[int, ...],
-        allowed: NDArray[np.int64] | None,
-        timer: StageTimer,
-    ) -> Localization:
-        camera = known if isinstance(known, Camera) else self._find_camera(matches, size, known)
+    def _attempt(self, matcher: QueryMatcher, matches: Matches) -> Localization:
+        """Localize by these matches and those that a first pose leads to."""
+        query, known = matcher.query, matcher.query.known
+        query.timer.lap("match")
+        camera = known if isinstance(known, Camera) else self._find_camera(matches, query)
         if camera is None:
-            timer.lap("pose")
-            return nothing_found("no_match", timer, matches.feature_count)
-        lens = lens_of_query(self.artifact.metadata, known) if self._settings.fit_lens else None
+            return _nothing(query, matches, None)
+        lens = lens_of_query(self.map.artifact.metadata, known) if self._settings.fit_lens else None
         camera = camera if lens is None else lens.of(camera)
-        best = self._hypothesis(query, matches, camera, allowed, timer)
+        best = self._hypothesis(matcher, matches, camera)
         if best is not None and (not isinstance(known, Camera) or (lens is not None and lens.is_guess)):
             camera, best = self._fit_camera(best, camera, known, lens)
-            timer.lap("pose")
+            query.timer.lap("pose")
         if best is None:
-            return nothing_found("no_match", timer, matches.feature_count, camera)
-        rival = self._rival(query, best, camera, allowed, timer)
+            return _nothing(query, matches, camera)
+        rival = self._rival(matcher, best, camera)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
         sigmas = focal_sigma_of(known, camera), 0.0 if lens is None else lens.sigma
-        return self._conclude(query, best, rival, camera, sigmas, allowed, timer)
+        return self._conclude(matcher, best, rival, camera, sigmas)
 
     def _fit_camera(
         self, best: Hypothesis, camera: Camera, known: Camera | ApproximateCamera | None, lens: Lens | None
@@ -244,144 +235,142 @@ class Localizer:
         fitted = fit_query_camera(best.inliers, best.estimate, camera, known, lens)
         if fitted is None:
             return camera, None
-        estimate = self._estimate(best.matches, fitted, best.estimate.world_from_camera)
-        return fitted, None if estimate is None else Hypothesis(estimate, best.matches)
+        estimate = self._estimate(best.matches, fitted, best.pose)
+        return fitted, None if estimate is None else Hypothesis.of(estimate, best.matches)
 
-    def _find_camera(
-        self, matches: Matches, size: tuple[int, ...], near: ApproximateCamera | None
-    ) -> Camera | None:
-        points, limit = (matches.points_px, matches.points_in_world), self._settings.max_error
-        return find_camera(*points, size[1], size[0], limit, max(self._limits.min_inliers, 8), near)
+    def _find_camera(self, matches: Matches, query: Query) -> Camera | None:
+        near = query.known if isinstance(query.known, ApproximateCamera) else None
+        points, threshold = (matches.points_px, matches.points_in_world), self._settings.max_error_tangent
+        return find_camera(*points, *query.size_px, threshold, max(self._limits.min_inliers, 8), near)
 
     def _hypothesis(
-        self,
-        query: QueryMatcher,
-        matches: Matches,
-        camera: Camera,
-        allowed: NDArray[np.int64] | None,
-        timer: StageTimer,
-        rival: PnpEstimate | None = None,
+        self, matcher: QueryMatcher, matches: Matches, camera: Camera, rival: PnpEstimate | None = None
     ) -> Hypothesis | None:
         """Return the pose that most matches agree on, or refine the one of a rival.
 
         Unless the first estimate is convincing it is made again, with the keyframes that must see the same by it:
         what retrieval missed is not lost. A rival always is, to be judged by all that speaks for it.
         """
+        query = matcher.query
         first = rival or self._estimate(matches, camera)
-        timer.lap("pose")
+        query.timer.lap("pose")
         if first is None:
             return None
-        found = Hypothesis(first, matches)
+        found = Hypothesis.of(first, matches)
         if not self._settings.covisible or (rival is None and self._is_convincing(found, camera)):
             return found
-        more = self._retrieval.covisible(
-            first.world_from_camera, self._settings.covisible, query.matched, allowed
+        more = self.map.retrieval.covisible(
+            found.pose, self._settings.covisible, matcher.matched, query.allowed
         )
-        matches = Matches.merge([matches, query.match(more)])
-        timer.lap("match")
-        second = self._estimate(matches, camera, first.world_from_camera)
-        timer.lap("pose")
-        return None if second is None else Hypothesis(second, matches)
+        matches = Matches.merge([matches, matcher.match(more)])
+        query.timer.lap("match")
+        second = self._estimate(matches, camera, found.pose)
+        query.timer.lap("pose")
+        return None if second is None else Hypothesis.of(second, matches)
 
     def _is_convincing(self, found: Hypothesis, camera: Camera) -> bool:
-        inliers = found.inliers
-        enough = inliers.feature_count >= CONVINCING_INLIERS * self._limits.min_inliers
-        return enough and coverage(inliers.points_px, (camera.width, camera.height)) >= CONVINCING_COVERAGE
+        inliers, settings = found.inliers, self._settings
+        enough = inliers.feature_count >= settings.convincing_inliers_factor * self._limits.min_inliers
+        size_px = camera.width, camera.height
+        return enough and coverage(inliers.points_px, size_px) >= settings.convincing_coverage
 
-    def _rival(
-        self,
-        query: QueryMatcher,
-        best: Hypothesis,
-        camera: Camera,
-        allowed: NDArray[np.int64] | None,
-        timer: StageTimer,
-    ) -> Hypothesis | None:
+    def _rival(self, matcher: QueryMatcher, best: Hypothesis, camera: Camera) -> Hypothesis | None:
         """Return the best other place that explains matches which the best pose doesn't, on equal terms.
 
         Places that look like the best keyframes are matched for it, whether retrieval found them or not.
         """
-        if self._settings.look_alikes:
-            twins = [
-                twin
-                for vote in votes_of(best.matches, best.inliers)[:2]
-                for twin in self._retrieval.look_alikes(vote.keyframe, self._settings.look_alikes)
-            ]
-            if allowed is not None:
-                twins = [twin for twin in twins if twin in set(allowed.tolist())]
-            rest = Matches.merge([best.rest, query.match(twins)])
-            timer.lap("match")
-        else:
-            rest = best.rest
-        needed = max(MIN_RIVAL_INLIERS, RIVAL_SHARE * best.inliers.feature_count)
+        settings, rest = self._settings, best.rest
+        if settings.look_alikes:
+            voted = [vote.keyframe for vote in votes_of(best.matches, best.inliers)[:2]]
+            twins = self.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
+            rest = Matches.merge([rest, matcher.match(twins)])
+            matcher.query.timer.lap("match")
+        needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inliers.feature_count)
         if self._limits.max_rival_share >= 1.0 or len(rest) < needed:
             return None
-        # A rival that matters holds a third of what is left or more: 300 samples of three find it.
-        first = self._estimate(rest, camera, max_iterations=300)
-        if first is None or same_place(first.world_from_camera, best.estimate.world_from_camera):
+        first = self._estimate(rest, camera, max_iterations=settings.rival_iterations)
+        if first is None or same_place(first.world_from_camera, best.pose):
             return None
         if rest.take(first.inlier_mask).feature_count < needed:
             return None
-        rival = self._hypothesis(query, rest, camera, allowed, timer, first)
-        if rival is None:
-            return None
-        same = same_place(rival.estimate.world_from_camera, best.estimate.world_from_camera)
-        return None if same else rival
+        rival = self._hypothesis(matcher, rest, camera, first)
+        return None if rival is None or same_place(rival.pose, best.pose) else rival
 
     def _estimate(
-        self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int = 5000
+        self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
     ) -> PnpEstimate | None:
-        limit = self._settings.max_error
-        if self._settings.estimator == "epnp_lm":
-            points = matches.points_px, matches.points_in_world
-            return estimate_pose_epnp_lm(*points, camera, max_error_px=limit * camera.focal_px)
-        return pose_in_map(self.artifact, matches, camera, limit, max_iterations, prior)
+        settings = self._settings
+        if settings.estimator == "epnp_lm":
+            threshold_px = settings.max_error_tangent * camera.focal_px
+            return estimate_pose_epnp_lm(
+                matches.points_px, matches.points_in_world, camera, max_error_px=threshold_px
+            )
+        iterations = settings.max_iterations if max_iterations is None else max_iterations
+        return pose_in_map(self.map.artifact, matches, camera, settings.max_error_tangent, iterations, prior)
 
     def _conclude(
         self,
-        query: QueryMatcher,
+        matcher: QueryMatcher,
         best: Hypothesis,
         rival: Hypothesis | None,
         camera: Camera,
         sigmas: tuple[float, float],
-        allowed: NDArray[np.int64] | None,
-        timer: StageTimer,
     ) -> Localization:
-        pose, inliers = best.estimate.world_from_camera, best.inliers
-        against = None if rival is None else rival.inliers
-        evidence = evidence_of(best.matches, inliers, camera, self._retrieval.distance_m(pose), against)
-        centres = self.artifact.arrays.positions[inliers.keyframes]
-        position_m, orientation_deg = accuracy_in_map(inliers, centres, camera, pose, *sigmas)
-        unrepeated = query.unrepeated_count(inliers, self._surroundings)
-        evidence = replace(evidence, position_sigma_m=position_m, unrepeated=unrepeated)
-        # What all points share, the map's own error, is not in the covariance.
-        position_m = float(np.hypot(position_m, self.artifact.metadata.position_sigma_m))
-        orientation_deg = float(np.hypot(orientation_deg, self.artifact.metadata.orientation_sigma_deg))
-        reason = judge(evidence, position_m, self._limits)
-        if reason is None:
-            share = self.contradicted(query.features, pose, camera, inliers.points_px, allowed)
-            evidence = replace(evidence, contradicted=share)
-            reason = judge(evidence, position_m, self._limits)
-        votes = votes_of(best.matches, inliers)
-        timer.lap("pose")
+        """Return the outcome for the best pose: its accuracy, the evidence, and whether it can be trusted."""
+        opened, query = self.map, matcher.query
+        own = accuracy_in_map(opened.artifact, best.inliers, camera, best.pose, *sigmas)
+        accuracy = with_map_error(own, opened.artifact.metadata)
+        evidence, reason = self._judged(matcher, best, rival, camera, own, accuracy)
+        query.timer.lap("pose")
         found = Localization(
-            pose,
-            None,
-            evidence,
-            position_m,
-            orientation_deg,
-            confidence_of(evidence),
-            votes,
-            camera,
-            timer.milliseconds,
-            pose,
+            evidence=evidence,
+            world_from_camera=best.pose,
+            accuracy=accuracy,
+            confidence=confidence_of(evidence),
+            keyframes=votes_of(best.matches, best.inliers),
+            camera=camera,
+            timings_ms=query.timer.milliseconds,
+            candidate=best.pose,
         )
+        return found if reason is None else found.refused(reason)
+
+    def _judged(
+        self,
+        matcher: QueryMatcher,
+        best: Hypothesis,
+        rival: Hypothesis | None,
+        camera: Camera,
+        own: Accuracy,
+        accuracy: Accuracy,
+    ) -> tuple[Evidence, Reason | None]:
+        """Return the evidence for the best pose, and why it can't be trusted, None if it can.
+
+        `own` is the pose's accuracy by its inliers, `accuracy` with the map's error.
+        """
+        inliers, distance_m = best.inliers, self.map.retrieval.distance_m(best.pose)
+        evidence = evidence_of(
+            best.matches, inliers, camera, distance_m, None if rival is None else rival.inliers
+        )
+        unrepeated = matcher.unrepeated_count(inliers)
+        evidence = replace(evidence, position_sigma_m=own.position_m, unrepeated=unrepeated)
+        reason = judge(evidence, accuracy.position_m, self._limits)
         if reason is None:
-            return found
-        return replace(
-            found,
-            world_from_camera=None,
-            reason=reason,
-            position_m=None,
-            orientation_deg=None,
-            confidence=0.0,
-        )
+            share = contradicted_in_map(
+                self.map, best.pose, camera, matcher.features, inliers.points_px, matcher.query.allowed
+            )
+            evidence = replace(evidence, contradicted=share)
+            reason = judge(evidence, accuracy.position_m, self._limits)
+        return evidence, reason
+
+
+def _later(first: Localization, second: Localization) -> Localization:
+    """Return the later attempt's result if it found the place, else the first one's with its reason."""
+    return second if second.world_from_camera is not None else first
+
+
+def _nothing(query: Query, matches: Matches, camera: Camera | None) -> Localization:
+    query.timer.lap("pose")
+    evidence = Evidence(matches=matches.feature_count)
+    return Localization(
+        evidence=evidence, reason="no_match", camera=camera, timings_ms=query.timer.milliseconds
+    )

@@ -2,34 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.surroundings import MapSurroundings
+from app.engine.maps.open_map import OpenMap
+from app.engine.query.query import Query
 from app.geometry.epipolar import filter_by_fundamental_matrix
+from app.limits import limit
 from app.vision.features import LocalFeatureExtractor
-from app.vision.images import Gray
-from app.vision.matching import match_unit_vectors, to_unit_vectors
-
-# A match is distinct when its distance is below this share of the distance to the most similar thing elsewhere in
-# the map: the ratio test over the whole map instead of one keyframe.
-DISTINCT_RATIO = 0.85
+from app.vision.matching import match_with_each, to_unit_vectors
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchOptions:
+    """When a match is distinct in the whole map."""
+
+    distinct_ratio: float = limit(
+        0.85,
+        "A match is distinct when its descriptor distance is below this ratio of the distance to the most similar "
+        "feature at another place: the ratio test over the whole map instead of one keyframe.",
+        chosen="The ratio test's own threshold for SIFT; roomfix evaluate-demo, docs/features.md.",
+    )
+
+
+OPTIONS = MatchOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Matches:
     """Matches of one query with several keyframes: pixels (n, 2), world points (n, 3), their sigma (n,), rows of
-    the query's features (n,), keyframes (n,), and whether nothing elsewhere in the map looks like it (n,)."""
+    the query's features (n,), keyframes (n,), distances of the unit descriptors (n,), and whether nothing elsewhere in
+    the map looks like it (n,)."""
 
     points_px: NDArray[np.float64]
     points_in_world: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
     query_rows: NDArray[np.intp]
     keyframes: NDArray[np.intp]
+    distances: NDArray[np.float32]
     distinct: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -47,55 +61,56 @@ class Matches:
 
     def take(self, mask: NDArray[np.bool_]) -> Matches:
         """Return the matches that the mask (n,) marks."""
+        return Matches(**{name: getattr(self, name)[mask] for name in FIELDS})
+
+    @staticmethod
+    def none() -> Matches:
+        """Return no matches."""
+        rows = np.zeros(0, np.intp)
         return Matches(
-            self.points_px[mask],
-            self.points_in_world[mask],
-            self.sigma_m[mask],
-            self.query_rows[mask],
-            self.keyframes[mask],
-            self.distinct[mask],
+            points_px=np.zeros((0, 2)),
+            points_in_world=np.zeros((0, 3)),
+            sigma_m=np.zeros(0),
+            query_rows=rows,
+            keyframes=rows,
+            distances=np.zeros(0, np.float32),
+            distinct=np.zeros(0, bool),
         )
 
     @staticmethod
     def merge(parts: Sequence[Matches]) -> Matches:
         """Return the matches of all parts."""
         if not parts:
-            none = np.zeros(0, np.intp)
-            return Matches(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), none, none, none.astype(bool))
-        return Matches(
-            np.concatenate([part.points_px for part in parts]),
-            np.concatenate([part.points_in_world for part in parts]),
-            np.concatenate([part.sigma_m for part in parts]),
-            np.concatenate([part.query_rows for part in parts]),
-            np.concatenate([part.keyframes for part in parts]),
-            np.concatenate([part.distinct for part in parts]),
-        )
+            return Matches.none()
+        return Matches(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS})
+
+
+FIELDS = tuple(field.name for field in fields(Matches))
 
 
 class QueryMatcher:
     """Matches the features of one query with keyframes, each keyframe once.
 
-    What looks alike matters only among the `allowed` keyframes.
+    What looks alike matters only among the keyframes that the query allows.
     """
 
     def __init__(
         self,
-        gray: Gray,
-        artifact: MapArtifact,
-        extractor: LocalFeatureExtractor,
-        fundamental_filter: bool,
-        allowed: NDArray[np.int64] | None = None,
+        query: Query,
+        opened: OpenMap,
+        extractor: LocalFeatureExtractor | None = None,
+        fundamental_filter: bool = False,
     ) -> None:
-        features = extractor.extract(gray)
+        self.query = query
+        self._map = opened
+        self._extractor = extractor or opened.extractor
+        features = self._extractor.extract(query.gray)
         self.feature_count = len(features)
         self._matches: dict[int, Matches] = {}
-        self._distances: dict[int, NDArray[np.float32]] = {}
         self._keypoints_px = features.keypoints_px
-        self._unit = to_unit_vectors(features.descriptors, extractor.binary)
-        self._artifact = artifact
-        self._extractor = extractor
+        self._unit = to_unit_vectors(features.descriptors, self._extractor.binary)
         self._fundamental_filter = fundamental_filter
-        self._excluded = excluded_keyframes(artifact, allowed)
+        self._excluded = excluded_keyframes(opened.artifact, query.allowed)
 
     @property
     def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
@@ -107,50 +122,53 @@ class QueryMatcher:
         """The keyframes that were matched so far."""
         return self._matches.keys()
 
-    def match(self, keyframes: Sequence[int]) -> Matches:
+    def match(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with the keyframes among these that were not matched before."""
         new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
-        self._matches.update((keyframe, self._match(keyframe)) for keyframe in new)
+        self._matches.update(zip(new, self._match(new), strict=True))
         return Matches.merge([self._matches[keyframe] for keyframe in new])
 
-    def match_all(self, keyframes: Sequence[int]) -> Matches:
+    def match_all(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with these keyframes and all that were matched before."""
         self.match(keyframes)
         return Matches.merge(list(self._matches.values()))
 
-    def unrepeated_count(self, matches: Matches, surroundings: MapSurroundings) -> int:
+    def unrepeated_count(self, matches: Matches) -> int:
         """Return how many features have a match, among these of this query, that is distinct by every view of what
         was matched."""
-        # What isn't distinct by the view that was matched is not by all of them.
+        # What isn't distinct by the view that was matched is not distinct by all of them.
         matches = matches.take(matches.distinct)
-        elsewhere = surroundings.distance_elsewhere(matches.points_in_world, self._excluded)
-        distances = np.zeros(len(matches), np.float32)
-        for keyframe in np.unique(matches.keyframes):
-            mask = matches.keyframes == keyframe
-            # A keyframe is matched with each feature of the query once, in their order.
-            rows = np.searchsorted(self._matches[keyframe].query_rows, matches.query_rows[mask])
-            distances[mask] = self._distances[keyframe][rows]
-        return len(np.unique(matches.query_rows[distances < DISTINCT_RATIO * elsewhere]))
+        elsewhere = self._map.surroundings.distance_elsewhere(matches.points_in_world, self._excluded)
+        distinct = matches.distances < OPTIONS.distinct_ratio * elsewhere
+        return len(np.unique(matches.query_rows[distinct]))
 
-    def _match(self, keyframe: int) -> Matches:
-        arrays, rows = self._artifact.arrays, self._artifact.rows(keyframe)
-        theirs = to_unit_vectors(arrays.descriptors[rows], self._extractor.binary)
-        a, b, _ = match_unit_vectors(self._unit, theirs, self._extractor.ratio, self._extractor.binary)
-        if self._fundamental_filter:
-            good = filter_by_fundamental_matrix(
-                self._keypoints_px[a], arrays.keypoints_px[rows][b], estimator="ransac"
-            )
-            a, b = a[good], b[good]
-        distances = unit_distances(self._unit[a], theirs[b])
-        self._distances[keyframe] = distances
-        return Matches(
-            self._keypoints_px[a].astype(np.float64),
-            arrays.points_in_world[rows][b].astype(np.float64),
-            arrays.point_sigma_m[rows][b].astype(np.float64),
-            a,
-            np.full(len(a), keyframe, dtype=np.intp),
-            are_distinct(self._artifact, rows.start + b, distances, self._excluded),
+    def _match(self, keyframes: Sequence[int]) -> list[Matches]:
+        artifact, extractor = self._map.artifact, self._extractor
+        arrays = artifact.arrays
+        spans = artifact.spans(keyframes)
+        pairs = match_with_each(
+            self._unit, [arrays.descriptors[span] for span in spans], extractor.ratio, extractor.binary
         )
+        found = []
+        for keyframe, span, matched in zip(keyframes, spans, pairs, strict=True):
+            a, b, distances = matched
+            if self._fundamental_filter:
+                good = filter_by_fundamental_matrix(
+                    self._keypoints_px[a], arrays.keypoints_px[span][b], estimator="ransac"
+                )
+                a, b, distances = a[good], b[good], distances[good]
+            found.append(
+                Matches(
+                    points_px=self._keypoints_px[a].astype(np.float64),
+                    points_in_world=arrays.points_in_world[span][b].astype(np.float64),
+                    sigma_m=arrays.point_sigma_m[span][b].astype(np.float64),
+                    query_rows=a,
+                    keyframes=np.full(len(a), keyframe, dtype=np.intp),
+                    distances=distances,
+                    distinct=are_distinct(artifact, span.start + b, distances, self._excluded),
+                )
+            )
+        return found
 
 
 def are_distinct(
@@ -164,16 +182,11 @@ def are_distinct(
     `excluded`, from `excluded_keyframes`, are keyframes whose features don't count.
     """
     arrays = artifact.arrays
-    distinct = distances < DISTINCT_RATIO * arrays.distance_elsewhere[rows]
+    distinct = distances < OPTIONS.distinct_ratio * arrays.distance_elsewhere[rows]
     if excluded is not None:
         # The last entry answers for -1.
         distinct |= excluded[arrays.keyframe_elsewhere[rows]]
     return np.asarray(distinct)
-
-
-def unit_distances(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the distances (n,) of unit vectors (n, d) and (n, d)."""
-    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * np.einsum("ij,ij->i", a, b), 0.0)), dtype=np.float32)
 
 
 def excluded_keyframes(artifact: MapArtifact, allowed: NDArray[np.int64] | None) -> NDArray[np.bool_] | None:

@@ -1,4 +1,4 @@
-"""Whether a pose can be trusted: what speaks for it, the limits it must pass, and how sure that makes us."""
+"""Whether a pose can be trusted: the evidence for and against it, the limits it must pass, and its confidence."""
 
 from __future__ import annotations
 
@@ -9,14 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.query.matches import Matches
+from app.engine.query.placed import Support
 from app.geometry.camera import Camera
+from app.limits import limit
 
 Reason = Literal["no_match", "too_few_inliers", "ambiguous", "outside_venue", "poor_image", "no_map"]
 
+# Columns and rows of the grid on which `coverage` is counted.
 GRID = (8, 6)
 
 
-@dataclass(frozen=True, slots=True)
+# How the limits of a trusted pose were chosen.
+CHOSEN = "roomfix evaluate-demo and evaluate --absent: places in the map and places that are not; docs/features.md."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """What speaks for and against a pose.
 
@@ -26,20 +33,25 @@ class Evidence:
     pose doesn't explain, `pose_only` the inliers that the rival doesn't; `keyframe_distance_m` how far the nearest
     keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers; `unrepeated` the
     inliers on things of which no view resembles anything elsewhere (None: not counted); `contradicted` the share of
-    the picture that speaks against the pose (`services.contradiction`).
+    the picture that speaks against the pose (`app.engine.query.contradiction`).
     """
 
-    matches: int
-    inliers: int
-    coverage: float
-    distinct: int
-    rival: int
-    rival_only: int
-    pose_only: int
-    keyframe_distance_m: float
+    matches: int = 0
+    inliers: int = 0
+    coverage: float = 0.0
+    distinct: int = 0
+    rival: int = 0
+    rival_only: int = 0
+    pose_only: int = 0
+    keyframe_distance_m: float = float("inf")
     position_sigma_m: float = float("inf")
     unrepeated: int | None = None
     contradicted: float = 0.0
+
+    @property
+    def support(self) -> Support:
+        """How many features agree with the pose, and how many were matched."""
+        return Support(self.inliers, self.matches)
 
     @property
     def inlier_ratio(self) -> float:
@@ -61,36 +73,61 @@ class Evidence:
         """Inliers on things of which no view resembles anything elsewhere, over inliers."""
         return self.unrepeated / self.inliers if self.unrepeated is not None and self.inliers else None
 
-    @staticmethod
-    def none(matches: int = 0) -> Evidence:
-        """Return the evidence for no pose at all."""
-        return Evidence(matches, 0, 0.0, 0, 0, 0, 0, float("inf"))
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a pose must pass; measured on places that are in the map and on places that are not
-    (docs/features.md)."""
+    """What a pose must pass. Measured on places that are in the map and on places that are not (docs/features.md)."""
 
-    min_inliers: int = 12
-    min_inlier_ratio: float = 0.06
-    min_coverage: float = 0.14
-    min_distinct_share: float = 0.55
-    min_distinct_coverage: float = 0.11
-    min_unrepeated_share: float = 0.3
-    max_contradicted_share: float = 0.23
-    max_rival_share: float = 0.45
-    max_position_sigma_m: float = 0.15
-    max_keyframe_distance_m: float = 12.0
-    min_confidence: float = 0.8
+    min_inliers: int = limit(
+        12,
+        "Fewest inliers of a trusted pose; the map's feature method has its own number.",
+        chosen=CHOSEN,
+    )
+    min_inlier_ratio: float = limit(0.06, "Least inliers over matches.", chosen=CHOSEN)
+    min_coverage: float = limit(
+        0.14, "Least share of the image's grid cells that hold inliers.", chosen=CHOSEN
+    )
+    min_distinct_share: float = limit(
+        0.55, "Least share of the inliers that resemble nothing at another place of the map.", chosen=CHOSEN
+    )
+    min_distinct_coverage: float = limit(0.11, "Least coverage times distinct share.", chosen=CHOSEN)
+    min_unrepeated_share: float = limit(
+        0.3, "Least share of the inliers on things of which no view resembles another place.", chosen=CHOSEN
+    )
+    max_contradicted_share: float = limit(
+        0.23, "Largest share of the picture that may contradict the pose.", chosen=CHOSEN
+    )
+    max_rival_share: float = limit(
+        0.45, "Most inliers of the best other pose, over those of the pose.", chosen=CHOSEN
+    )
+    max_position_sigma_m: float = limit(0.15, "Largest standard deviation of the position.", chosen=CHOSEN)
+    max_keyframe_distance_m: float = limit(
+        12.0,
+        "Farthest that a pose may be from the nearest keyframe.",
+        chosen="By hand: the length of a large room.",
+    )
+    min_confidence: float = limit(0.8, "Least confidence of a trusted pose.", chosen=CHOSEN)
 
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
-        return Limits(0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, float("inf"), float("inf"), 0.0)
+        return Limits(
+            min_inliers=0,
+            min_inlier_ratio=0.0,
+            min_coverage=0.0,
+            min_distinct_share=0.0,
+            min_distinct_coverage=0.0,
+            min_unrepeated_share=0.0,
+            max_contradicted_share=1.0,
+            max_rival_share=1.0,
+            max_position_sigma_m=float("inf"),
+            max_keyframe_distance_m=float("inf"),
+            min_confidence=0.0,
+        )
 
 
 def gather_evidence(
+    *,
     matched_rows: NDArray[np.intp],
     inlier_rows: NDArray[np.intp],
     inlier_px: NDArray[np.float64],
@@ -103,14 +140,14 @@ def gather_evidence(
     with a rival (r,), the pixels (n, 2) of those that agree, in an image of `size_px` (width, height), and how
     many of them are distinct."""
     return Evidence(
-        len(np.unique(matched_rows)),
-        len(np.unique(inlier_rows)),
-        coverage(inlier_px, size_px),
-        distinct,
-        len(np.unique(rival_rows)),
-        len(np.setdiff1d(rival_rows, inlier_rows)),
-        len(np.setdiff1d(inlier_rows, rival_rows)),
-        keyframe_distance_m,
+        matches=len(np.unique(matched_rows)),
+        inliers=len(np.unique(inlier_rows)),
+        coverage=coverage(inlier_px, size_px),
+        distinct=distinct,
+        rival=len(np.unique(rival_rows)),
+        rival_only=len(np.setdiff1d(rival_rows, inlier_rows)),
+        pose_only=len(np.setdiff1d(inlier_rows, rival_rows)),
+        keyframe_distance_m=keyframe_distance_m,
     )
 
 
@@ -123,13 +160,13 @@ def evidence_of(
 ) -> Evidence:
     """Return the evidence from a picture's matches with a map, those that agree, and those that agree with a rival."""
     return gather_evidence(
-        matches.query_rows,
-        inliers.query_rows,
-        inliers.points_px,
-        inliers.distinct_count,
-        np.zeros(0, np.intp) if rival is None else rival.query_rows,
-        (camera.width, camera.height),
-        keyframe_distance_m,
+        matched_rows=matches.query_rows,
+        inlier_rows=inliers.query_rows,
+        inlier_px=inliers.points_px,
+        distinct=inliers.distinct_count,
+        rival_rows=np.zeros(0, np.intp) if rival is None else rival.query_rows,
+        size_px=(camera.width, camera.height),
+        keyframe_distance_m=keyframe_distance_m,
     )
 
 

@@ -15,7 +15,8 @@ from app.engine.anchors.place import place_on_floor, world_pose
 from app.engine.anchors.sights import BASE_SIGMA, scale_by_pois
 from app.engine.anchors.verification import confidence_of_fix
 from app.engine.floors.floor import Floor
-from app.engine.tracking.fix import WORLD, Fix, FixSource, NoFix, plan_frame
+from app.engine.query.placed import WORLD, Accuracy, PlacedPose, Support, plan_frame
+from app.engine.tracking.fix import Fix, FixSource, NoFix
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.monitor_view import ScaleOf
 from app.engine.tracking.two_view_fix import KnownView, fix_from_two_views
@@ -48,16 +49,16 @@ class AnchorFixes:
         full = camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         found = self._locate(frame.rgb, full, frame.gravity)
         if found.best is None or found.floor_id is None or found.plan_from_phone is None:
-            return NoFix(found.reason or "no_match", found.inliers, found.matches)
+            return NoFix(found.reason or "no_match", found.support)
         if place_on_floor(self._floors, found.floor_id, found.plan_from_phone) is None:
-            return NoFix("outside_venue", found.inliers, found.matches)
+            return NoFix("outside_venue", found.support)
         floor = next(floor for floor in self._floors if floor.id == found.floor_id)
         anchor, answer = found.best
         fix = fix_of_anchor(
             answer, anchor.anchor.spec, anchor.camera, frame, camera, floor.id, floor.plan_from_world
         )
         if fix is None:
-            return NoFix("too_few_inliers", found.inliers, found.matches)
+            return NoFix("too_few_inliers", found.support)
         return replace(fix, anchors=(anchor.anchor.id,))
 
     def refresh(self, _frame: TrackingFrame, _camera: Camera, _predicted: Pose) -> None:
@@ -79,24 +80,21 @@ def fix_of_anchor(
     """Return an anchor's answer for a frame as what odometry goes on from, in the world if the floor's plan has a place
     there; None when too few of its matches can be placed. `camera` is the frame's at tracking size."""
     solution, inliers = answer.solution, answer.inliers
-    plan_from_monitor, plan_from_phone = solution.plan_from_monitor, solution.plan_from_phone
+    frame_from_monitor, frame_from_phone = solution.plan_from_monitor, solution.plan_from_phone
     frame_id, world_per_plan = plan_frame(floor_id), 1.0
     if plan_from_world is not None:
         plan = PlanTransform(plan_from_world)
         world_per_plan = 1.0 / plan.scale
-        plan_from_monitor, plan_from_phone = (
-            world_pose(plan, plan_from_monitor),
-            world_pose(plan, plan_from_phone),
-        )
+        frame_from_monitor = world_pose(plan, frame_from_monitor)
+        frame_from_phone = world_pose(plan, frame_from_phone)
         frame_id = WORLD
     # What the features in a POI's region are nearer or further than its middle is the same in all pictures, too.
     by_pois = BASE_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
     shared = MAP_SIGMA if solution.length_scatter > 0 else by_pois
     known = KnownView(
         monitor_camera,
-        plan_from_monitor,
+        PlacedPose(frame_from_monitor, frame_id),
         max(solution.log_scale_sigma, shared),
-        frame_id,
         shared,
         None if answer.is_calibrated else _scale_of(spec, monitor_camera, world_per_plan),
     )
@@ -106,18 +104,20 @@ def fix_of_anchor(
         inliers.monitor_px,
         camera,
         known,
-        plan_from_monitor.inverse() @ plan_from_phone,
+        frame_from_monitor.inverse() @ frame_from_phone,
     )
     if fix is None:
         return None
     # The two views say nothing of how the monitoring camera lies on the plan.
     return replace(
         fix,
-        position_m=max(fix.position_m, world_per_plan * answer.position_sigma_m),
-        orientation_deg=max(fix.orientation_deg, answer.orientation_sigma_deg),
+        accuracy=Accuracy(
+            max(fix.accuracy.position_m, world_per_plan * answer.position_sigma_m),
+            max(fix.accuracy.orientation_deg, answer.orientation_sigma_deg),
+        ),
         confidence=confidence_of_fix(answer),
         vertical=solution.vertical,
-        matches=answer.evidence.matches,
+        support=Support(fix.support.inliers, answer.evidence.matches),
     )
 
 

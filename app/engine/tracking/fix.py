@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from app.engine.query.accuracy import accuracy_of, sigma_across
+from app.engine.query.accuracy import accuracy_of, sigma_across, with_map_error
+from app.engine.query.contradiction import contradicted_in_map
 from app.engine.query.localization import KeyframeVote, Localization, same_place
 from app.engine.query.localizer import Localizer
 from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.query.verification import Reason, confidence_of, coverage, evidence_of
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.guided_matching import match_near_projections
@@ -26,7 +28,6 @@ from app.vision.features import LocalFeatures
 from app.vision.matching import to_unit_vectors
 
 Array = NDArray[np.float64]
-WORLD = "world"
 # Keyframes whose points are looked for around a predicted pose.
 COVISIBLE_KEYFRAMES, NEARBY_KEYFRAMES = 6, 10
 # How far from its prediction a point is looked for, and from a pose that was found already, as a tangent.
@@ -47,30 +48,26 @@ MAX_CONTRADICTED = 0.12
 MAX_RIVAL_SHARE = 0.45
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Fix:
-    """A pose with its accuracy, one sigma, and the pixels (n, 2) and world points (n, 3) that odometry goes on
-    from; `point_sigma_m` (n,) is how uncertain a point is across the camera's ray.
+    """A pose with its accuracy, and the pixels (n, 2) and points (n, 3) in its frame that odometry goes on from;
+    `point_sigma_m` (n,) is the standard deviation of a point across the camera's ray.
 
-    Pixels and `camera` are those of the frame at tracking size. `frame_id` is the frame that pose and points are
-    in: `world`, or `plan:FLOOR` for an anchor on a floor that has no `plan_from_world`, z up likewise. A fix whose
-    scale rests on known distances may be off by `scale_sigma`, as a share; `shared_scale_sigma` of that is the same in
-    all fixes that rest on them. `anchors` are the monitoring cameras that it comes from, `vertical` what they take as
-    vertical, and `seen` where one of them sees the points.
+    Pixels and `camera` are those of the frame at tracking size. A fix whose scale rests on known distances may have a
+    wrong scale: `scale_sigma` is its relative standard deviation, `shared_scale_sigma` the part of it that is the same
+    in all fixes that rest on these distances. `anchors` are the monitoring cameras that it comes from, `vertical` what
+    they take as vertical, and `seen` where one of them sees the points.
     """
 
-    world_from_camera: Pose
-    position_m: float
-    orientation_deg: float
+    placed: PlacedPose
+    accuracy: Accuracy
+    support: Support
+    confidence: float
     points_px: Array
-    points_in_world: Array
+    points_in_frame: Array
     point_sigma_m: Array
     camera: Camera
-    confidence: float
-    inliers: int
-    matches: int
     method: str = "rgbd"
-    frame_id: str = WORLD
     keyframes: tuple[KeyframeVote, ...] = ()
     scale_sigma: float = 0.0
     shared_scale_sigma: float = 0.0
@@ -78,19 +75,23 @@ class Fix:
     vertical: Vertical | None = None
     seen: SeenByMonitor | None = None
 
+    @property
+    def frame_from_camera(self) -> Pose:
+        """The pose in the frame that it is placed in."""
+        return self.placed.frame_from_camera
+
+    @property
+    def frame_id(self) -> str:
+        """The frame that the fix is placed in."""
+        return self.placed.frame_id
+
 
 @dataclass(frozen=True, slots=True)
 class NoFix:
-    """Why there is none; with the counts of what was looked at."""
+    """Why there is none, and how many features were matched and agreed."""
 
     reason: Reason
-    inliers: int = 0
-    matches: int = 0
-
-
-def plan_frame(floor_id: str) -> str:
-    """Return the frame of fixes on a floor whose plan has no place in the world."""
-    return f"plan:{floor_id}"
+    support: Support = Support()
 
 
 def _is_far(pose: Pose | None, near: Pose) -> bool:
@@ -144,7 +145,7 @@ class MapFixes:
         if any_floor:
             near = None
         if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
-            positions = self.localizer.artifact.arrays.positions
+            positions = self.localizer.map.artifact.arrays.positions
             close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
             close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
             allowed = np.flatnonzero(close).astype(np.int64)
@@ -156,21 +157,19 @@ class MapFixes:
                 found = nearer
         evidence = found.evidence
         if found.world_from_camera is None or found.camera is None:
-            return NoFix(found.reason or "no_match", evidence.inliers, evidence.matches)
-        assert found.position_m is not None and found.orientation_deg is not None  # noqa: S101, PT018 - located
+            return NoFix(found.reason or "no_match", evidence.support)
+        assert found.accuracy is not None  # noqa: S101 - located
         tracked = frame.scaled(found.camera)
         matches = self._near(self._features(frame), tracked, found.world_from_camera, FOUND_RADIUS)
         return Fix(
-            found.world_from_camera,
-            found.position_m,
-            found.orientation_deg,
-            matches.points_px,
-            matches.points_in_world,
-            self._across(matches, found.world_from_camera),
-            tracked,
-            found.confidence,
-            evidence.inliers,
-            evidence.matches,
+            placed=PlacedPose(found.world_from_camera),
+            accuracy=found.accuracy,
+            support=evidence.support,
+            confidence=found.confidence,
+            points_px=matches.points_px,
+            points_in_frame=matches.points_in_world,
+            point_sigma_m=self._across(matches, found.world_from_camera),
+            camera=tracked,
             keyframes=found.keyframes,
         )
 
@@ -194,41 +193,47 @@ class MapFixes:
         features = self._features(frame)
         keyframes = self._around(frame, near, reach_m)
         found: list[Fix] = []
-        for pose in poses_of(features, self.localizer, keyframes, camera):
+        for pose in poses_of(features, self.localizer.map, keyframes, camera):
             if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
                 continue
             fix = self._found(features, camera, pose, FOUND_RADIUS)
             if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
                 found.append(fix)
-        best = max(found, key=lambda fix: fix.inliers, default=None)
+        best = max(found, key=lambda fix: fix.support.inliers, default=None)
         if best is None:
             return None
-        others = [fix for fix in found if not same_place(fix.world_from_camera, best.world_from_camera)]
-        return None if any(fix.inliers > MAX_RIVAL_SHARE * best.inliers for fix in others) else best
+        others = [fix for fix in found if not same_place(fix.frame_from_camera, best.frame_from_camera)]
+        return (
+            None
+            if any(fix.support.inliers > MAX_RIVAL_SHARE * best.support.inliers for fix in others)
+            else best
+        )
 
     def _is_sure(self, fix: Fix) -> bool:
         """Whether so much agrees that it is no part of another place which the map knows better than the true one."""
-        enough = fix.inliers >= SURE_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        enough = fix.support.inliers >= SURE_INLIER_FACTOR * self.localizer.map.extractor.min_inliers
         return enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= SURE_COVERAGE
 
     def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
         """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
-        positions = self.localizer.artifact.arrays.positions
+        positions = self.localizer.map.artifact.arrays.positions
         offsets = positions - near.translation
         on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
-        keyframes = self.localizer.retrieval.covisible(
+        keyframes = self.localizer.map.retrieval.covisible(
             near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor)
         )
         if reach_m > KNOWN_REACH_M:
             close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
             allowed = np.flatnonzero(close).astype(np.int64)
-            keyframes += self.localizer.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
+            keyframes += (
+                self.localizer.map.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
+            )
         return list(dict.fromkeys(keyframes))
 
     def _features(self, frame: TrackingFrame) -> LocalFeatures:
         """Return the features of a frame, looked for once."""
         if self._described is None or self._described[0] is not frame:
-            self._described = frame, self.localizer.extractor.extract(frame.gray)
+            self._described = frame, self.localizer.map.extractor.extract(frame.gray)
         return self._described[1]
 
     def _found(self, features: LocalFeatures, camera: Camera, near: Pose, radius: float) -> Fix | None:
@@ -239,9 +244,9 @@ class MapFixes:
 
     def _contradicted(self, features: LocalFeatures, fix: Fix) -> float:
         """Return the share of the picture that speaks against a fix."""
-        unit = to_unit_vectors(features.descriptors, self.localizer.extractor.binary)
+        unit = to_unit_vectors(features.descriptors, self.localizer.map.extractor.binary)
         own = features.keypoints_px.astype(np.float64), unit
-        return self.localizer.contradicted(own, fix.world_from_camera, fix.camera, fix.points_px)
+        return contradicted_in_map(self.localizer.map, fix.frame_from_camera, fix.camera, own, fix.points_px)
 
     def _concluded(self, matches: Matches, camera: Camera, predicted: Pose) -> Fix | None:
         """Return the fix of matches near a predicted pose, None unless enough of them agree all over the image."""
@@ -257,39 +262,34 @@ class MapFixes:
         if estimate is None:
             return None
         pose, inliers = estimate.world_from_camera, matches.take(estimate.inlier_mask)
-        needed = GUIDED_INLIER_FACTOR * self.localizer.extractor.min_inliers
+        needed = GUIDED_INLIER_FACTOR * self.localizer.map.extractor.min_inliers
         if len(inliers) < needed or len(inliers) < GUIDED_INLIER_RATIO * len(matches):
             return None
         if coverage(inliers.points_px, (camera.width, camera.height)) < GUIDED_COVERAGE:
             return None
         across = self._across(inliers, pose)
-        metadata = self.localizer.artifact.metadata
-        position_m, orientation_deg = accuracy_of(
-            inliers.points_px, inliers.points_in_world, across, camera, pose
-        )
-        # The predicted pose tells what looks alike apart: all that was found near it is distinct.
-        evidence = evidence_of(matches, inliers, camera, self.localizer.retrieval.distance_m(pose))
-        evidence = replace(evidence, position_sigma_m=position_m)
+        own = accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose)
+        # The predicted pose tells look-alikes apart: all that was found near it is distinct.
+        evidence = evidence_of(matches, inliers, camera, self.localizer.map.retrieval.distance_m(pose))
+        evidence = replace(evidence, position_sigma_m=own.position_m)
         return Fix(
-            pose,
-            float(np.hypot(position_m, metadata.position_sigma_m)),
-            float(np.hypot(orientation_deg, metadata.orientation_sigma_deg)),
-            inliers.points_px,
-            inliers.points_in_world,
-            across,
-            camera,
-            confidence_of(evidence),
-            len(inliers),
-            len(matches),
+            placed=PlacedPose(pose),
+            accuracy=with_map_error(own, self.localizer.map.artifact.metadata),
+            support=Support(len(inliers), len(matches)),
+            confidence=confidence_of(evidence),
+            points_px=inliers.points_px,
+            points_in_frame=inliers.points_in_world,
+            point_sigma_m=across,
+            camera=camera,
         )
 
     def _near(self, features: LocalFeatures, camera: Camera, pose: Pose, radius: float) -> Matches:
-        localizer = self.localizer
-        keyframes = localizer.retrieval.covisible(pose, COVISIBLE_KEYFRAMES, set())
+        opened = self.localizer.map
+        keyframes = opened.retrieval.covisible(pose, COVISIBLE_KEYFRAMES, set())
         return match_near_projections(
             features,
-            localizer.extractor,
-            localizer.artifact,
+            opened.extractor,
+            opened.artifact,
             keyframes,
             camera,
             pose,
@@ -298,15 +298,15 @@ class MapFixes:
 
     def _across(self, matches: Matches, pose: Pose) -> Array:
         """Return the sigma of points across the camera's ray: a point is uncertain along its keyframe's ray."""
-        centres = self.localizer.artifact.arrays.positions[matches.keyframes]
+        centres = self.localizer.map.artifact.arrays.positions[matches.keyframes]
         return sigma_across(matches.sigma_m, matches.points_in_world, centres, pose.translation)
 
 
-def confidence_of_sigma(position_m: float, orientation_deg: float) -> float:
-    """Return the probability that an error with these sigmas is below 0.5 m and 5 degrees.
+def confidence_of_sigma(accuracy: Accuracy) -> float:
+    """Return the probability that an error of this accuracy is below 0.5 m and 5 degrees.
 
     A sigma is that of the error's length: with three equal axes its square is a chi-square of three.
     """
-    within_m = chi2.cdf(3.0 * (0.5 / max(position_m, 1e-6)) ** 2, 3)
-    within_deg = chi2.cdf(3.0 * (5.0 / max(orientation_deg, 1e-6)) ** 2, 3)
+    within_m = chi2.cdf(3.0 * (0.5 / max(accuracy.position_m, 1e-6)) ** 2, 3)
+    within_deg = chi2.cdf(3.0 * (5.0 / max(accuracy.orientation_deg, 1e-6)) ** 2, 3)
     return float(within_m * within_deg)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
 from app.vision.images import Gray, Rgb, shrink, to_gray
 
 # Larger images are tracked at this size: flow on more pixels costs more and finds no more points.
@@ -19,21 +20,33 @@ PYRAMID_LEVELS = 3
 MAX_RETURN_PX = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingFrame:
-    """A frame: the image as it came, its grey copy (height, width) at tracking size, when it was taken, in seconds of
-    any clock, and, where the phone says so, down (3,) in camera axes."""
+    """A frame: the image as it came, its grey copy (height, width) at tracking size, and when it was taken, in seconds
+    of any clock.
+
+    What the phone may say of it: `gravity` is down (3,) in camera axes, `camera` the one of the image as it came,
+    `motion` its own odometry, this frame's camera in the axes of the previous one's, metres.
+    """
 
     rgb: Rgb
     gray: Gray
     time_s: float
     gravity: tuple[float, float, float] | None = None
+    camera: Camera | None = None
+    motion: Pose | None = None
 
     @staticmethod
-    def of(rgb: Rgb, time_s: float, gravity: tuple[float, float, float] | None = None) -> TrackingFrame:
+    def of(
+        rgb: Rgb,
+        time_s: float,
+        gravity: tuple[float, float, float] | None = None,
+        camera: Camera | None = None,
+        motion: Pose | None = None,
+    ) -> TrackingFrame:
         """Return the frame of an image (height, width, 3)."""
         gray = to_gray(shrink(rgb, MAX_SIDE_PX)[0])
-        return TrackingFrame(rgb, gray, time_s, gravity)
+        return TrackingFrame(rgb=rgb, gray=gray, time_s=time_s, gravity=gravity, camera=camera, motion=motion)
 
     @property
     def size_px(self) -> tuple[int, int]:

@@ -37,13 +37,13 @@ def match_near_projections(
 
     Of each feature the most similar point counts. `camera` is the one of the features' pixels.
     """
-    rows = _rows(artifact, keyframes)
+    rows = artifact.rows_of(keyframes)
     arrays = artifact.arrays
     projected = project_from_world(arrays.points_in_world[rows], camera, world_from_camera)
     seen = camera.contains(projected)
     rows, projected = rows[seen], projected[seen]
     if len(rows) == 0 or len(features) < 2:
-        return Matches.merge([])
+        return Matches.none()
     best, similarity, distinct = _most_similar(features, extractor, artifact, rows, projected, radius_px)
     good = np.flatnonzero(distinct & (similarity > MIN_SIMILARITY))
     # Best first; of each feature the first, that is the most similar, stays.
@@ -52,18 +52,14 @@ def match_near_projections(
     points = rows[good[first]]
     owners = np.searchsorted(arrays.offsets, points, side="right") - 1
     return Matches(
-        features.keypoints_px[chosen].astype(np.float64),
-        arrays.points_in_world[points].astype(np.float64),
-        arrays.point_sigma_m[points].astype(np.float64),
-        chosen.astype(np.intp),
-        owners.astype(np.intp),
-        np.ones(len(chosen), dtype=bool),
+        points_px=features.keypoints_px[chosen].astype(np.float64),
+        points_in_world=arrays.points_in_world[points].astype(np.float64),
+        sigma_m=arrays.point_sigma_m[points].astype(np.float64),
+        query_rows=chosen.astype(np.intp),
+        keyframes=owners.astype(np.intp),
+        distances=np.sqrt(np.maximum(2.0 - 2.0 * similarity[good[first]], 0.0)),
+        distinct=np.ones(len(chosen), dtype=bool),
     )
-
-
-def _rows(artifact: MapArtifact, keyframes: Sequence[int]) -> NDArray[np.intp]:
-    spans = [artifact.rows(keyframe) for keyframe in keyframes]
-    return np.concatenate([np.arange(span.start, span.stop) for span in spans] or [np.zeros(0, np.intp)])
 
 
 def _most_similar(

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from app.engine.query.localizer import Localizer
+from app.engine.maps.open_map import OpenMap
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
@@ -21,15 +21,15 @@ MAX_SAMPLES = 1000
 
 
 def poses_of(
-    features: LocalFeatures, localizer: Localizer, keyframes: Sequence[int], camera: Camera
+    features: LocalFeatures, opened: OpenMap, keyframes: Sequence[int], camera: Camera
 ) -> Iterator[Pose]:
     """Yield the pose that most matches of a frame's features with keyframes agree on, then the one that most of the
     rest do, and so on while enough of them do. `camera` is the one of the features' pixels."""
-    arrays, extractor = localizer.artifact.arrays, localizer.extractor
+    arrays, extractor = opened.artifact.arrays, opened.extractor
     unit = to_unit_vectors(features.descriptors, extractor.binary)
     pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
     for keyframe in keyframes:
-        rows = localizer.artifact.rows(keyframe)
+        rows = opened.artifact.rows(keyframe)
         theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
         a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
         pixels.append(features.keypoints_px[a].astype(np.float64))

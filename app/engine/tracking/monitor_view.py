@@ -26,7 +26,7 @@ class SeenByMonitor:
     their scale, None where that is the fix's own."""
 
     camera: Camera
-    world_from_camera: Pose
+    frame_from_camera: Pose
     points_px: Array
     scale_of: ScaleOf | None = None
 
@@ -52,9 +52,9 @@ class MonitorView:
         order = np.argsort(ids)
         return MonitorView(replace(self.seen, points_px=pixels[order]), ids[order])
 
-    def at(self, world_from_camera: Pose) -> MonitorView:
+    def at(self, frame_from_camera: Pose) -> MonitorView:
         """Return this view from another pose, as the frame that it is in is changed."""
-        return replace(self, seen=replace(self.seen, world_from_camera=world_from_camera))
+        return replace(self, seen=replace(self.seen, frame_from_camera=frame_from_camera))
 
     def has_lens_of(self, camera: Camera) -> bool:
         """Whether a phone's camera with this focal length is of the same make: then its lens is this one's."""
@@ -67,11 +67,11 @@ class MonitorView:
             return np.asarray((pixels + 0.5) * (camera.width / own.width) - 0.5)
         return camera.project(own.unproject(pixels, np.ones(len(pixels))))
 
-    def scale(self, ids: Ids, points_in_world: Array) -> tuple[float, float] | None:
+    def scale(self, ids: Ids, points_in_frame: Array) -> tuple[float, float] | None:
         """Return by which logarithm lengths are too short, and one sigma of it, where points with ids (n,), ascending,
         are at (n, 3); None where that isn't known."""
         if self.seen.scale_of is None:
             return None
         _, ours, theirs = np.intersect1d(self.ids, ids, return_indices=True)
-        away = np.linalg.norm(points_in_world[theirs] - self.seen.world_from_camera.translation, axis=1)
+        away = np.linalg.norm(points_in_frame[theirs] - self.seen.frame_from_camera.translation, axis=1)
         return self.seen.scale_of(self.seen.points_px[ours], away)

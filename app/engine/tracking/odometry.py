@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from app.engine.query.accuracy import accuracy_of
+from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import coverage
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.frame import TrackingFrame, find_corners, follow
@@ -58,18 +59,17 @@ class OdometryStep:
     """A pose by odometry: one sigma of it by the points it was estimated from, how many agreed of how many, and
     which share of the image they cover."""
 
-    world_from_camera: Pose
-    position_m: float
-    orientation_deg: float
-    inliers: int
-    matches: int
+    frame_from_camera: Pose
+    accuracy: Accuracy
+    support: Support
     coverage: float
     from_fix: int
 
     @property
     def can_be_trusted(self) -> bool:
         """Whether enough points agree, spread over the image."""
-        enough = self.inliers >= MIN_INLIERS and self.inliers >= MIN_INLIER_RATIO * self.matches
+        inliers, matches = self.support.inliers, self.support.matches
+        enough = inliers >= MIN_INLIERS and inliers >= MIN_INLIER_RATIO * matches
         return enough and self.coverage >= MIN_COVERAGE
 
 
@@ -83,13 +83,13 @@ class Odometry:
         self._gray = frame.gray
         self._points = self._by_two_views = TrackedPoints.none()
         self._next_id = 0
-        self._pose = fix.world_from_camera
+        self._pose = fix.frame_from_camera
         self._window = Window()
         self._anchors: tuple[str, ...] = ()
         self._scale_sigma = np.inf
         self._since_keyframe = 0
         self.absorb(fix)
-        self._refill(fix.camera, fix.world_from_camera)
+        self._refill(fix.camera, fix.frame_from_camera)
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -101,10 +101,10 @@ class Odometry:
 
         What was placed by odometry's own pose of this frame moves along with the correction.
         """
-        correction = fix.world_from_camera @ self._pose.inverse()
+        correction = fix.frame_from_camera @ self._pose.inverse()
         own = self._points.take(~self._points.from_fix).moved(correction)
         rows = np.argsort(fix.point_sigma_m)[:MOST_FIXED]
-        self._points, self._pose = self._points_of(fix, rows).joined(own), fix.world_from_camera
+        self._points, self._pose = self._points_of(fix, rows).joined(own), fix.frame_from_camera
         self._window.move(correction)
         if fix.seen is not None and fix.scale_sigma > 0:
             self._window.monitor = MonitorView.of(fix.seen, self._by_two_views.ids, rows)
@@ -112,8 +112,8 @@ class Odometry:
         self._since_keyframe = KEYFRAME_EVERY
 
     def _points_of(self, fix: Fix, rows: NDArray[np.intp]) -> TrackedPoints:
-        ids, pixels, points = self._new_ids(len(rows)), fix.points_px[rows], fix.points_in_world[rows]
-        pose = fix.world_from_camera
+        ids, pixels, points = self._new_ids(len(rows)), fix.points_px[rows], fix.points_in_frame[rows]
+        pose = fix.frame_from_camera
         if fix.scale_sigma > 0:
             # Two views place points along their rays as well as they know how they stand to each other.
             distances_m = np.linalg.norm(points - pose.translation, axis=1)
@@ -132,8 +132,8 @@ class Odometry:
         if len(close) < MIN_COMPARED:
             return None
         same = placed.take(np.asarray(nearest)[close])
-        ours = np.linalg.norm(same.points_in_world - self._pose.translation, axis=1)
-        theirs = np.linalg.norm(fix.points_in_world[close] - fix.world_from_camera.translation, axis=1)
+        ours = np.linalg.norm(same.points_in_frame - self._pose.translation, axis=1)
+        theirs = np.linalg.norm(fix.points_in_frame[close] - fix.frame_from_camera.translation, axis=1)
         return float(np.exp(np.median(np.log(ours / theirs))))
 
     def rescale(self, factor: float, pose: Pose) -> None:
@@ -168,7 +168,7 @@ class Odometry:
         ]
         ids, first = np.unique(self._points.ids[np.asarray(near)[same]], return_index=True)
         distances_m = ratio * np.linalg.norm(
-            fix.points_in_world[new] - fix.world_from_camera.translation, axis=1
+            fix.points_in_frame[new] - fix.frame_from_camera.translation, axis=1
         )
         added = TrackedPoints.new(
             self._new_ids(len(new)), fix.points_px[new], fix.camera, self._pose, distances_m, TWO_VIEW_SIGMA
@@ -180,7 +180,7 @@ class Odometry:
         """Return the present frame's pose when all is turned by a rotation (3, 3) about the monitoring camera, and that
         is put where it is known to be (3,)."""
         assert self._window.monitor is not None  # noqa: S101 - asked after `adjust_with`
-        offset = self._pose.translation - self._window.monitor.seen.world_from_camera.translation
+        offset = self._pose.translation - self._window.monitor.seen.frame_from_camera.translation
         return Pose(turn @ self._pose.rotation, position + turn @ offset)
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
@@ -202,16 +202,12 @@ class Odometry:
         inliers = points.take(agree)
         if len(inliers) < 4:
             return None
-        position_m, orientation_deg = accuracy_of(
-            inliers.pixels, inliers.points_in_world, across_m[agree], camera, pose
-        )
+        accuracy = accuracy_of(inliers.pixels, inliers.points_in_frame, across_m[agree], camera, pose)
         self._points, self._pose = inliers, pose
         return OdometryStep(
             pose,
-            position_m,
-            orientation_deg,
-            len(inliers),
-            len(points),
+            accuracy,
+            Support(len(inliers), len(points)),
             coverage(inliers.pixels, (camera.width, camera.height)),
             int(np.count_nonzero(inliers.from_fix)),
         )
@@ -236,7 +232,7 @@ class Odometry:
         placed = points.take(points.is_placed)
         first = estimate_pose_lo_ransac(
             placed.pixels,
-            placed.points_in_world,
+            placed.points_in_frame,
             camera,
             max_error_px=MAX_ERROR * camera.focal_px,
             max_iterations=300,
@@ -252,7 +248,7 @@ class Odometry:
         try:
             return refine_pose(
                 some.pixels,
-                some.points_in_world,
+                some.points_in_frame,
                 camera,
                 pose,
                 weights=_weights(some, across_m[agree], pose),
@@ -264,8 +260,8 @@ class Odometry:
     def _agreeing(
         self, points: TrackedPoints, across_m: NDArray[np.float64], camera: Camera, pose: Pose
     ) -> NDArray[np.bool_]:
-        errors = reprojection_errors_px(points.pixels, points.points_in_world, camera, pose)
-        distances = np.maximum(np.linalg.norm(points.points_in_world - pose.translation, axis=1), 1e-6)
+        errors = reprojection_errors_px(points.pixels, points.points_in_frame, camera, pose)
+        distances = np.maximum(np.linalg.norm(points.points_in_frame - pose.translation, axis=1), 1e-6)
         limits = camera.focal_px * np.hypot(MAX_ERROR, np.minimum(across_m / distances, 4 * MAX_ERROR) * 2)
         return np.asarray(errors <= limits)
 
@@ -285,15 +281,15 @@ class Odometry:
     def _add_keyframe(self, camera: Camera) -> None:
         points = self._points
         prior, prior_sigma_m = (
-            points.points_in_world,
+            points.points_in_frame,
             np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf),
         )
         # Where two views placed points they still hold the scale, together, when each has found a better place.
         _, now, then = np.intersect1d(points.ids, self._by_two_views.ids, return_indices=True)
-        prior[now] = self._by_two_views.points_in_world[then]
+        prior[now] = self._by_two_views.points_in_frame[then]
         prior_sigma_m[now] = TWO_VIEW_SIGMA / self._by_two_views.inverse_m[then]
         self._window.add(
-            KeyView(self._pose, points.ids, points.pixels), points.points_in_world, prior, prior_sigma_m
+            KeyView(self._pose, points.ids, points.pixels), points.points_in_frame, prior, prior_sigma_m
         )
         if self._has_enough_fixed(points, camera):
             return
@@ -301,10 +297,10 @@ class Odometry:
         adjusted = np.intersect1d(seen_often, points.ids)
         order = np.argsort(points.ids)
         rows = order[np.searchsorted(points.ids[order], adjusted)]
-        places = self._window.points_in_world[np.searchsorted(self._window.ids, adjusted)]
+        places = self._window.points_in_frame[np.searchsorted(self._window.ids, adjusted)]
         own = ~points.from_fix[rows]
         points.place(rows[own], places[own])
-        self._pose = self._window.views[-1].world_from_camera
+        self._pose = self._window.views[-1].frame_from_camera
         self._keep_known_distances()
 
     def _keep_known_distances(self) -> None:
@@ -313,7 +309,7 @@ class Odometry:
         if known is None or monitor is None or known[1] > MAX_WORSE * self._scale_sigma:
             return
         factor, self._scale_sigma = float(np.exp(known[0])), min(known[1], self._scale_sigma)
-        centre = monitor.seen.world_from_camera.translation
+        centre = monitor.seen.frame_from_camera.translation
         here = centre + factor * (self._pose.translation - centre)
         self.rescale(factor, Pose(self._pose.rotation, here))
 
@@ -329,7 +325,7 @@ class Odometry:
         corners = find_corners(self._gray, self._points.pixels, WANTED_POINTS - len(self._points))
         placed = self._points.take(self._points.is_placed)
         if len(placed) and len(corners):
-            distances = np.linalg.norm(placed.points_in_world - pose.translation, axis=1)
+            distances = np.linalg.norm(placed.points_in_frame - pose.translation, axis=1)
             _, near = cKDTree(placed.pixels).query(corners, k=min(NEIGHBOURS, len(placed)))
             around = np.median(distances[near.reshape(len(corners), -1)], axis=1)
             fresh = TrackedPoints.new(self._new_ids(len(corners)), corners, camera, pose, around)
@@ -338,7 +334,7 @@ class Odometry:
 
 def _weights(points: TrackedPoints, across_m: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
     """Return one over the variance of each point's pixel, 1 for a point whose place is certain."""
-    distances = np.maximum(np.linalg.norm(points.points_in_world - pose.translation, axis=1), 1e-6)
+    distances = np.maximum(np.linalg.norm(points.points_in_frame - pose.translation, axis=1), 1e-6)
     # What is not placed yet is taken to be as far as its neighbours: if they all are nearer, it is one error.
     alike = np.where(points.is_placed, 1.0, np.count_nonzero(~points.is_placed))
     return np.asarray(1.0 / (1.0 + alike * (across_m / distances / FLOW_SIGMA) ** 2))

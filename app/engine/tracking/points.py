@@ -57,19 +57,19 @@ class TrackedPoints:
         ids: NDArray[np.int64],
         pixels: Array,
         camera: Camera,
-        world_from_camera: Pose,
+        frame_from_camera: Pose,
         distances_m: Array | float,
         share: float = NEW_DEPTH_SIGMA,
     ) -> TrackedPoints:
         """Return points (n, 2) seen for the first time, as far away as told, each (n,) or all, give or take that share
         of it: by default as things around them."""
-        rays = homogeneous(camera.normalize(pixels)) @ world_from_camera.rotation.T
+        rays = homogeneous(camera.normalize(pixels)) @ frame_from_camera.rotation.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         n = len(pixels)
         return TrackedPoints(
             ids,
             pixels,
-            np.tile(world_from_camera.translation, (n, 1)),
+            np.tile(frame_from_camera.translation, (n, 1)),
             rays,
             np.full(n, 1.0 / distances_m),
             np.full(n, share / distances_m),
@@ -81,18 +81,18 @@ class TrackedPoints:
     def fixed(
         ids: NDArray[np.int64],
         pixels: Array,
-        points_in_world: Array,
+        points_in_frame: Array,
         across_m: Array,
-        world_from_camera: Pose,
+        frame_from_camera: Pose,
     ) -> TrackedPoints:
         """Return the points (n, 2), (n, 3) that a fix gave."""
-        rays = points_in_world - world_from_camera.translation
+        rays = points_in_frame - frame_from_camera.translation
         distances = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         n = len(pixels)
         return TrackedPoints(
             ids,
             pixels,
-            np.tile(world_from_camera.translation, (n, 1)),
+            np.tile(frame_from_camera.translation, (n, 1)),
             rays / distances[:, None],
             1.0 / distances,
             np.zeros(n),
@@ -104,7 +104,7 @@ class TrackedPoints:
         return len(self.pixels)
 
     @property
-    def points_in_world(self) -> Array:
+    def points_in_frame(self) -> Array:
         """Where the points are (n, 3)."""
         return np.asarray(self.origin + self.ray / self.inverse_m[:, None])
 
@@ -146,9 +146,9 @@ class TrackedPoints:
             across_m=self.across_m * factor,
         )
 
-    def place(self, rows: NDArray[np.intp], points_in_world: Array) -> None:
+    def place(self, rows: NDArray[np.intp], points_in_frame: Array) -> None:
         """Put points (n,) where a bundle adjustment has them (n, 3)."""
-        rays = points_in_world - self.origin[rows]
+        rays = points_in_frame - self.origin[rows]
         distances = np.clip(np.linalg.norm(rays, axis=1), MIN_DISTANCE_M, MAX_DISTANCE_M)
         self.ray[rows], self.inverse_m[rows] = rays / distances[:, None], 1.0 / distances
 
@@ -157,23 +157,23 @@ class TrackedPoints:
 
         A point is uncertain along its first ray: seen from where it was seen first, that doesn't show.
         """
-        seen = self.points_in_world - centre
+        seen = self.points_in_frame - centre
         sines = np.linalg.norm(np.cross(self.ray, seen), axis=1) / np.maximum(
             np.linalg.norm(seen, axis=1), 1e-9
         )
         return np.asarray(np.hypot(self.inverse_sigma / self.inverse_m**2 * sines, self.across_m))
 
-    def observe(self, camera: Camera, world_from_camera: Pose) -> None:
+    def observe(self, camera: Camera, frame_from_camera: Pose) -> None:
         """Better the distances of the points by where they are seen now, a Kalman filter for each of them.
 
         The state is the inverse distance on the first ray, whose effect on the pixel is nearly linear.
         """
         rows = np.flatnonzero(~self.from_fix)
-        points = self.points_in_world[rows]
-        _, by_point = reprojection_jacobian(points, camera, world_from_camera)
+        points = self.points_in_frame[rows]
+        _, by_point = reprojection_jacobian(points, camera, frame_from_camera)
         inverse = self.inverse_m[rows]
         slope = np.einsum("nij,nj->ni", by_point, -self.ray[rows] / inverse[:, None] ** 2)
-        offset = self.pixels[rows] - project_from_world(points, camera, world_from_camera)
+        offset = self.pixels[rows] - project_from_world(points, camera, frame_from_camera)
         usable = np.isfinite(slope).all(axis=1) & np.isfinite(offset).all(axis=1)
         rows, slope, offset = rows[usable], slope[usable], offset[usable]
         noise = (FLOW_SIGMA * camera.focal_px) ** 2

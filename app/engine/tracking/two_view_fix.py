@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.query.accuracy import accuracy_of
+from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.query.verification import coverage
-from app.engine.tracking.fix import WORLD, Fix, confidence_of_sigma
+from app.engine.tracking.fix import Fix, confidence_of_sigma
 from app.engine.tracking.monitor_view import ScaleOf, SeenByMonitor
 from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_errors_px
@@ -33,14 +34,15 @@ CONTRADICTION_SIGMAS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class KnownView:
-    """The other view: its camera and pose in the world or on a plan (`frame_id`, see `Fix`), the share by which the
-    scale of the relative pose may be off, one sigma, how much of that is the same whatever is seen in it, and what it
-    knows of distances."""
+    """The other view: its camera, where it is placed, and what it knows of distances.
+
+    `scale_sigma` is the relative standard deviation of the relative pose's scale, `shared_scale_sigma` the part of it
+    that is the same whatever is seen in the view.
+    """
 
     camera: Camera
-    world_from_camera: Pose
+    placed: PlacedPose
     scale_sigma: float = 0.0
-    frame_id: str = WORLD
     shared_scale_sigma: float = 0.0
     scale_of: ScaleOf | None = None
 
@@ -49,9 +51,8 @@ class KnownView:
 class TrackedPlace:
     """Where odometry has a camera since an earlier fix, one sigma of it, and of its scale."""
 
-    world_from_camera: Pose
-    position_m: float
-    orientation_deg: float
+    placed: PlacedPose
+    accuracy: Accuracy
     scale_sigma: float
 
 
@@ -64,7 +65,7 @@ def fix_from_two_views(
     `camera` is the one of the frame at tracking size, and so are `points_px`. The accuracy holds what the pixels
     leave open and what the scale is off by; all points share the latter, so it is not in their own sigma.
     """
-    pose = known.world_from_camera @ known_from_camera
+    pose = known.placed.frame_from_camera @ known_from_camera
     points = triangulate(
         points_in_known_px,
         points_px,
@@ -74,38 +75,37 @@ def fix_from_two_views(
         min_parallax_deg=MIN_PARALLAX_DEG,
     )
     placed = np.isfinite(points).all(axis=1)
-    in_world = known.world_from_camera.apply(points)
+    in_frame = known.placed.frame_from_camera.apply(points)
     good = np.zeros(len(points), dtype=bool)
     good[placed] = (
-        reprojection_errors_px(points_px[placed], in_world[placed], camera, pose) < MAX_ERROR_PX
+        reprojection_errors_px(points_px[placed], in_frame[placed], camera, pose) < MAX_ERROR_PX
     ) & (
         reprojection_errors_px(
-            points_in_known_px[placed], in_world[placed], known.camera, known.world_from_camera
+            points_in_known_px[placed], in_frame[placed], known.camera, known.placed.frame_from_camera
         )
         < MAX_ERROR_PX
     )
     if good.sum() < MIN_POINTS or coverage(points_px[good], (camera.width, camera.height)) < MIN_COVERAGE:
         return None
-    sigma_m = _sigma_across(in_world[good], camera, pose)
-    position_m, orientation_deg = accuracy_of(points_px[good], in_world[good], sigma_m, camera, pose)
+    sigma_m = _sigma_across(in_frame[good], camera, pose)
+    own = accuracy_of(points_px[good], in_frame[good], sigma_m, camera, pose)
     baseline_m = float(np.linalg.norm(known_from_camera.translation))
-    position_m = float(np.hypot(position_m, known.scale_sigma * baseline_m))
+    accuracy = replace(own, position_m=float(np.hypot(own.position_m, known.scale_sigma * baseline_m)))
     return Fix(
-        pose,
-        position_m,
-        orientation_deg,
-        points_px[good],
-        in_world[good],
-        sigma_m,
-        camera,
-        confidence=confidence_of_sigma(position_m, orientation_deg),
-        inliers=int(good.sum()),
-        matches=len(points_px),
+        placed=PlacedPose(pose, known.placed.frame_id),
+        accuracy=accuracy,
+        support=Support(int(good.sum()), len(points_px)),
+        confidence=confidence_of_sigma(accuracy),
+        points_px=points_px[good],
+        points_in_frame=in_frame[good],
+        point_sigma_m=sigma_m,
+        camera=camera,
         method="anchor",
-        frame_id=known.frame_id,
         scale_sigma=known.scale_sigma,
         shared_scale_sigma=known.shared_scale_sigma,
-        seen=SeenByMonitor(known.camera, known.world_from_camera, points_in_known_px[good], known.scale_of),
+        seen=SeenByMonitor(
+            known.camera, known.placed.frame_from_camera, points_in_known_px[good], known.scale_of
+        ),
     )
 
 
@@ -125,23 +125,20 @@ def at_common_scale(fix: Fix, tracked: TrackedPlace, ratio: float) -> tuple[Fix,
     factor = float(np.exp(-apart * theirs / (ours + theirs)))
     sigma = float(np.hypot(shared, np.sqrt(ours * theirs / (ours + theirs))))
     place, turn = (
-        _weight(tracked.position_m, fix.position_m),
-        _weight(tracked.orientation_deg, fix.orientation_deg),
+        _weight(tracked.accuracy.position_m, fix.accuracy.position_m),
+        _weight(tracked.accuracy.orientation_deg, fix.accuracy.orientation_deg),
     )
-    before, pose = tracked.world_from_camera, fix.world_from_camera
+    before, pose = tracked.placed.frame_from_camera, fix.frame_from_camera
     rotation = before.rotation @ rotation_from_vector(
         turn * vector_from_rotation(before.rotation.T @ pose.rotation)
     )
-    common = replace(
-        fix,
-        world_from_camera=Pose(
-            rotation, before.translation + place * (pose.translation - before.translation)
-        ),
-        position_m=min(tracked.position_m, fix.position_m),
-        orientation_deg=min(tracked.orientation_deg, fix.orientation_deg),
-        scale_sigma=sigma,
+    common = Pose(rotation, before.translation + place * (pose.translation - before.translation))
+    accuracy = Accuracy(
+        min(tracked.accuracy.position_m, fix.accuracy.position_m),
+        min(tracked.accuracy.orientation_deg, fix.accuracy.orientation_deg),
     )
-    return common, factor
+    placed = replace(fix.placed, frame_from_camera=common)
+    return replace(fix, placed=placed, accuracy=accuracy, scale_sigma=sigma), factor
 
 
 def _weight(ours: float, theirs: float) -> float:
@@ -158,8 +155,8 @@ def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
     return Pose(b_from_a.rotation, scale * b_from_a.translation)
 
 
-def _sigma_across(points_in_world: Array, camera: Camera, pose: Pose) -> Array:
+def _sigma_across(points_in_frame: Array, camera: Camera, pose: Pose) -> Array:
     """Return how uncertain points are across the camera's ray, by the pixel they were matched with."""
     return np.asarray(
-        MATCH_SIGMA_PX / camera.focal_px * np.linalg.norm(points_in_world - pose.translation, axis=1)
+        MATCH_SIGMA_PX / camera.focal_px * np.linalg.norm(points_in_frame - pose.translation, axis=1)
     )

@@ -32,7 +32,7 @@ MAX_LENS_STEP, LEAST_LENS_SIGMA = 0.03, 0.005
 class KeyView:
     """A keyframe of odometry: its pose, and the pixels (n, 2) of points by their ids (n,)."""
 
-    world_from_camera: Pose
+    frame_from_camera: Pose
     ids: Ids
     pixels: Array
 
@@ -45,13 +45,13 @@ class Window:
 
     views: list[KeyView] = field(default_factory=list)
     ids: Ids = field(default_factory=lambda: np.zeros(0, np.int64))
-    points_in_world: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    points_in_frame: Array = field(default_factory=lambda: np.zeros((0, 3)))
     prior: Array = field(default_factory=lambda: np.zeros((0, 3)))
     prior_sigma_m: Array = field(default_factory=lambda: np.zeros(0))
     monitor: MonitorView | None = None
     lens_before: Lens | None = None
 
-    def add(self, view: KeyView, points_in_world: Array, prior: Array, prior_sigma_m: Array) -> None:
+    def add(self, view: KeyView, points_in_frame: Array, prior: Array, prior_sigma_m: Array) -> None:
         """Add a keyframe, where its points are (n, 3), and where fixes have them (n, 3), (n,); the oldest one goes,
         with what only it saw."""
         self.views = [*self.views, view][-WINDOW:]
@@ -59,18 +59,18 @@ class Window:
         ids = np.concatenate([self.ids[old], view.ids])
         order = np.argsort(ids)
         self.ids = ids[order]
-        self.points_in_world = np.concatenate([self.points_in_world[old], points_in_world])[order]
+        self.points_in_frame = np.concatenate([self.points_in_frame[old], points_in_frame])[order]
         self.prior = np.concatenate([self.prior[old], prior])[order]
         self.prior_sigma_m = np.concatenate([self.prior_sigma_m[old], prior_sigma_m])[order]
 
     def move(self, new_from_old: Pose) -> None:
         """Move views and points by a correction of the frame that they are in; what fixes said of points is void."""
         self.views = [
-            KeyView(new_from_old @ view.world_from_camera, view.ids, view.pixels) for view in self.views
+            KeyView(new_from_old @ view.frame_from_camera, view.ids, view.pixels) for view in self.views
         ]
-        self.points_in_world = new_from_old.apply(self.points_in_world)
+        self.points_in_frame = new_from_old.apply(self.points_in_frame)
         self.monitor = None
-        self.prior = self.points_in_world.copy()
+        self.prior = self.points_in_frame.copy()
         self.prior_sigma_m = np.full(len(self.ids), np.inf)
 
     def rescale(self, centre: Array, factor: float, new_from_old: Pose) -> None:
@@ -84,11 +84,11 @@ class Window:
             return Pose(new_from_old.rotation @ pose.rotation, moved(pose.translation[None])[0])
 
         self.views = [
-            KeyView(moved_pose(view.world_from_camera), view.ids, view.pixels) for view in self.views
+            KeyView(moved_pose(view.frame_from_camera), view.ids, view.pixels) for view in self.views
         ]
         if self.monitor is not None:
-            self.monitor = self.monitor.at(moved_pose(self.monitor.seen.world_from_camera))
-        self.points_in_world, self.prior = moved(self.points_in_world), moved(self.prior)
+            self.monitor = self.monitor.at(moved_pose(self.monitor.seen.frame_from_camera))
+        self.points_in_frame, self.prior = moved(self.points_in_frame), moved(self.prior)
         self.prior_sigma_m = self.prior_sigma_m * factor
 
     def adjust(self, camera: Camera, lens: Lens | None) -> tuple[Ids, Lens | None]:
@@ -114,16 +114,16 @@ class Window:
             self.prior_sigma_m[chosen],
             self._has_lens(camera, len(all_views)),
         )
-        poses = [view.world_from_camera for view in all_views]
-        adjusted, self.points_in_world[chosen] = adjust_bundle(bundle, poses, self.points_in_world[chosen])
+        poses = [view.frame_from_camera for view in all_views]
+        adjusted, self.points_in_frame[chosen] = adjust_bundle(bundle, poses, self.points_in_frame[chosen])
         # What leaves the view is held where it is now.
-        self.prior[chosen] = self.points_in_world[chosen]
+        self.prior[chosen] = self.points_in_frame[chosen]
         self.views = [
             KeyView(pose, view.ids, view.pixels)
             for pose, view in zip(adjusted[len(monitor) :], self.views, strict=True)
         ]
         if lens is not None and monitor:
-            said = lens_in_bundle(bundle, adjusted, self.points_in_world[chosen])
+            said = lens_in_bundle(bundle, adjusted, self.points_in_frame[chosen])
             lens = self._learned(lens, *said)
         return used, lens
 
@@ -147,7 +147,7 @@ class Window:
         if np.count_nonzero(known) < MIN_SHARED:
             return []
         pixels = self.monitor.pixels_in(camera)[known]
-        return [KeyView(self.monitor.seen.world_from_camera, self.monitor.ids[known], pixels)]
+        return [KeyView(self.monitor.seen.frame_from_camera, self.monitor.ids[known], pixels)]
 
     def _has_lens(self, camera: Camera, count: int) -> NDArray[np.bool_]:
         """Return which of so many views (n,), a monitoring camera's first, are through this camera's lens."""
@@ -160,4 +160,4 @@ class Window:
         None where that is nothing."""
         if self.monitor is None or np.count_nonzero(np.isin(self.monitor.ids, self.ids)) < MIN_SHARED:
             return None
-        return self.monitor.scale(self.ids, self.points_in_world)
+        return self.monitor.scale(self.ids, self.points_in_frame)

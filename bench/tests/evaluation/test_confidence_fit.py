@@ -39,8 +39,24 @@ def test_the_fit_finds_what_the_outcomes_hold() -> None:
     fit = fit_confidence(outcomes())
     assert fit.poses == 400
     assert 0 < fit.right < 400
-    weak = Evidence(100, 40, 0.1, 4, 0, 0, 40, 0.5, 0.02)
-    strong = Evidence(100, 40, 0.9, 36, 0, 0, 40, 0.5, 0.02)
+    weak = Evidence(
+        matches=100,
+        inliers=40,
+        coverage=0.1,
+        distinct=4,
+        pose_only=40,
+        keyframe_distance_m=0.5,
+        position_sigma_m=0.02,
+    )
+    strong = Evidence(
+        matches=100,
+        inliers=40,
+        coverage=0.9,
+        distinct=36,
+        pose_only=40,
+        keyframe_distance_m=0.5,
+        position_sigma_m=0.02,
+    )
     assert fit.model(weak) < 0.3
     assert fit.model(strong) > 0.9
     assert fit.log_loss < 0.5

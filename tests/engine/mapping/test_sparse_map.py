@@ -11,6 +11,7 @@ import pytest
 from app.engine.mapping.options import parse_build_options
 from app.engine.mapping.sparse_map import GRID, MAX_KEYFRAME_BYTES, feature_limit, thin_out
 from app.engine.maps.points import MapPoints
+from app.engine.query.localizer import Localizer
 from app.geometry.camera import Camera
 from app.jobs.handlers import handle_build
 from app.services.map_library import MapLibrary
@@ -122,7 +123,7 @@ def test_no_picture_of_a_scan_stays_and_the_map_locates_and_grows(
 def locate(resources: Resources, pictures: list[Rgb], camera: Camera) -> list[np.ndarray]:
     serving = MapLibrary(resources).active("v")
     assert serving is not None
-    found = [serving[0].localize(rgb, camera).world_from_camera for rgb in pictures]
+    found = [Localizer(serving[0]).localize(rgb, camera).world_from_camera for rgb in pictures]
     assert all(pose is not None for pose in found)
     return [pose.translation for pose in found if pose is not None]
 

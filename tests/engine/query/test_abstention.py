@@ -12,7 +12,7 @@ from tests.scenes import View
 from tests.server import Server
 
 GOOD = replace(
-    Evidence.none(),
+    Evidence(),
     matches=200,
     inliers=150,
     coverage=0.5,

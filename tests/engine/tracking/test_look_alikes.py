@@ -13,13 +13,14 @@ from app.engine.mapping.options import parse_build_options
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import NoProgress
 from app.engine.query.localizer import Localizer
+from app.engine.query.placed import Accuracy, PlacedPose
 from app.engine.tracking.fix import Fix, MapFixes, NoFix
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.state import TrackingMemory
-from app.engine.tracking.tracker import Tracker
 from app.geometry.se3 import Pose
 from app.importers.registry import open_scan
 from tests.scenes import CAMERA, CAMERA_TEXT, Room, View, pose_at, scan_files
+from tests.tracking import TrackerIn, pose_of
 
 # The other room is so far along x.
 APART_M = 5.0
@@ -44,7 +45,7 @@ def twins(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> MapFix
         built = build_map(
             open_scan(Path(folder), "tum", options.scan), options, models, executor, NoProgress()
         )
-    return MapFixes(Localizer(built.artifact, built.index, models))
+    return MapFixes(Localizer.of(built.artifact, built.index, models))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def test_where_the_camera_was_tells_which_room_it_is_in(twins: MapFixes, view: V
     found = twins.nearby(TrackingFrame.of(view.rgb, 0.0), CAMERA, last, 1.5)
     assert isinstance(found, Fix)
     truth = moved(view.world_from_camera, by_m)
-    assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.03
+    assert np.linalg.norm(found.frame_from_camera.translation - truth.translation) < 0.03
 
 
 def test_a_camera_that_may_be_in_either_room_is_in_none(twins: MapFixes, view: View) -> None:
@@ -76,12 +77,14 @@ def test_a_camera_that_may_be_in_either_room_is_in_none(twins: MapFixes, view: V
 
 def test_a_session_that_lost_sight_of_a_room_finds_itself_in_it_again(twins: MapFixes, view: View) -> None:
     last = moved(pose_at(1.6, 1.3, 1.43, -50.0), APART_M)
-    memory = TrackingMemory("tracking", last, time_s=10.0, fix_position_m=0.02)
-    tracked = Tracker(twins, memory).process(TrackingFrame.of(view.rgb, 10.5), CAMERA)
+    memory = TrackingMemory(
+        state="tracking", last=PlacedPose(last), time_s=10.0, fix_accuracy=Accuracy(0.02, 0.0)
+    )
+    tracked = TrackerIn(twins, memory).process(TrackingFrame.of(view.rgb, 10.5), CAMERA)
     assert tracked.state == "tracking"
-    assert tracked.world_from_camera is not None
+    assert pose_of(tracked) is not None
     truth = moved(view.world_from_camera, APART_M)
-    assert np.linalg.norm(tracked.world_from_camera.translation - truth.translation) < 0.03
+    assert np.linalg.norm(pose_of(tracked).translation - truth.translation) < 0.03
 
 
 def test_a_place_that_much_of_the_picture_speaks_against_is_none(
@@ -103,10 +106,12 @@ def test_the_last_place_tells_rooms_apart_unless_the_floor_can_have_been_left(
 ) -> None:
     # The other room is out of the prior's reach from here.
     last = moved(view.world_from_camera, -3.0)
-    memory = TrackingMemory("lost", last, time_s=10.0, fix_position_m=0.02)
+    memory = TrackingMemory(
+        state="lost", last=PlacedPose(last), time_s=10.0, fix_accuracy=Accuracy(0.02, 0.0)
+    )
     frame = TrackingFrame.of(view.rgb, 20.0)
-    stayed = Tracker(twins, memory)
-    assert stayed.process(frame, CAMERA).world_from_camera is not None
-    gone = Tracker(twins, memory, can_change_floor=lambda _, away_s: away_s >= 10.0)
+    stayed = TrackerIn(twins, memory)
+    assert pose_of(stayed.process(frame, CAMERA)) is not None
+    gone = TrackerIn(twins, memory, can_change_floor=lambda _, away_s: away_s >= 10.0)
     found = gone.process(frame, CAMERA)
     assert (found.state, found.reason) == ("lost", "ambiguous")

@@ -65,7 +65,7 @@ def test_the_scale_is_what_known_distances_say_of_the_points_that_are_there() ->
     ids = np.arange(40)
     view = MonitorView.of(seen, ids, ids)
     rays = PHONE.unproject(pixels, np.ones(40))
-    points = seen.world_from_camera.translation + 2.5 * rays / np.linalg.norm(rays, axis=1)[:, None]
+    points = seen.frame_from_camera.translation + 2.5 * rays / np.linalg.norm(rays, axis=1)[:, None]
     found = view.scale(ids[5:], points[5:])
     assert found is not None
     assert found[0] == pytest.approx(np.log(3.0 / 2.5))

@@ -31,7 +31,7 @@ def test_a_camera_that_moves_places_points() -> None:
         pose, points.pixels = seen_from(0.03 * step)
         points.observe(CAMERA, pose)
     assert points.is_placed.all()
-    errors = np.linalg.norm(points.points_in_world - TRUTH, axis=1)
+    errors = np.linalg.norm(points.points_in_frame - TRUTH, axis=1)
     assert np.median(errors) < 0.03
 
 
@@ -54,8 +54,8 @@ def test_points_of_a_fix_stay_where_they_are() -> None:
     moved, points.pixels = seen_from(0.4)
     points.pixels = points.pixels + 5.0
     points.observe(CAMERA, moved)
-    assert np.allclose(points.points_in_world, TRUTH)
+    assert np.allclose(points.points_in_frame, TRUTH)
     shift = Pose(np.eye(3), np.array([0.0, 1.0, 0.0]))
-    assert np.allclose(points.moved(shift).points_in_world, TRUTH + shift.translation)
+    assert np.allclose(points.moved(shift).points_in_frame, TRUTH + shift.translation)
     points.place(np.arange(3), TRUTH[:3] + 0.1)
-    assert np.allclose(points.points_in_world[:3], TRUTH[:3] + 0.1)
+    assert np.allclose(points.points_in_frame[:3], TRUTH[:3] + 0.1)

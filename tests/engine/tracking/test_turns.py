@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.engine.tracking.tracker import Tracker, TrackerSettings
+from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.turning import shift_between, turned
 from app.vision.images import to_gray
 from tests.engine.tracking.test_tracker import MapFixes, error_m, fixes, frame_of, run  # noqa: F401
 from tests.scenes import CAMERA, Room, pose_at
+from tests.tracking import TrackerIn
 
 ODOMETRY_ONLY = TrackerSettings(use_refresh=False, relocalize_every=10**6)
 
@@ -34,7 +35,7 @@ def test_what_hardly_moves_is_left_to_flow(room: Room) -> None:
 def test_odometry_follows_a_turn_of_twenty_degrees(fixes: MapFixes, room: Room, degrees: float) -> None:  # noqa: F811
     poses = [pose_at(1.8, 1.5, 1.45), *(pose_at(1.8 + 0.03 * i, 1.5, 1.45, degrees) for i in range(1, 4))]
     views = [room.view(pose) for pose in poses]
-    results = run(Tracker(fixes, settings=ODOMETRY_ONLY), views)
+    results = run(TrackerIn(fixes, settings=ODOMETRY_ONLY), views)
     assert [result.method for result in results] == ["rgbd", *["odometry"] * 3]
     assert max(error_m(result, pose) for result, pose in zip(results, poses, strict=True)) < 0.05
 
@@ -42,7 +43,7 @@ def test_odometry_follows_a_turn_of_twenty_degrees(fixes: MapFixes, room: Room, 
 def test_a_video_of_fast_turns_is_tracked(fixes: MapFixes, room: Room) -> None:  # noqa: F811
     poses = [pose_at(1.8 + 0.04 * i, 1.5, 1.45, -40 + 20.0 * i) for i in range(5)]
     views = [room.view(pose) for pose in poses]
-    tracker = Tracker(fixes)
+    tracker = TrackerIn(fixes)
     results = [tracker.process(frame_of(view, i), CAMERA) for i, view in enumerate(views)]
     assert {result.state for result in results} == {"tracking"}
     assert max(error_m(result, pose) for result, pose in zip(results, poses, strict=True)) < 0.05

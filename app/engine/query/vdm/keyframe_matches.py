@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.maps.artifact import MapArtifact
-from app.engine.query.matches import are_distinct, excluded_keyframes, unit_distances
-from app.vision.features import LocalFeatureExtractor
+from app.engine.maps.open_map import OpenMap
+from app.engine.query.matches import are_distinct, excluded_keyframes
 from app.vision.images import Gray
-from app.vision.matching import match_unit_vectors, to_unit_vectors
+from app.vision.matching import match_with_each, to_unit_vectors
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class KeyframeMatches:
     """Matches with one keyframe: rows (n,) of the query's features, pixels (n, 2) of query and keyframe, world
     points (n, 3) and their sigma (n,) in metres, and whether nothing elsewhere in the map looks like it (n,)."""
@@ -34,44 +33,43 @@ class KeyframeMatches:
     def take(self, mask: NDArray[np.bool_]) -> KeyframeMatches:
         """Return the matches that the mask (n,) marks."""
         return KeyframeMatches(
-            self.keyframe,
-            self.query_rows[mask],
-            self.query_px[mask],
-            self.keyframe_px[mask],
-            self.points_in_world[mask],
-            self.sigma_m[mask],
-            self.distinct[mask],
+            keyframe=self.keyframe,
+            query_rows=self.query_rows[mask],
+            query_px=self.query_px[mask],
+            keyframe_px=self.keyframe_px[mask],
+            points_in_world=self.points_in_world[mask],
+            sigma_m=self.sigma_m[mask],
+            distinct=self.distinct[mask],
         )
 
 
 def match_keyframes(
-    gray: Gray,
-    keyframes: Sequence[int],
-    artifact: MapArtifact,
-    extractor: LocalFeatureExtractor,
-    allowed: NDArray[np.int64] | None = None,
+    gray: Gray, keyframes: Sequence[int], opened: OpenMap, allowed: NDArray[np.int64] | None = None
 ) -> list[KeyframeMatches]:
     """Return the matches of a grey image (height, width) with each of the keyframes, those with most first.
 
     What looks alike matters only among the `allowed` ones.
     """
+    artifact, extractor = opened.artifact, opened.extractor
     features = extractor.extract(gray)
     unit = to_unit_vectors(features.descriptors, extractor.binary)
     arrays, found = artifact.arrays, []
     excluded = excluded_keyframes(artifact, allowed)
-    for keyframe in dict.fromkeys(keyframes):
-        rows = artifact.rows(keyframe)
-        theirs = to_unit_vectors(arrays.descriptors[rows], extractor.binary)
-        a, b, _ = match_unit_vectors(unit, theirs, extractor.ratio, extractor.binary)
+    keyframes = list(dict.fromkeys(keyframes))
+    spans = artifact.spans(keyframes)
+    pairs = match_with_each(
+        unit, [arrays.descriptors[span] for span in spans], extractor.ratio, extractor.binary
+    )
+    for keyframe, rows, (a, b, distances) in zip(keyframes, spans, pairs, strict=True):
         found.append(
             KeyframeMatches(
-                keyframe,
-                a,
-                features.keypoints_px[a].astype(np.float64),
-                arrays.keypoints_px[rows][b].astype(np.float64),
-                arrays.points_in_world[rows][b].astype(np.float64),
-                arrays.point_sigma_m[rows][b].astype(np.float64),
-                are_distinct(artifact, rows.start + b, unit_distances(unit[a], theirs[b]), excluded),
+                keyframe=keyframe,
+                query_rows=a,
+                query_px=features.keypoints_px[a].astype(np.float64),
+                keyframe_px=arrays.keypoints_px[rows][b].astype(np.float64),
+                points_in_world=arrays.points_in_world[rows][b].astype(np.float64),
+                sigma_m=arrays.point_sigma_m[rows][b].astype(np.float64),
+                distinct=are_distinct(artifact, rows.start + b, distances, excluded),
             )
         )
     return sorted(found, key=len, reverse=True)

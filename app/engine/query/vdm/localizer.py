@@ -5,20 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from threading import Lock
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.retrieval import Retrieval
-from app.engine.maps.vision_models import VisionModels
+from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera import scanned_camera
 from app.engine.query.localization import KeyframeVote, Localization, same_place
-from app.engine.query.localizer import Localizer
+from app.engine.query.placed import Accuracy
 from app.engine.query.vdm.keyframe_fix import KeyframeFix, fix_by_keyframe
 from app.engine.query.vdm.keyframe_matches import KeyframeMatches, match_keyframes
 from app.engine.query.vdm.user_lines import PlanPosition, user_on_plan
@@ -34,21 +29,24 @@ from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.focal import ApproximateCamera, find_camera
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.images import Rgb, measure_quality, to_gray
-from app.vision.index import GlobalIndex
+
+MEASURED = "roomfix evaluate --pipeline vdm on RedKitchen; docs/visual-depth-map.md."
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VdmSettings:
-    """`best` keyframes give a line each (the paper's four), of those among `candidates` that look most like the
-    query and agree on the place. `other_places` and `look_alikes` are matched to learn of rivals; `max_error` is
-    the inlier limit as an angle (tangent)."""
+    """`best` keyframes give a line each, of those among `candidates` that look most like the query and agree on the
+    place. `other_places` and `look_alikes` are matched to learn of rivals."""
 
-    best: int = 4
-    candidates: int = 12
-    other_places: int = 4
-    look_alikes: int = 6
-    max_error: float = tangent_of_px(6.0)
+    best: int = limit(4, "Keyframes that give a line each.", chosen="Paper B, 2.3: four.")
+    candidates: int = limit(12, "Most similar keyframes that are matched.", chosen=MEASURED)
+    other_places: int = limit(4, "Further keyframes, each of another place.", chosen=MEASURED)
+    look_alikes: int = limit(6, "Look-alikes of each of the best two keyframes.", chosen=MEASURED)
+    max_error_tangent: float = limit(
+        tangent_of_px(6.0), "Inlier threshold: the reprojection error over the focal length.", chosen=MEASURED
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +65,11 @@ class VdmLocalizer:
     """Localizes frames in one map as paper B does. Stateless between calls, safe to share between threads."""
 
     def __init__(
-        self,
-        artifact: MapArtifact,
-        index: GlobalIndex,
-        models: VisionModels,
-        settings: VdmSettings | None = None,
-        limits: Limits | None = None,
+        self, opened: OpenMap, settings: VdmSettings | None = None, limits: Limits | None = None
     ) -> None:
-        models.check_descriptor(artifact.metadata.descriptor_sha256)
-        self.artifact = artifact
-        self.index = index
-        self._retrieval = Retrieval(artifact, index)
-        self._descriptor = models.global_descriptor
-        self._extractor = models.extractor(artifact.metadata.features)
+        self.map = opened
         self._settings = settings or VdmSettings()
-        self._limits = limits or Limits(min_inliers=self._extractor.min_inliers)
+        self._limits = limits or Limits(min_inliers=opened.extractor.min_inliers)
 
     def localize(
         self,
@@ -96,14 +84,14 @@ class VdmLocalizer:
         """
         timer = StageTimer()
         gray, settings = to_gray(rgb), self._settings
-        descriptor = self._descriptor.describe(rgb)
+        descriptor = self.map.descriptor.describe(rgb)
         timer.lap("describe")
-        similar = self._retrieval.similar(descriptor, settings.candidates, settings.other_places, allowed)
+        similar = self.map.retrieval.similar(descriptor, settings.candidates, settings.other_places, allowed)
         timer.lap("retrieve")
-        matches = match_keyframes(gray, similar, self.artifact, self._extractor, allowed)
+        matches = match_keyframes(gray, similar, self.map, allowed)
         timer.lap("match")
         if isinstance(camera, Camera):
-            camera = scanned_camera(self.artifact.metadata, camera)
+            camera = scanned_camera(self.map.artifact.metadata, camera)
         else:
             camera = self._find_camera(matches, rgb.shape[:2], camera)
         if camera is None:
@@ -115,7 +103,7 @@ class VdmLocalizer:
         known = {found.keyframe for found in matches}
         twins = [twin for twin in self._twins(places[0], allowed) if twin not in known]
         if twins:
-            matches += match_keyframes(gray, twins, self.artifact, self._extractor, allowed)
+            matches += match_keyframes(gray, twins, self.map, allowed)
             timer.lap("match")
             places = self._places(matches, camera)
         return self._conclude(places, camera, timer)
@@ -129,16 +117,17 @@ class VdmLocalizer:
             np.concatenate([found.points_in_world for found in matches]),
             width,
             height,
-            self._settings.max_error,
+            self._settings.max_error_tangent,
             max(self._limits.min_inliers, 8),
             near,
         )
 
     def _places(self, matches: Sequence[KeyframeMatches], camera: Camera) -> list[_Place]:
         """Return the places that keyframes put the user at, the one that most of the query's features see first."""
-        limit_px = self._settings.max_error * camera.focal_px
+        limit_px = self._settings.max_error_tangent * camera.focal_px
         fixes = [
-            fix_by_keyframe(found, self.artifact.pose(found.keyframe), camera, limit_px) for found in matches
+            fix_by_keyframe(found, self.map.artifact.pose(found.keyframe), camera, limit_px)
+            for found in matches
         ]
         left = sorted((fix for fix in fixes if fix is not None), key=lambda fix: -len(fix.inliers))
         places = []
@@ -150,47 +139,57 @@ class VdmLocalizer:
 
     def _twins(self, place: _Place, allowed: NDArray[np.int64] | None) -> list[int]:
         """Return keyframes of other places that look like the best two."""
-        twins = chain.from_iterable(
-            self._retrieval.look_alikes(fix.matches.keyframe, self._settings.look_alikes)
-            for fix in place.fixes[:2]
-        )
-        return [twin for twin in twins if allowed is None or twin in allowed]
+        voted = [fix.matches.keyframe for fix in place.fixes[:2]]
+        return self.map.retrieval.look_alikes_of(voted, self._settings.look_alikes, allowed)
 
     def _conclude(self, places: Sequence[_Place], camera: Camera, timer: StageTimer) -> Localization:
         fixes = places[0].fixes[: self._settings.best]
         best = fixes[0]
         rival = places[1].rows if len(places) > 1 else np.zeros(0, np.intp)
+        distinct = np.concatenate([fix.inliers.query_rows[fix.inliers.distinct] for fix in fixes])
         evidence = gather_evidence(
-            np.concatenate([fix.matches.query_rows for fix in fixes]),
-            np.concatenate([fix.inliers.query_rows for fix in fixes]),
-            np.concatenate([fix.inliers.query_px for fix in fixes]),
-            len(np.unique(np.concatenate([fix.inliers.query_rows[fix.inliers.distinct] for fix in fixes]))),
-            rival,
-            (camera.width, camera.height),
-            self._retrieval.distance_m(best.world_from_user),
+            matched_rows=np.concatenate([fix.matches.query_rows for fix in fixes]),
+            inlier_rows=np.concatenate([fix.inliers.query_rows for fix in fixes]),
+            inlier_px=np.concatenate([fix.inliers.query_px for fix in fixes]),
+            distinct=len(np.unique(distinct)),
+            rival_rows=rival,
+            size_px=(camera.width, camera.height),
+            keyframe_distance_m=self.map.retrieval.distance_m(best.world_from_user),
         )
         votes = tuple(KeyframeVote(f.matches.keyframe, len(f.matches), len(f.inliers)) for f in fixes)
         plan = user_on_plan(fixes)
         own_m, orientation_deg = self._accuracy(plan, best)
         evidence = replace(evidence, position_sigma_m=own_m)
         # What all points share, the map's own error, is not in the covariance.
-        position_m = float(np.hypot(own_m, self.artifact.metadata.position_sigma_m))
+        position_m = float(np.hypot(own_m, self.map.artifact.metadata.position_sigma_m))
         reason = judge(evidence, position_m, self._limits)
         timer.lap("pose")
         if reason is not None:
-            return Localization(None, reason, evidence, None, None, 0.0, votes, camera, timer.milliseconds)
+            return Localization(
+                evidence=evidence,
+                reason=reason,
+                keyframes=votes,
+                camera=camera,
+                timings_ms=timer.milliseconds,
+            )
         height = best.world_from_user.translation[2]
         pose = Pose(best.world_from_user.rotation, np.array([plan.x, plan.y, height]))
         # What the evidence says, and no more than the error itself allows.
         confidence = min(confidence_of(evidence), _probability_within(0.5, position_m))
         return Localization(
-            pose, None, evidence, position_m, orientation_deg, confidence, votes, camera, timer.milliseconds
+            evidence=evidence,
+            world_from_camera=pose,
+            accuracy=Accuracy(position_m, orientation_deg),
+            confidence=confidence,
+            keyframes=votes,
+            camera=camera,
+            timings_ms=timer.milliseconds,
         )
 
     def _accuracy(self, plan: PlanPosition, best: KeyframeFix) -> tuple[float, float]:
         own_m = float(np.sqrt(plan.sigma_m**2 + best.covariance[5, 5]))
         turned = np.degrees(np.sqrt(np.trace(best.covariance[:3, :3])))
-        return own_m, float(np.hypot(turned, self.artifact.metadata.orientation_sigma_deg))
+        return own_m, float(np.hypot(turned, self.map.artifact.metadata.orientation_sigma_deg))
 
     def _nothing(
         self,
@@ -204,26 +203,8 @@ class VdmLocalizer:
         features = len({int(row) for found in matches for row in found.query_rows})
         if measure_quality(gray).is_poor:
             reason = "poor_image"
-        evidence = Evidence.none(features)
-        return Localization(None, reason, evidence, None, None, 0.0, (), camera, timer.milliseconds)
-
-
-class VdmLocalizers:
-    """Gives the paper's localizer of a map that is open; kept as long as the map is. Safe to share between threads."""
-
-    def __init__(self, models: VisionModels) -> None:
-        self._models = models
-        self._lock = Lock()
-        self._open: WeakKeyDictionary[Localizer, VdmLocalizer] = WeakKeyDictionary()
-
-    def of(self, localizer: Localizer) -> VdmLocalizer:
-        """Return the localizer by B's method on the map that another one has open."""
-        with self._lock:
-            found = self._open.get(localizer)
-            if found is None:
-                found = VdmLocalizer(localizer.artifact, localizer.index, self._models)
-                self._open[localizer] = found
-            return found
+        evidence = Evidence(matches=features)
+        return Localization(evidence=evidence, reason=reason, camera=camera, timings_ms=timer.milliseconds)
 
 
 def _probability_within(limit_m: float, position_m: float) -> float:

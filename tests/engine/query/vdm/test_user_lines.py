@@ -21,7 +21,13 @@ def matches(seed: int, count: int = 120, noise_px: float = 0.5, wrong: int = 20)
     pixels = pixels + rng.normal(size=pixels.shape) * noise_px
     pixels[:wrong] = rng.uniform([0, 0], [CAMERA.width - 1, CAMERA.height - 1], (wrong, 2))
     return KeyframeMatches(
-        seed, np.arange(count), pixels, pixels, points, np.full(count, 0.005), np.ones(count, bool)
+        keyframe=seed,
+        query_rows=np.arange(count),
+        query_px=pixels,
+        keyframe_px=pixels,
+        points_in_world=points,
+        sigma_m=np.full(count, 0.005),
+        distinct=np.ones(count, bool),
     )
 
 

@@ -1,0 +1,46 @@
+"""The values that every answer is made of: where a camera is, how accurately, and on what evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.geometry.se3 import Pose
+
+WORLD = "world"
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """One standard deviation of a pose: of the position's error in metres, of the orientation's in degrees."""
+
+    position_m: float
+    orientation_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """How many features of a picture agree with a pose, and how many were matched; each counts once."""
+
+    inliers: int = 0
+    matches: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedPose:
+    """A camera's pose and the frame that it is in: `world`, or `plan:FLOOR` for a floor without `plan_from_world`.
+
+    Both frames are metric with z up.
+    """
+
+    frame_from_camera: Pose
+    frame_id: str = WORLD
+
+    @property
+    def world_from_camera(self) -> Pose | None:
+        """The pose in the world; None for a pose that is known on a plan alone."""
+        return self.frame_from_camera if self.frame_id == WORLD else None
+
+
+def plan_frame(floor_id: str) -> str:
+    """Return the frame of poses on a floor whose plan has no place in the world."""
+    return f"plan:{floor_id}"

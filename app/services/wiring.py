@@ -1,0 +1,46 @@
+"""The services of one process, wired once: what the server, the commands and the bench call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.engine.anchors.features import AnchorDescriber
+from app.engine.tracking.settings import TrackerSettings
+from app.services.anchor_locator import AnchorLocator
+from app.services.anchors import AnchorService
+from app.services.feature_library import FeatureLibrary
+from app.services.locate import LocateService
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources
+from app.services.routes import RouteService
+from app.services.sessions import SessionService
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Services:
+    """All services on the same resources and caches."""
+
+    resources: Resources
+    maps: MapLibrary
+    features: FeatureLibrary
+    routes: RouteService
+    anchors: AnchorService
+    locate: LocateService
+    sessions: SessionService
+
+
+def wire_services(resources: Resources, tracking: TrackerSettings | None = None) -> Services:
+    """Return the services on these resources; `tracking` replaces the tracker's settings."""
+    maps, features = MapLibrary(resources), FeatureLibrary(resources.database)
+    routes = RouteService(resources.database, features)
+    describer = AnchorDescriber()
+    locator = AnchorLocator(resources, describer)
+    return Services(
+        resources=resources,
+        maps=maps,
+        features=features,
+        routes=routes,
+        anchors=AnchorService(resources, maps, describer),
+        locate=LocateService(resources, maps, features, locator),
+        sessions=SessionService(resources, maps, features, routes, locator, tracking),
+    )
