@@ -3,25 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.features import Descriptors
 from app.vision.keyframes import PoseThresholds, select_by_pose, thresholds_for_matches
 from app.vision.repetition import find_repetition
 
-# Views closer together than this share of what the pose rule takes are one. In a map of every frame of a video each
-# thing has so many features that they hide what looks like it elsewhere, and one of them always resembles something.
-SPACING_SHARE = 0.9
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpacingOptions:
+    """Which keyframes are views of their own."""
+
+    spacing_share: float = limit(
+        0.9,
+        "Keyframes closer than this share of the pose rule's thresholds are one view: in a map of "
+        "every frame of a video each thing has so many features that they hide what looks like it "
+        "elsewhere.",
+        chosen="roomfix evaluate-demo and evaluate; docs/features.md.",
+    )
+
+
+OPTIONS = SpacingOptions()
 
 
 def rows_of_views(poses: Sequence[Pose], offsets: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the rows (m,) of the features of keyframes that are views of their own, by the keyframes' poses and the
     `offsets` of their features."""
     usual = thresholds_for_matches()
-    spacing = PoseThresholds(SPACING_SHARE * usual.position_m, SPACING_SHARE * usual.attitude_rad)
+    spacing = PoseThresholds(
+        OPTIONS.spacing_share * usual.position_m, OPTIONS.spacing_share * usual.attitude_rad
+    )
     chosen = [np.arange(offsets[row], offsets[row + 1]) for row in select_by_pose(poses, spacing)]
     return np.concatenate([*chosen, np.zeros(0, np.int64)]).astype(np.int64)
 

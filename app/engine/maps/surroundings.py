@@ -6,17 +6,32 @@ directions only, that is far although the same thing hangs there; another view o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.repetition import rows_of_views
+from app.limits import limit
 
-# Features within this radius of a point are views of the same thing. Smaller, and not all views are among them;
-# larger, and in a furnished room every point is near something that is found elsewhere (docs/features.md).
-RADIUS_M = 0.08
-# Cells are numbered by 21 bits an axis: 80 km each way.
+# Bits of a cell's number for each axis: 80 km each way.
 BITS = 21
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurroundingsOptions:
+    """Which features are views of the same thing."""
+
+    radius_m: float = limit(
+        0.08,
+        "Features within this radius are views of one thing; a larger one reaches, in a furnished "
+        "room, something that is found elsewhere too.",
+        chosen="roomfix evaluate-demo and evaluate; docs/features.md.",
+    )
+
+
+OPTIONS = SurroundingsOptions()
 
 Rows = NDArray[np.int64]
 
@@ -46,7 +61,7 @@ class MapSurroundings:
         for step in np.ndindex(3, 3):
             owners, rows = self._within(cells + np.array([*step, 1]) - 1)
             offsets = self._artifact.arrays.points_in_world[rows] - points_in_world[owners]
-            near = np.einsum("ij,ij->i", offsets, offsets) <= RADIUS_M**2
+            near = np.einsum("ij,ij->i", offsets, offsets) <= OPTIONS.radius_m**2
             if excluded is not None:
                 near &= ~self._left_out(rows, excluded)
             distances = self._artifact.arrays.distance_elsewhere[rows[near]].astype(np.float32)
@@ -71,7 +86,7 @@ class MapSurroundings:
 
 
 def _cells(points: NDArray[np.float64] | NDArray[np.float32]) -> Rows:
-    return np.floor(points / RADIUS_M).astype(np.int64)
+    return np.floor(points / OPTIONS.radius_m).astype(np.int64)
 
 
 def _keys(cells: Rows) -> Rows:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from app.engine.maps.artifact import MapMetadata
@@ -11,9 +13,22 @@ from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, focal_sigma_of, refine_camera
 from app.geometry.lens import Focal, Lens, has_focal_of, refine_lens
 from app.geometry.pnp import PnpEstimate
+from app.limits import limit
 
-# Fewer could as well be explained by a wrong pose that a lens makes fit.
-MIN_FEATURES = 30
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensFitOptions:
+    """When the lens of a query is fitted."""
+
+    min_features: int = limit(
+        30,
+        "Fewest inliers that a lens is fitted to: fewer could be explained by a wrong pose and a lens"
+        " that makes it fit.",
+        chosen="roomfix evaluate-phones; docs/evaluation.md.",
+    )
+
+
+OPTIONS = LensFitOptions()
 
 
 def lens_of_query(metadata: MapMetadata, known: Camera | ApproximateCamera | None) -> Lens | None:
@@ -55,7 +70,7 @@ def fit_query_camera(
         if refined is None:
             return None
         camera = refined
-    if lens is None or inliers.feature_count < MIN_FEATURES:
+    if lens is None or inliers.feature_count < OPTIONS.min_features:
         return camera
     sigma = focal_sigma_of(known, camera)
     focal_px = known.camera.focal_px if isinstance(known, ApproximateCamera) else camera.focal_px

@@ -9,18 +9,36 @@ from typing import Literal
 from app.errors import InvalidCameraError
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, pinhole
+from app.limits import limit
 from app.vision.exif import PhotoTags, read_photo_tags
 from app.vision.images import Rgb
 from app.vision.phone_cameras import PhoneCamera, find_phone
 
 CameraSource = Literal["request", "exif", "phone_database", "search", "unknown"]
 
+# The diagonal of 35 mm film, to which equivalent focal lengths refer (CIPA DC-008).
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
-# Phones' sensors are 4:3, cameras' 3:2; a picture of another shape was cut from one of these.
-PHONE_ASPECT, FILM_ASPECT = 4 / 3, 3 / 2
-ASPECT_SLACK = 0.02
-# A lens within this of the main camera's focal length is the main camera.
-SAME_LENS = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotoOptions:
+    """How a photo's tags are compared with its pixels."""
+
+    phone_aspect: float = limit(
+        4 / 3, "Aspect ratio of phones' sensors.", chosen="By hand: the common sensor."
+    )
+    film_aspect: float = limit(3 / 2, "Aspect ratio of cameras' sensors.", chosen="By hand: 35 mm film.")
+    aspect_tolerance: float = limit(
+        0.02, "Relative tolerance of an aspect ratio.", chosen="By hand: rounding to whole macroblocks."
+    )
+    same_lens_tolerance: float = limit(
+        0.1,
+        "A lens within this relative tolerance of the main camera's focal length is the main camera.",
+        chosen="By hand: other lenses differ by 1.5 times and more.",
+    )
+
+
+OPTIONS = PhotoOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +109,12 @@ def _focal_35mm(tags: PhotoTags, phone: PhoneCamera | None) -> float | None:
     """Return the equivalent focal length of the photo with its digital zoom, None where tags don't tell."""
     if tags.focal_35mm is not None:
         # Most makers put the zoom into the equivalent; it is not in when the equivalent is the lens's own.
-        bare = phone is not None and abs(tags.focal_35mm / phone.focal_35mm - 1) < SAME_LENS
+        bare = phone is not None and abs(tags.focal_35mm / phone.focal_35mm - 1) < OPTIONS.same_lens_tolerance
         return tags.focal_35mm * (tags.digital_zoom if bare else 1.0)
     if tags.focal_mm is None or tags.plane_px_per_mm is not None or phone is None or phone.focal_mm is None:
         return None
     # Of the phone's other lenses neither sensor nor equivalent is known.
-    if abs(tags.focal_mm / phone.focal_mm - 1) > SAME_LENS:
+    if abs(tags.focal_mm / phone.focal_mm - 1) > OPTIONS.same_lens_tolerance:
         return None
     return tags.focal_mm * phone.focal_35mm / phone.focal_mm * tags.digital_zoom
 
@@ -108,10 +126,10 @@ def focal_from_35mm(focal_35mm: float, width: int, height: int) -> float:
     """
     longer, shorter = max(width, height), min(width, height)
     aspect = longer / shorter
-    if abs(aspect / FILM_ASPECT - 1) < ASPECT_SLACK:
+    if abs(aspect / OPTIONS.film_aspect - 1) < OPTIONS.aspect_tolerance:
         diagonal_px = math.hypot(longer, shorter)
     else:
-        diagonal_px = 1.25 * max(longer, shorter * PHONE_ASPECT)
+        diagonal_px = 1.25 * max(longer, shorter * OPTIONS.phone_aspect)
     return focal_35mm / FILM_DIAGONAL_MM * diagonal_px
 
 
@@ -120,7 +138,7 @@ def _was_cut(tags: PhotoTags, width: int, height: int) -> bool:
         return False
     then = max(tags.recorded_size) / min(tags.recorded_size)
     now = max(width, height) / min(width, height)
-    return abs(then / now - 1) > ASPECT_SLACK
+    return abs(then / now - 1) > OPTIONS.aspect_tolerance
 
 
 def _query_camera(focal_px: float, width: int, height: int, source: CameraSource) -> QueryCamera:

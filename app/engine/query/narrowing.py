@@ -12,10 +12,23 @@ from app.engine.floors.model import Area
 from app.engine.floors.places import within_areas
 from app.engine.floors.plan_point import HEIGHT_SLACK_M
 from app.geometry.plan import PlanTransform
+from app.limits import limit
 
 AreaOnFloor = tuple[Floor, Area]
-# A keyframe a few metres outside may still see what a camera inside sees.
-MARGIN_M = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NarrowingOptions:
+    """How far around a stated place keyframes are used."""
+
+    margin_m: float = limit(
+        3.0,
+        "Keyframes this far outside a stated area or radius may see what a camera inside sees.",
+        chosen="By hand: the depth of a room.",
+    )
+
+
+OPTIONS = NarrowingOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +56,7 @@ def allowed_keyframes(
         keep &= _in_areas(positions, areas)
     if prior is not None:
         distances = np.linalg.norm(positions - np.array(prior.position), axis=1)
-        keep &= distances <= prior.radius_m + MARGIN_M
+        keep &= distances <= prior.radius_m + OPTIONS.margin_m
     return np.flatnonzero(keep).astype(np.int64)
 
 
@@ -62,5 +75,5 @@ def _in_areas(positions: NDArray[np.float64], areas: list[AreaOnFloor]) -> NDArr
     for floor, area in areas:
         if floor.plan_from_world is not None:
             on_plan = PlanTransform(floor.plan_from_world).apply(positions)[:, :2]
-            keep |= _on_floor(positions, floor) & within_areas(on_plan, [area], MARGIN_M)
+            keep |= _on_floor(positions, floor) & within_areas(on_plan, [area], OPTIONS.margin_m)
     return keep

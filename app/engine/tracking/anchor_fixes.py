@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,27 @@ from app.engine.floors.floor import Floor
 from app.engine.query.placed import WORLD, Accuracy, PlacedPose, Support, plan_frame
 from app.engine.tracking.fix import Fix, FixSource, NoFix
 from app.engine.tracking.frame import TrackingFrame
-from app.engine.tracking.monitor_view import ScaleOf
+from app.engine.tracking.odometry.monitor_view import ScaleOf
 from app.engine.tracking.two_view_fix import KnownView, fix_from_two_views
 from app.geometry.camera import Camera
 from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.images import Rgb
 
-# The errors of a map that tells the scale are the same in all pictures, as a share.
-MAP_SIGMA = 0.03
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorFixOptions:
+    """How well anchors know a scale."""
+
+    map_scale_sigma: float = limit(
+        0.03,
+        "Relative sigma of a scale that a map gives, the same in all pictures of an anchor.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+
+
+OPTIONS = AnchorFixOptions()
 
 
 # From an image, its camera and gravity to what the venue's anchors tell of it.
@@ -90,7 +102,7 @@ def fix_of_anchor(
         frame_id = WORLD
     # What the features in a POI's region are nearer or further than its middle is the same in all pictures, too.
     by_pois = BASE_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
-    shared = MAP_SIGMA if solution.length_scatter > 0 else by_pois
+    shared = OPTIONS.map_scale_sigma if solution.length_scatter > 0 else by_pois
     known = KnownView(
         monitor_camera,
         PlacedPose(frame_from_monitor, frame_id),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.engine.query.placed import Accuracy
-from app.engine.tracking.odometry import OdometryStep
+from app.engine.tracking.odometry.visual_odometry import OdometryStep
 from app.engine.tracking.state import TrackingMemory
 from app.geometry.se3 import attitude_difference_rad, position_difference_m
 from app.limits import limit

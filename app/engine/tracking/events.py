@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.engine.tracking.fix import Fix
-from app.engine.tracking.odometry import OdometryStep
+from app.engine.tracking.odometry.visual_odometry import OdometryStep
 from app.geometry.camera import Camera
 
 

@@ -19,33 +19,109 @@ from app.engine.query.verification import Reason, confidence_of, coverage, evide
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.guided_matching import match_near_projections
 from app.engine.tracking.hypotheses import poses_of
-from app.engine.tracking.monitor_view import SeenByMonitor
+from app.engine.tracking.odometry.monitor_view import SeenByMonitor
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.features import LocalFeatures
 from app.vision.matching import to_unit_vectors
 
 Array = NDArray[np.float64]
-# Keyframes whose points are looked for around a predicted pose.
-COVISIBLE_KEYFRAMES, NEARBY_KEYFRAMES = 6, 10
-# How far from its prediction a point is looked for, and from a pose that was found already, as a tangent.
-SEARCH_RADIUS, FOUND_RADIUS = tangent_of_px(24.0), tangent_of_px(8.0)
-MAX_ERROR = tangent_of_px(6.0)
-# Points looked for where they should be agree more easily by chance than those found anywhere.
-GUIDED_INLIER_FACTOR, GUIDED_INLIER_RATIO, GUIDED_COVERAGE = 1.5, 0.5, 0.15
-# A camera this much off where it was taken to be sees other look-alikes: then floor and place may tell.
-PRIOR_RADIUS_M, PRIOR_CLIMB_M = 6.0, 2.0
-# Tilted by less than 45 degrees.
-UPRIGHT_COSINE = 0.7
-# Within so little a camera faces as it did; further on it may face anywhere, and what it sees may be so far away.
-KNOWN_REACH_M, VIEW_REACH_M = 1.0, 4.0
-SURE_INLIER_FACTOR, SURE_COVERAGE = 2.5, 0.2
-# Of a place that is found where it was looked for no more of the picture may speak against it (docs/sessions.md).
-MAX_CONTRADICTED = 0.12
-# Of two places within reach the one must have so much more that agrees.
-MAX_RIVAL_SHARE = 0.45
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapFixOptions:
+    """How a map is asked near a place that is already known."""
+
+    covisible_keyframes: int = limit(
+        6,
+        "Keyframes whose points are searched for around a predicted pose.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    nearby_keyframes: int = limit(
+        10,
+        "Keyframes that are matched around the last place, and of those that look alike there.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    search_radius_tangent: float = limit(
+        tangent_of_px(24.0),
+        "Radius around its projection by a predicted pose within which a point is searched for, over the focal length.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    found_radius_tangent: float = limit(
+        tangent_of_px(8.0),
+        "Radius around its projection by a pose that was found within which a point is searched for, "
+        "over the focal length.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    max_error_tangent: float = limit(
+        tangent_of_px(6.0),
+        "Inlier threshold: the reprojection error over the focal length.",
+        chosen="By hand: that of a single query.",
+    )
+    guided_inlier_factor: float = limit(
+        1.5,
+        "Fewest inliers near a predicted pose, as a multiple of min_inliers: there points agree more easily by chance.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    guided_inlier_ratio: float = limit(
+        0.5,
+        "Least ratio of inliers to matches near a predicted pose.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    guided_coverage: float = limit(
+        0.15,
+        "Least coverage of the inliers near a predicted pose.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    prior_radius_m: float = limit(
+        6.0,
+        "A place farther than this from the last one may be a look-alike: the last place then decides.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    prior_climb_m: float = limit(
+        2.0,
+        "A place higher or lower than this than the last one may be a look-alike on another floor.",
+        chosen="By hand: less than a storey.",
+    )
+    upright_cosine: float = limit(
+        0.7, "Cosine of the tilt below which a camera counts as held upright.", chosen="By hand: 45 degrees."
+    )
+    known_reach_m: float = limit(
+        1.0,
+        "Reach within which a camera still faces the way it did.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    view_reach_m: float = limit(
+        4.0,
+        "Beyond known_reach_m, how much farther keyframes may be that see what the camera sees.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    sure_inlier_factor: float = limit(
+        2.5,
+        "Beyond known_reach_m, fewest inliers of a fix, as a multiple of min_inliers.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    sure_coverage: float = limit(
+        0.2,
+        "Beyond known_reach_m, least coverage of the inliers of a fix.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    max_contradicted_share: float = limit(
+        0.12,
+        "Largest share of the picture that may contradict a pose that was found where it was searched for.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    max_rival_share: float = limit(
+        0.45,
+        "Of two places within reach, most inliers of the weaker one over those of the stronger.",
+        chosen="By hand: as in a single query.",
+    )
+
+
+OPTIONS = MapFixOptions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,12 +175,12 @@ def _is_far(pose: Pose | None, near: Pose) -> bool:
     if pose is None:
         return False
     offset = pose.translation - near.translation
-    return bool(np.linalg.norm(offset) > PRIOR_RADIUS_M or abs(offset[2]) > PRIOR_CLIMB_M)
+    return bool(np.linalg.norm(offset) > OPTIONS.prior_radius_m or abs(offset[2]) > OPTIONS.prior_climb_m)
 
 
 def _is_upright(pose: Pose) -> bool:
     """Whether a camera was held upright: then it still is, and need not be looked for in other ways."""
-    return float(-pose.rotation[2, 1]) > UPRIGHT_COSINE
+    return float(-pose.rotation[2, 1]) > OPTIONS.upright_cosine
 
 
 class FixSource(Protocol):
@@ -146,8 +222,8 @@ class MapFixes:
             near = None
         if near is not None and (found.reason == "ambiguous" or _is_far(found.world_from_camera, near)):
             positions = self.localizer.map.artifact.arrays.positions
-            close = np.linalg.norm(positions - near.translation, axis=1) < PRIOR_RADIUS_M
-            close &= np.abs(positions[:, 2] - near.translation[2]) < PRIOR_CLIMB_M
+            close = np.linalg.norm(positions - near.translation, axis=1) < OPTIONS.prior_radius_m
+            close &= np.abs(positions[:, 2] - near.translation[2]) < OPTIONS.prior_climb_m
             allowed = np.flatnonzero(close).astype(np.int64)
             nearer = self.localizer.localize(frame.rgb, full, allowed, upright)
             told_apart = None if camera is None else self._by_prior(frame, camera, nearer, near)
@@ -160,7 +236,9 @@ class MapFixes:
             return NoFix(found.reason or "no_match", evidence.support)
         assert found.accuracy is not None  # noqa: S101 - located
         tracked = frame.scaled(found.camera)
-        matches = self._near(self._features(frame), tracked, found.world_from_camera, FOUND_RADIUS)
+        matches = self._near(
+            self._features(frame), tracked, found.world_from_camera, OPTIONS.found_radius_tangent
+        )
         return Fix(
             placed=PlacedPose(found.world_from_camera),
             accuracy=found.accuracy,
@@ -178,11 +256,11 @@ class MapFixes:
         pose = nearer.candidate
         if nearer.reason != "ambiguous" or pose is None or _is_far(pose, near):
             return None
-        return self._found(self._features(frame), camera, pose, FOUND_RADIUS)
+        return self._found(self._features(frame), camera, pose, OPTIONS.found_radius_tangent)
 
     def refresh(self, frame: TrackingFrame, camera: Camera, predicted: Pose) -> Fix | None:
         """Match the map points that keyframes around the predicted pose see, and estimate the pose from them."""
-        return self._found(self._features(frame), camera, predicted, SEARCH_RADIUS)
+        return self._found(self._features(frame), camera, predicted, OPTIONS.search_radius_tangent)
 
     def nearby(self, frame: TrackingFrame, camera: Camera, near: Pose, reach_m: float) -> Fix | None:
         """Match all features with keyframes around a place, and go on as `refresh` does with each pose in reach
@@ -196,8 +274,8 @@ class MapFixes:
         for pose in poses_of(features, self.localizer.map, keyframes, camera):
             if np.linalg.norm(pose.translation - near.translation) > reach_m or _is_far(pose, near):
                 continue
-            fix = self._found(features, camera, pose, FOUND_RADIUS)
-            if fix is not None and (reach_m <= KNOWN_REACH_M or self._is_sure(fix)):
+            fix = self._found(features, camera, pose, OPTIONS.found_radius_tangent)
+            if fix is not None and (reach_m <= OPTIONS.known_reach_m or self._is_sure(fix)):
                 found.append(fix)
         best = max(found, key=lambda fix: fix.support.inliers, default=None)
         if best is None:
@@ -205,28 +283,32 @@ class MapFixes:
         others = [fix for fix in found if not same_place(fix.frame_from_camera, best.frame_from_camera)]
         return (
             None
-            if any(fix.support.inliers > MAX_RIVAL_SHARE * best.support.inliers for fix in others)
+            if any(fix.support.inliers > OPTIONS.max_rival_share * best.support.inliers for fix in others)
             else best
         )
 
     def _is_sure(self, fix: Fix) -> bool:
         """Whether so much agrees that it is no part of another place which the map knows better than the true one."""
-        enough = fix.support.inliers >= SURE_INLIER_FACTOR * self.localizer.map.extractor.min_inliers
-        return enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= SURE_COVERAGE
+        enough = fix.support.inliers >= OPTIONS.sure_inlier_factor * self.localizer.map.extractor.min_inliers
+        return (
+            enough and coverage(fix.points_px, (fix.camera.width, fix.camera.height)) >= OPTIONS.sure_coverage
+        )
 
     def _around(self, frame: TrackingFrame, near: Pose, reach_m: float) -> list[int]:
         """Return keyframes that may see what a camera within reach of a place sees, whichever way it faces."""
         positions = self.localizer.map.artifact.arrays.positions
         offsets = positions - near.translation
-        on_floor = np.abs(offsets[:, 2]) < PRIOR_CLIMB_M
+        on_floor = np.abs(offsets[:, 2]) < OPTIONS.prior_climb_m
         keyframes = self.localizer.map.retrieval.covisible(
-            near, NEARBY_KEYFRAMES, set(), np.flatnonzero(on_floor)
+            near, OPTIONS.nearby_keyframes, set(), np.flatnonzero(on_floor)
         )
-        if reach_m > KNOWN_REACH_M:
-            close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + VIEW_REACH_M)
+        if reach_m > OPTIONS.known_reach_m:
+            close = on_floor & (np.linalg.norm(offsets, axis=1) < reach_m + OPTIONS.view_reach_m)
             allowed = np.flatnonzero(close).astype(np.int64)
             keyframes += (
-                self.localizer.map.similar(frame.rgb, NEARBY_KEYFRAMES, allowed) if len(allowed) else []
+                self.localizer.map.similar(frame.rgb, OPTIONS.nearby_keyframes, allowed)
+                if len(allowed)
+                else []
             )
         return list(dict.fromkeys(keyframes))
 
@@ -240,7 +322,9 @@ class MapFixes:
         """Return the fix of the map's points around where a pose nearly right has them, None unless the picture
         speaks for it and not against it."""
         fix = self._concluded(self._near(features, camera, near, radius), camera, near)
-        return None if fix is None or self._contradicted(features, fix) > MAX_CONTRADICTED else fix
+        return (
+            None if fix is None or self._contradicted(features, fix) > OPTIONS.max_contradicted_share else fix
+        )
 
     def _contradicted(self, features: LocalFeatures, fix: Fix) -> float:
         """Return the share of the picture that speaks against a fix."""
@@ -254,7 +338,7 @@ class MapFixes:
             matches.points_px,
             matches.points_in_world,
             camera,
-            max_error_px=MAX_ERROR * camera.focal_px,
+            max_error_px=OPTIONS.max_error_tangent * camera.focal_px,
             max_iterations=300,
             min_iterations=20,
             prior=predicted,
@@ -262,10 +346,10 @@ class MapFixes:
         if estimate is None:
             return None
         pose, inliers = estimate.world_from_camera, matches.take(estimate.inlier_mask)
-        needed = GUIDED_INLIER_FACTOR * self.localizer.map.extractor.min_inliers
-        if len(inliers) < needed or len(inliers) < GUIDED_INLIER_RATIO * len(matches):
+        needed = OPTIONS.guided_inlier_factor * self.localizer.map.extractor.min_inliers
+        if len(inliers) < needed or len(inliers) < OPTIONS.guided_inlier_ratio * len(matches):
             return None
-        if coverage(inliers.points_px, (camera.width, camera.height)) < GUIDED_COVERAGE:
+        if coverage(inliers.points_px, (camera.width, camera.height)) < OPTIONS.guided_coverage:
             return None
         across = self._across(inliers, pose)
         own = accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose)
@@ -285,7 +369,7 @@ class MapFixes:
 
     def _near(self, features: LocalFeatures, camera: Camera, pose: Pose, radius: float) -> Matches:
         opened = self.localizer.map
-        keyframes = opened.retrieval.covisible(pose, COVISIBLE_KEYFRAMES, set())
+        keyframes = opened.retrieval.covisible(pose, OPTIONS.covisible_keyframes, set())
         return match_near_projections(
             features,
             opened.extractor,

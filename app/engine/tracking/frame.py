@@ -11,13 +11,35 @@ from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.images import Gray, Rgb, shrink, to_gray
 
-# Larger images are tracked at this size: flow on more pixels costs more and finds no more points.
-MAX_SIDE_PX = 640
+# Width and height of the window that flow compares, pixels.
 WINDOW_PX = (21, 21)
-PYRAMID_LEVELS = 3
-MAX_RETURN_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowOptions:
+    """How points are followed by pyramidal Lucas-Kanade flow."""
+
+    max_side_px: int = limit(
+        640,
+        "Longer side to which images are shrunk: flow on more pixels costs more and finds no more points.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    pyramid_levels: int = limit(
+        3,
+        "Levels of the pyramid above the image.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    max_return_px: float = limit(
+        1.0,
+        "A point followed back must return to within this.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+
+
+OPTIONS = FlowOptions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +67,7 @@ class TrackingFrame:
         motion: Pose | None = None,
     ) -> TrackingFrame:
         """Return the frame of an image (height, width, 3)."""
-        gray = to_gray(shrink(rgb, MAX_SIDE_PX)[0])
+        gray = to_gray(shrink(rgb, OPTIONS.max_side_px)[0])
         return TrackingFrame(rgb=rgb, gray=gray, time_s=time_s, gravity=gravity, camera=camera, motion=motion)
 
     @property
@@ -78,7 +100,7 @@ def follow(
     error = np.abs(back - start).max(axis=2)[:, 0]
     moved = there[:, 0].astype(np.float64)
     inside = ((moved >= 0) & (moved < np.array(frame.size_px) - 1)).all(axis=1)
-    return moved, (found[:, 0] == 1) & (returned[:, 0] == 1) & (error < MAX_RETURN_PX) & inside
+    return moved, (found[:, 0] == 1) & (returned[:, 0] == 1) & (error < OPTIONS.max_return_px) & inside
 
 
 def _flow(a: Gray, b: Gray, points: Any, step: Any) -> Any:
@@ -86,7 +108,7 @@ def _flow(a: Gray, b: Gray, points: Any, step: Any) -> Any:
     guess: Any = None if step is None else points + step
     flags = 0 if step is None else cv2.OPTFLOW_USE_INITIAL_FLOW
     return cv2.calcOpticalFlowPyrLK(
-        a, b, points, guess, winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS, flags=flags
+        a, b, points, guess, winSize=WINDOW_PX, maxLevel=OPTIONS.pyramid_levels, flags=flags
     )
 
 

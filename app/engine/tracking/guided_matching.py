@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +14,33 @@ from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
 from app.geometry.reprojection import project_from_world
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.matching import to_unit_vectors
 
-# So many of the features nearest to where a point should be are compared with it.
-NEIGHBOURS = 8
-# Descriptors of one point seen twice are at least this similar (scalar product of unit vectors).
-MIN_SIMILARITY = 0.75
-# Lower than for whole images: the place has told most look-alikes apart already.
-RATIO = 0.9
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuidedOptions:
+    """When a feature near a projected map point is that point."""
+
+    neighbours: int = limit(
+        8,
+        "Features nearest to a projected point that are compared with it.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    min_similarity: float = limit(
+        0.75,
+        "Least scalar product of the unit descriptors of one point seen twice.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    max_ratio: float = limit(
+        0.9,
+        "Threshold of the ratio test; weaker than for whole images, since the place excludes most look-alikes.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+
+
+OPTIONS = GuidedOptions()
 
 
 def match_near_projections(
@@ -45,7 +64,7 @@ def match_near_projections(
     if len(rows) == 0 or len(features) < 2:
         return Matches.none()
     best, similarity, distinct = _most_similar(features, extractor, artifact, rows, projected, radius_px)
-    good = np.flatnonzero(distinct & (similarity > MIN_SIMILARITY))
+    good = np.flatnonzero(distinct & (similarity > OPTIONS.min_similarity))
     # Best first; of each feature the first, that is the most similar, stays.
     good = good[np.argsort(-similarity[good])]
     chosen, first = np.unique(best[good], return_index=True)
@@ -72,7 +91,7 @@ def _most_similar(
 ) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.bool_]]:
     """Return, per map point (m,), its most similar feature, how similar, and whether no other comes close."""
     tree = cKDTree(features.keypoints_px)
-    _, found = tree.query(projected, k=NEIGHBOURS, distance_upper_bound=radius_px)
+    _, found = tree.query(projected, k=OPTIONS.neighbours, distance_upper_bound=radius_px)
     near = np.asarray(found)
     missing = near == len(features)
     unit = to_unit_vectors(features.descriptors, extractor.binary)
@@ -86,5 +105,5 @@ def _most_similar(
     top = np.take_along_axis(similarity, order, axis=1)
     best = np.take_along_axis(near, order[:, :1], axis=1)[:, 0]
     distances = np.sqrt(np.maximum(2.0 - 2.0 * top, 0.0))
-    distinct = some & (distances[:, 0] < RATIO * distances[:, 1])
+    distinct = some & (distances[:, 0] < OPTIONS.max_ratio * distances[:, 1])
     return best.astype(np.intp), top[:, 0], np.asarray(distinct)

@@ -4,6 +4,7 @@ told by where the camera can be."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,13 +12,31 @@ from app.engine.maps.open_map import OpenMap
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.features import LocalFeatures
 from app.vision.matching import match_unit_vectors, to_unit_vectors
 
-# After so many poses the rest agrees by chance.
-MAX_POSES = 4
-MAX_ERROR = tangent_of_px(6.0)
-MAX_SAMPLES = 1000
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HypothesisOptions:
+    """How all poses are found that the matches of a frame agree on."""
+
+    max_poses: int = limit(
+        4,
+        "Poses after which the remaining matches agree by chance.",
+        chosen="roomfix simulate and track; docs/sessions.md.",
+    )
+    max_error_tangent: float = limit(
+        tangent_of_px(6.0),
+        "Inlier threshold: the reprojection error over the focal length.",
+        chosen="By hand: that of a single query.",
+    )
+    max_samples: int = limit(
+        1000, "RANSAC iterations of each pose.", chosen="roomfix simulate and track; docs/sessions.md."
+    )
+
+
+OPTIONS = HypothesisOptions()
 
 
 def poses_of(
@@ -35,13 +54,13 @@ def poses_of(
         pixels.append(features.keypoints_px[a].astype(np.float64))
         points.append(arrays.points_in_world[rows][b].astype(np.float64))
     left_px, left_points = np.concatenate(pixels), np.concatenate(points)
-    for _ in range(MAX_POSES):
+    for _ in range(OPTIONS.max_poses):
         found = estimate_pose_lo_ransac(
             left_px,
             left_points,
             camera,
-            max_error_px=MAX_ERROR * camera.focal_px,
-            max_iterations=MAX_SAMPLES,
+            max_error_px=OPTIONS.max_error_tangent * camera.focal_px,
+            max_iterations=OPTIONS.max_samples,
         )
         if found is None or np.count_nonzero(found.inlier_mask) < extractor.min_inliers:
             return

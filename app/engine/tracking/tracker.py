@@ -13,7 +13,7 @@ from app.engine.tracking.drift import MOTION, accuracy_after, reach_m, unaided
 from app.engine.tracking.events import Corrected, Doubted, Event, Followed, Found, Unsearched, Unseen
 from app.engine.tracking.fix import Fix, NoFix, confidence_of_sigma
 from app.engine.tracking.frame import TrackingFrame
-from app.engine.tracking.odometry import Odometry, OdometryStep
+from app.engine.tracking.odometry.visual_odometry import Odometry, OdometryStep
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.state import State, TrackingMemory
 from app.engine.tracking.surroundings import Surroundings

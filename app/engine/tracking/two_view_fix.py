@@ -15,21 +15,52 @@ from app.engine.query.accuracy import accuracy_of
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.query.verification import coverage
 from app.engine.tracking.fix import Fix, confidence_of_sigma
-from app.engine.tracking.monitor_view import ScaleOf, SeenByMonitor
+from app.engine.tracking.odometry.monitor_view import ScaleOf, SeenByMonitor
 from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose, rotation_from_vector, vector_from_rotation
 from app.geometry.triangulation import triangulate
+from app.limits import limit
 
 Array = NDArray[np.float64]
-MIN_POINTS, MIN_COVERAGE, MAX_ERROR_PX = 20, 0.1, 3.0
-# Nearer to parallel, rays place a point too badly to start from.
-MIN_PARALLAX_DEG = 1.0
-MATCH_SIGMA_PX = 1.0
-# The least that the scale of a single fix is off by, besides what it shares with others.
-MIN_SCALE_SIGMA = 0.01
-# Scales further apart than this are not of the same place.
-CONTRADICTION_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwoViewOptions:
+    """When a fix by two views is one."""
+
+    min_points: int = limit(
+        20, "Fewest triangulated points.", chosen="roomfix track-anchors; docs/anchors.md."
+    )
+    min_coverage: float = limit(
+        0.1, "Least coverage of the triangulated points.", chosen="roomfix track-anchors; docs/anchors.md."
+    )
+    max_error_px: float = limit(
+        3.0,
+        "Largest reprojection error of a triangulated point in either view.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+    min_parallax_deg: float = limit(
+        1.0,
+        "Least angle between two rays that place a point.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+    match_sigma_px: float = limit(
+        1.0, "Standard deviation of a matched pixel.", chosen="By hand: the accuracy of a keypoint."
+    )
+    min_scale_sigma: float = limit(
+        0.01,
+        "Least relative sigma of a single fix's scale, besides what it shares with others.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+    contradiction_sigmas: float = limit(
+        3.0,
+        "Scales that differ by more sigmas are not of the same place.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+
+
+OPTIONS = TwoViewOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +103,23 @@ def fix_from_two_views(
         known.camera,
         camera,
         known_from_camera.inverse(),
-        min_parallax_deg=MIN_PARALLAX_DEG,
+        min_parallax_deg=OPTIONS.min_parallax_deg,
     )
     placed = np.isfinite(points).all(axis=1)
     in_frame = known.placed.frame_from_camera.apply(points)
     good = np.zeros(len(points), dtype=bool)
     good[placed] = (
-        reprojection_errors_px(points_px[placed], in_frame[placed], camera, pose) < MAX_ERROR_PX
+        reprojection_errors_px(points_px[placed], in_frame[placed], camera, pose) < OPTIONS.max_error_px
     ) & (
         reprojection_errors_px(
             points_in_known_px[placed], in_frame[placed], known.camera, known.placed.frame_from_camera
         )
-        < MAX_ERROR_PX
+        < OPTIONS.max_error_px
     )
-    if good.sum() < MIN_POINTS or coverage(points_px[good], (camera.width, camera.height)) < MIN_COVERAGE:
+    if (
+        good.sum() < OPTIONS.min_points
+        or coverage(points_px[good], (camera.width, camera.height)) < OPTIONS.min_coverage
+    ):
         return None
     sigma_m = _sigma_across(in_frame[good], camera, pose)
     own = accuracy_of(points_px[good], in_frame[good], sigma_m, camera, pose)
@@ -120,7 +154,7 @@ def at_common_scale(fix: Fix, tracked: TrackedPlace, ratio: float) -> tuple[Fix,
     shared = fix.shared_scale_sigma
     ours, theirs = _own_variance(fix.scale_sigma, shared), _own_variance(tracked.scale_sigma, shared)
     apart = float(np.log(ratio))
-    if abs(apart) > CONTRADICTION_SIGMAS * float(np.hypot(fix.scale_sigma, tracked.scale_sigma)):
+    if abs(apart) > OPTIONS.contradiction_sigmas * float(np.hypot(fix.scale_sigma, tracked.scale_sigma)):
         return None
     factor = float(np.exp(-apart * theirs / (ours + theirs)))
     sigma = float(np.hypot(shared, np.sqrt(ours * theirs / (ours + theirs))))
@@ -147,7 +181,7 @@ def _weight(ours: float, theirs: float) -> float:
 
 
 def _own_variance(scale_sigma: float, shared: float) -> float:
-    return max(scale_sigma**2 - shared**2, MIN_SCALE_SIGMA**2)
+    return max(scale_sigma**2 - shared**2, OPTIONS.min_scale_sigma**2)
 
 
 def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
@@ -158,5 +192,5 @@ def metric_relative_pose(b_from_a: Pose, scale: float) -> Pose:
 def _sigma_across(points_in_frame: Array, camera: Camera, pose: Pose) -> Array:
     """Return how uncertain points are across the camera's ray, by the pixel they were matched with."""
     return np.asarray(
-        MATCH_SIGMA_PX / camera.focal_px * np.linalg.norm(points_in_frame - pose.translation, axis=1)
+        OPTIONS.match_sigma_px / camera.focal_px * np.linalg.norm(points_in_frame - pose.translation, axis=1)
     )

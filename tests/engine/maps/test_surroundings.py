@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.surroundings import RADIUS_M, MapSurroundings
+from app.engine.maps.surroundings import OPTIONS, MapSurroundings
 from app.engine.query.matches import excluded_keyframes
 from tests.maps import map_of
 from tests.scenes import pose_at
@@ -38,7 +38,7 @@ def test_the_least_distance_around_each_point_is_found(
         counts = np.isin(owner, allowed) & np.isin(arrays.keyframe_elsewhere, [-1, *allowed])
     asked = np.random.default_rng(1).uniform(-0.6, 0.6, (100, 3))
     apart = np.linalg.norm(asked[:, None] - arrays.points_in_world[None], axis=2)
-    near = (apart <= RADIUS_M) & counts
+    near = (apart <= OPTIONS.radius_m) & counts
     wanted = np.where(near, arrays.distance_elsewhere.astype(np.float32), np.inf).min(axis=1)
     found = MapSurroundings(artifact).distance_elsewhere(asked, excluded_keyframes(artifact, allowed))
     assert np.isinf(wanted).any()

@@ -9,7 +9,7 @@ import pytest
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.sights import scale_by_pois
-from app.engine.tracking.monitor_view import MonitorView, SeenByMonitor
+from app.engine.tracking.odometry.monitor_view import MonitorView, SeenByMonitor
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
 from app.geometry.se3 import Pose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.engine.tracking.points import TrackedPoints
+from app.engine.tracking.odometry.points import TrackedPoints
 from app.geometry.reprojection import project_from_world
 from app.geometry.se3 import Pose
 from tests.scenes import CAMERA

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.engine.tracking.odometry.turning import shift_between, turned
 from app.engine.tracking.settings import TrackerSettings
-from app.engine.tracking.turning import shift_between, turned
 from app.vision.images import to_gray
 from tests.engine.tracking.test_tracker import MapFixes, error_m, fixes, frame_of, run  # noqa: F401
 from tests.scenes import CAMERA, Room, pose_at

@@ -16,13 +16,29 @@ from app.geometry.epnp import solve_epnp
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
+from app.limits import limit
 
-# Below this EPnP follows the noise of single points.
-MIN_INLIERS = 8
-# So many samples of three find a pose that a fifth of the matches agree on.
-MAX_SAMPLES = 1000
-# EPnP weighs equations, not pixels: its error is this many times that of least squares (synthetic points, 1 px).
-EPNP_EXCESS = 1.6
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyframeFixOptions:
+    """When one keyframe gives a pose."""
+
+    min_inliers: int = limit(
+        8,
+        "Fewest inliers: with fewer EPnP follows the noise of single points.",
+        chosen="roomfix evaluate --pipeline vdm; docs/visual-depth-map.md.",
+    )
+    max_samples: int = limit(
+        1000, "RANSAC iterations.", chosen="By hand: they find a pose that a fifth of the matches agree on."
+    )
+    epnp_error_factor: float = limit(
+        1.6,
+        "Error of EPnP, which weighs equations instead of pixels, over that of least squares.",
+        chosen="On synthetic points with noise of 1 px: tests/engine/query/vdm/test_user_lines.py.",
+    )
+
+
+OPTIONS = KeyframeFixOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +67,9 @@ def fix_by_keyframe(
         matches.points_in_world,
         camera,
         max_error_px=max_error_px,
-        max_iterations=MAX_SAMPLES,
+        max_iterations=OPTIONS.max_samples,
     )
-    if found is None or np.count_nonzero(found.inlier_mask) < MIN_INLIERS:
+    if found is None or np.count_nonzero(found.inlier_mask) < OPTIONS.min_inliers:
         return None
     inliers = matches.take(found.inlier_mask)
     in_keyframe = world_from_keyframe.inverse().apply(inliers.points_in_world)
@@ -66,7 +82,7 @@ def fix_by_keyframe(
             matches.points_in_world, world_from_keyframe.translation, world_from_user.translation
         )
         inliers = matches.take((errors <= max_error_px) & front)
-        if len(inliers) < MIN_INLIERS:
+        if len(inliers) < OPTIONS.min_inliers:
             return None
         across = sigma_across(
             inliers.sigma_m,
@@ -79,4 +95,6 @@ def fix_by_keyframe(
         )
     except DegenerateGeometryError:
         return None
-    return KeyframeFix(matches, inliers, world_from_keyframe, world_from_user, EPNP_EXCESS**2 * covariance)
+    return KeyframeFix(
+        matches, inliers, world_from_keyframe, world_from_user, OPTIONS.epnp_error_factor**2 * covariance
+    )

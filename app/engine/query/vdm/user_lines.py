@@ -12,15 +12,31 @@ from app.engine.query.vdm.keyframe_fix import KeyframeFix
 from app.errors import DegenerateGeometryError
 from app.geometry.alignment import average_poses
 from app.geometry.lines import line_through, point_nearest_to_lines
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# Lines whose crossing is known less well than this are as good as parallel.
-MAX_CROSSING_SIGMA_M = 0.03
-# A crossing this many sigmas from where the keyframes' own points put the user is none of theirs.
-MAX_SIGMAS = 4.0
-# The point with the least sum of distances, like a median, is less sharp than the mean of good lines.
+# The point with the least sum of distances, a median, has this many times the error of a mean of good lines.
 MEDIAN_EFFICIENCY = float(np.sqrt(np.pi / 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UserLineOptions:
+    """Which crossings of lines are the user."""
+
+    max_crossing_sigma_m: float = limit(
+        0.03,
+        "Lines whose crossing has a larger standard deviation count as parallel.",
+        chosen="roomfix evaluate --pipeline vdm; docs/visual-depth-map.md.",
+    )
+    max_sigmas: float = limit(
+        4.0,
+        "A crossing farther than this from where the keyframes' own points put the user is refused.",
+        chosen="roomfix evaluate --pipeline vdm; docs/visual-depth-map.md.",
+    )
+
+
+OPTIONS = UserLineOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +58,10 @@ def user_on_plan(fixes: Sequence[KeyframeFix]) -> PlanPosition:
     """
     direct = _by_poses(fixes)
     crossing = _by_lines(fixes)
-    if crossing is None or crossing.sigma_m > MAX_CROSSING_SIGMA_M:
+    if crossing is None or crossing.sigma_m > OPTIONS.max_crossing_sigma_m:
         return direct
     apart = float(np.hypot(crossing.x - direct.x, crossing.y - direct.y))
-    if apart > MAX_SIGMAS * float(np.hypot(crossing.sigma_m, direct.sigma_m)):
+    if apart > OPTIONS.max_sigmas * float(np.hypot(crossing.sigma_m, direct.sigma_m)):
         return PlanPosition(direct.x, direct.y, max(direct.sigma_m, apart), False)
     return crossing
 

@@ -17,41 +17,18 @@ from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import coverage
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.frame import TrackingFrame, find_corners, follow
-from app.engine.tracking.monitor_view import MonitorView, SeenByMonitor
-from app.engine.tracking.points import FLOW_SIGMA, TrackedPoints
-from app.engine.tracking.turning import shift_between, turned
-from app.engine.tracking.window import KeyView, Window
+from app.engine.tracking.odometry.monitor_view import MonitorView, SeenByMonitor
+from app.engine.tracking.odometry.options import OPTIONS
+from app.engine.tracking.odometry.points import OPTIONS as POINT_OPTIONS
+from app.engine.tracking.odometry.points import TrackedPoints
+from app.engine.tracking.odometry.turning import shift_between, turned
+from app.engine.tracking.odometry.window import KeyView, Window
 from app.errors import DegenerateGeometryError
-from app.geometry.camera import Camera, tangent_of_px
+from app.geometry.camera import Camera
 from app.geometry.lens import Lens
 from app.geometry.pnp import estimate_pose_lo_ransac, refine_pose
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
-
-# Flow localizes a point to a fraction of a pixel: what is further off is no longer the point it was.
-MAX_ERROR = tangent_of_px(3.0)
-# So many points are followed, and new corners looked for when this share of them is left.
-WANTED_POINTS, REFILL_SHARE = 300, 0.8
-MIN_INLIERS, MIN_INLIER_RATIO, MIN_COVERAGE = 15, 0.5, 0.12
-ENOUGH_FIXED, ENOUGH_COVERAGE, MOST_FIXED = 40, 0.3, 250
-# Where fewer are found after a turn, it may have been none.
-ENOUGH_FOUND = 0.5
-# A new point is taken to be as far as so many around it.
-NEIGHBOURS = 5
-# Every so many frames is a keyframe.
-KEYFRAME_EVERY = 4
-# What is so close together in the picture, as a tangent, is as far away; so many compared tell the scale.
-SAME_SPOT, MIN_COMPARED = tangent_of_px(12.0), 20
-# How far off, along their rays, points are that two views placed. Most of it they share, as the relative pose is off:
-# more views tell it, a point alone doesn't.
-TWO_VIEW_SIGMA = 0.15
-# What a monitoring camera sees is a point that is followed already, or a new one, when none is near; so many points at
-# most are followed with these.
-SAME_POINT, NEW_POINT, MOST_POINTS = tangent_of_px(2.0), tangent_of_px(6.0), 400
-# By known distances that tell the scale so many times worse than others did before, it is not changed.
-MAX_WORSE = 1.1
-# The least that points of a fix are off by.
-FIX_SIGMA_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +46,8 @@ class OdometryStep:
     def can_be_trusted(self) -> bool:
         """Whether enough points agree, spread over the image."""
         inliers, matches = self.support.inliers, self.support.matches
-        enough = inliers >= MIN_INLIERS and inliers >= MIN_INLIER_RATIO * matches
-        return enough and self.coverage >= MIN_COVERAGE
+        enough = inliers >= OPTIONS.min_inliers and inliers >= OPTIONS.min_inlier_ratio * matches
+        return enough and self.coverage >= OPTIONS.min_coverage
 
 
 class Odometry:
@@ -103,13 +80,13 @@ class Odometry:
         """
         correction = fix.frame_from_camera @ self._pose.inverse()
         own = self._points.take(~self._points.from_fix).moved(correction)
-        rows = np.argsort(fix.point_sigma_m)[:MOST_FIXED]
+        rows = np.argsort(fix.point_sigma_m)[: OPTIONS.most_fixed]
         self._points, self._pose = self._points_of(fix, rows).joined(own), fix.frame_from_camera
         self._window.move(correction)
         if fix.seen is not None and fix.scale_sigma > 0:
             self._window.monitor = MonitorView.of(fix.seen, self._by_two_views.ids, rows)
             self._anchors = fix.anchors
-        self._since_keyframe = KEYFRAME_EVERY
+        self._since_keyframe = OPTIONS.keyframe_every
 
     def _points_of(self, fix: Fix, rows: NDArray[np.intp]) -> TrackedPoints:
         ids, pixels, points = self._new_ids(len(rows)), fix.points_px[rows], fix.points_in_frame[rows]
@@ -117,7 +94,9 @@ class Odometry:
         if fix.scale_sigma > 0:
             # Two views place points along their rays as well as they know how they stand to each other.
             distances_m = np.linalg.norm(points - pose.translation, axis=1)
-            self._by_two_views = TrackedPoints.new(ids, pixels, fix.camera, pose, distances_m, TWO_VIEW_SIGMA)
+            self._by_two_views = TrackedPoints.new(
+                ids, pixels, fix.camera, pose, distances_m, OPTIONS.two_view_sigma
+            )
             return self._by_two_views
         return TrackedPoints.fixed(ids, pixels, points, fix.point_sigma_m[rows], pose)
 
@@ -128,8 +107,8 @@ class Odometry:
         if not len(placed) or not len(fix.points_px):
             return None
         apart_px, nearest = cKDTree(placed.pixels).query(fix.points_px)
-        close = np.flatnonzero(apart_px < SAME_SPOT * fix.camera.focal_px)
-        if len(close) < MIN_COMPARED:
+        close = np.flatnonzero(apart_px < OPTIONS.same_spot_tangent * fix.camera.focal_px)
+        if len(close) < OPTIONS.min_compared:
             return None
         same = placed.take(np.asarray(nearest)[close])
         ours = np.linalg.norm(same.points_in_frame - self._pose.translation, axis=1)
@@ -162,16 +141,21 @@ class Odometry:
     def _also_seen(self, fix: Fix, seen: SeenByMonitor, ratio: float) -> MonitorView:
         """Return what a monitoring camera sees by a fix: points that are followed already, and others from now on."""
         apart_px, near = cKDTree(self._points.pixels).query(fix.points_px)
-        same = np.flatnonzero(apart_px < SAME_POINT * fix.camera.focal_px)
-        new = np.flatnonzero(apart_px > NEW_POINT * fix.camera.focal_px)[
-            : max(MOST_POINTS - len(self._points), 0)
+        same = np.flatnonzero(apart_px < OPTIONS.same_point_tangent * fix.camera.focal_px)
+        new = np.flatnonzero(apart_px > OPTIONS.new_point_tangent * fix.camera.focal_px)[
+            : max(OPTIONS.most_points - len(self._points), 0)
         ]
         ids, first = np.unique(self._points.ids[np.asarray(near)[same]], return_index=True)
         distances_m = ratio * np.linalg.norm(
             fix.points_in_frame[new] - fix.frame_from_camera.translation, axis=1
         )
         added = TrackedPoints.new(
-            self._new_ids(len(new)), fix.points_px[new], fix.camera, self._pose, distances_m, TWO_VIEW_SIGMA
+            self._new_ids(len(new)),
+            fix.points_px[new],
+            fix.camera,
+            self._pose,
+            distances_m,
+            OPTIONS.two_view_sigma,
         )
         self._points, self._by_two_views = self._points.joined(added), self._by_two_views.joined(added)
         return MonitorView.of(seen, np.concatenate([ids, added.ids]), np.concatenate([same[first], new]))
@@ -219,7 +203,7 @@ class Odometry:
         if shift_px is None:
             return follow(self._gray, frame, pixels)
         moved, found = follow(self._gray, frame, pixels, turned(pixels, camera, shift_px))
-        if np.count_nonzero(found) >= ENOUGH_FOUND * len(pixels):
+        if np.count_nonzero(found) >= OPTIONS.enough_found_share * len(pixels):
             return moved, found
         straight, also = follow(self._gray, frame, pixels)
         more = np.count_nonzero(also) > np.count_nonzero(found)
@@ -234,7 +218,7 @@ class Odometry:
             placed.pixels,
             placed.points_in_frame,
             camera,
-            max_error_px=MAX_ERROR * camera.focal_px,
+            max_error_px=OPTIONS.max_error_tangent * camera.focal_px,
             max_iterations=300,
             min_iterations=20,
             prior=predicted,
@@ -262,7 +246,9 @@ class Odometry:
     ) -> NDArray[np.bool_]:
         errors = reprojection_errors_px(points.pixels, points.points_in_frame, camera, pose)
         distances = np.maximum(np.linalg.norm(points.points_in_frame - pose.translation, axis=1), 1e-6)
-        limits = camera.focal_px * np.hypot(MAX_ERROR, np.minimum(across_m / distances, 4 * MAX_ERROR) * 2)
+        limits = camera.focal_px * np.hypot(
+            OPTIONS.max_error_tangent, np.minimum(across_m / distances, 4 * OPTIONS.max_error_tangent) * 2
+        )
         return np.asarray(errors <= limits)
 
     def learn(self, camera: Camera) -> Pose:
@@ -272,7 +258,7 @@ class Odometry:
         """
         self._points.observe(camera, self._pose)
         self._since_keyframe += 1
-        if self._since_keyframe >= KEYFRAME_EVERY:
+        if self._since_keyframe >= OPTIONS.keyframe_every:
             self._since_keyframe = 0
             self._add_keyframe(camera)
         self._refill(camera, self._pose)
@@ -282,12 +268,12 @@ class Odometry:
         points = self._points
         prior, prior_sigma_m = (
             points.points_in_frame,
-            np.where(points.from_fix, np.hypot(points.across_m, FIX_SIGMA_M), np.inf),
+            np.where(points.from_fix, np.hypot(points.across_m, OPTIONS.min_fix_sigma_m), np.inf),
         )
         # Where two views placed points they still hold the scale, together, when each has found a better place.
         _, now, then = np.intersect1d(points.ids, self._by_two_views.ids, return_indices=True)
         prior[now] = self._by_two_views.points_in_frame[then]
-        prior_sigma_m[now] = TWO_VIEW_SIGMA / self._by_two_views.inverse_m[then]
+        prior_sigma_m[now] = OPTIONS.two_view_sigma / self._by_two_views.inverse_m[then]
         self._window.add(
             KeyView(self._pose, points.ids, points.pixels), points.points_in_frame, prior, prior_sigma_m
         )
@@ -306,7 +292,7 @@ class Odometry:
     def _keep_known_distances(self) -> None:
         """Make all lengths what the distances say that a monitoring camera knows, about where that is."""
         known, monitor = self._window.scale(), self._window.monitor
-        if known is None or monitor is None or known[1] > MAX_WORSE * self._scale_sigma:
+        if known is None or monitor is None or known[1] > OPTIONS.max_scale_sigma_ratio * self._scale_sigma:
             return
         factor, self._scale_sigma = float(np.exp(known[0])), min(known[1], self._scale_sigma)
         centre = monitor.seen.frame_from_camera.translation
@@ -317,16 +303,16 @@ class Odometry:
         """Whether points of a fix alone tell the pose. They don't drift: then the others say nothing better."""
         pixels = points.pixels[points.from_fix]
         spread = coverage(pixels, (camera.width, camera.height))
-        return len(pixels) >= ENOUGH_FIXED and spread >= ENOUGH_COVERAGE
+        return len(pixels) >= OPTIONS.enough_fixed and spread >= OPTIONS.enough_coverage
 
     def _refill(self, camera: Camera, pose: Pose) -> None:
-        if len(self._points) >= REFILL_SHARE * WANTED_POINTS:
+        if len(self._points) >= OPTIONS.refill_share * OPTIONS.wanted_points:
             return
-        corners = find_corners(self._gray, self._points.pixels, WANTED_POINTS - len(self._points))
+        corners = find_corners(self._gray, self._points.pixels, OPTIONS.wanted_points - len(self._points))
         placed = self._points.take(self._points.is_placed)
         if len(placed) and len(corners):
             distances = np.linalg.norm(placed.points_in_frame - pose.translation, axis=1)
-            _, near = cKDTree(placed.pixels).query(corners, k=min(NEIGHBOURS, len(placed)))
+            _, near = cKDTree(placed.pixels).query(corners, k=min(OPTIONS.neighbours, len(placed)))
             around = np.median(distances[near.reshape(len(corners), -1)], axis=1)
             fresh = TrackedPoints.new(self._new_ids(len(corners)), corners, camera, pose, around)
             self._points = self._points.joined(fresh)
@@ -337,4 +323,4 @@ def _weights(points: TrackedPoints, across_m: NDArray[np.float64], pose: Pose) -
     distances = np.maximum(np.linalg.norm(points.points_in_frame - pose.translation, axis=1), 1e-6)
     # What is not placed yet is taken to be as far as its neighbours: if they all are nearer, it is one error.
     alike = np.where(points.is_placed, 1.0, np.count_nonzero(~points.is_placed))
-    return np.asarray(1.0 / (1.0 + alike * (across_m / distances / FLOW_SIGMA) ** 2))
+    return np.asarray(1.0 / (1.0 + alike * (across_m / distances / POINT_OPTIONS.flow_sigma_tangent) ** 2))

@@ -7,25 +7,55 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.tracking.monitor_view import MonitorView
+from app.engine.tracking.odometry.monitor_view import MonitorView
 from app.geometry.bundle import Bundle, adjust_bundle, lens_in_bundle
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
 from app.geometry.se3 import Pose
+from app.limits import limit
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-# Views that are adjusted together, and how many of the oldest keep their poses: they hold place and scale.
-WINDOW, HELD = 24, 2
-# With so many points of a monitoring camera's, its pose alone is kept.
-MIN_SHARED = 15
-# A point that was seen less often says nothing that the pose doesn't need to explain it.
-MIN_VIEWS = 2
-# Fewer leave poses undetermined.
-MIN_POINTS = 20
-# A step of the lens is not believed beyond this, and the lens never taken to be known better than that.
-MAX_LENS_STEP, LEAST_LENS_SIGMA = 0.03, 0.005
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowOptions:
+    """Which keyframes are adjusted together."""
+
+    keyframes: int = limit(
+        24,
+        "Keyframes that are adjusted together.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    held_keyframes: int = limit(
+        2,
+        "Oldest keyframes whose poses are kept: they hold place and scale.",
+        chosen="By hand: the least that fixes a scale.",
+    )
+    min_shared_points: int = limit(
+        15,
+        "Points shared with a monitoring camera from which on its pose alone is kept.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+    min_views: int = limit(
+        2, "Views that a point needs to take part.", chosen="By hand: with one view it says nothing."
+    )
+    min_points: int = limit(
+        20, "Fewest points of an adjustment.", chosen="roomfix track and track-anchors; docs/sessions.md."
+    )
+    max_lens_step: float = limit(
+        0.03,
+        "Largest change of the lens coefficient in one adjustment.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+    least_lens_sigma: float = limit(
+        0.005,
+        "Least standard deviation of the lens coefficient.",
+        chosen="roomfix track-anchors; docs/anchors.md.",
+    )
+
+
+OPTIONS = WindowOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +84,7 @@ class Window:
     def add(self, view: KeyView, points_in_frame: Array, prior: Array, prior_sigma_m: Array) -> None:
         """Add a keyframe, where its points are (n, 3), and where fixes have them (n, 3), (n,); the oldest one goes,
         with what only it saw."""
-        self.views = [*self.views, view][-WINDOW:]
+        self.views = [*self.views, view][-OPTIONS.keyframes :]
         old = ~np.isin(self.ids, view.ids) & np.isin(self.ids, np.concatenate([v.ids for v in self.views]))
         ids = np.concatenate([self.ids[old], view.ids])
         order = np.argsort(ids)
@@ -96,11 +126,11 @@ class Window:
         stated what is known now. `camera` is behind it."""
         monitor = self._monitor_in(camera)
         all_views = [*monitor, *self.views]
-        held = len(monitor) or HELD
+        held = len(monitor) or OPTIONS.held_keyframes
         seen = np.concatenate([view.ids for view in all_views])
         unique, counts = np.unique(seen, return_counts=True)
-        used = unique[counts >= MIN_VIEWS]
-        if len(all_views) <= HELD or len(used) < MIN_POINTS:
+        used = unique[counts >= OPTIONS.min_views]
+        if len(all_views) <= OPTIONS.held_keyframes or len(used) < OPTIONS.min_points:
             return np.zeros(0, np.int64), lens
         chosen, keep = np.searchsorted(self.ids, used), np.isin(seen, used)
         views = np.repeat(np.arange(len(all_views)), [len(view.ids) for view in all_views])[keep]
@@ -131,12 +161,12 @@ class Window:
         """Return a lens by what was known of it before a monitoring camera's view was there, and what all views say
         now: they say it anew each time, as none of the phone's own poses is held."""
         before = self.lens_before = self.lens_before or lens
-        variance = 1.0 / max(information, 1e-9) + LEAST_LENS_SIGMA**2
+        variance = 1.0 / max(information, 1e-9) + OPTIONS.least_lens_sigma**2
         gain = before.sigma**2 / (before.sigma**2 + variance)
-        found = lens.coefficient + float(np.clip(step, -MAX_LENS_STEP, MAX_LENS_STEP))
+        found = lens.coefficient + float(np.clip(step, -OPTIONS.max_lens_step, OPTIONS.max_lens_step))
         return Lens(
             before.coefficient + gain * (found - before.coefficient),
-            max(before.sigma * float(np.sqrt(1.0 - gain)), LEAST_LENS_SIGMA),
+            max(before.sigma * float(np.sqrt(1.0 - gain)), OPTIONS.least_lens_sigma),
         )
 
     def _monitor_in(self, camera: Camera) -> list[KeyView]:
@@ -144,7 +174,7 @@ class Window:
         if self.monitor is None:
             return []
         known = np.isin(self.monitor.ids, self.ids)
-        if np.count_nonzero(known) < MIN_SHARED:
+        if np.count_nonzero(known) < OPTIONS.min_shared_points:
             return []
         pixels = self.monitor.pixels_in(camera)[known]
         return [KeyView(self.monitor.seen.frame_from_camera, self.monitor.ids[known], pixels)]
@@ -158,6 +188,9 @@ class Window:
     def scale(self) -> tuple[float, float] | None:
         """Return by which logarithm all lengths are too short, and one sigma of it, by what a monitoring camera knows;
         None where that is nothing."""
-        if self.monitor is None or np.count_nonzero(np.isin(self.monitor.ids, self.ids)) < MIN_SHARED:
+        if (
+            self.monitor is None
+            or np.count_nonzero(np.isin(self.monitor.ids, self.ids)) < OPTIONS.min_shared_points
+        ):
             return None
         return self.monitor.scale(self.ids, self.points_in_frame)

@@ -6,28 +6,49 @@ finds that shift even where it is a third of the picture, much further than flow
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
+from app.limits import limit
 from app.vision.images import Gray
 
 Array = NDArray[np.float64]
-# Pictures are compared at this width: a turn is seen in their coarse structure.
-WIDTH_PX = 128
-# A lower peak of the correlation is noise.
-MIN_RESPONSE = 0.04
-# Flow reaches a shift of this share of the width by itself.
-MIN_SHIFT_SHARE = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurningOptions:
+    """How a turn is seen in two pictures."""
+
+    width_px: int = limit(
+        128,
+        "Width at which pictures are compared: a turn shows in their coarse structure.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    min_response: float = limit(
+        0.04,
+        "Peaks of the phase correlation below this are noise.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    min_shift_share: float = limit(
+        0.02,
+        "Optical flow finds shifts of up to this share of the width by itself.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+
+
+OPTIONS = TurningOptions()
 
 
 def shift_between(previous: Gray, present: Gray) -> Array | None:
     """Return by how many pixels (2,) the middle of a picture moved from one frame to the next of the same size;
     None when that is little, or can't be told."""
     height, width = previous.shape
-    scale = WIDTH_PX / width
-    size = (WIDTH_PX, max(round(scale * height), 2))
+    scale = OPTIONS.width_px / width
+    size = (OPTIONS.width_px, max(round(scale * height), 2))
     small = [
         cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         for gray in (previous, present)
@@ -35,7 +56,7 @@ def shift_between(previous: Gray, present: Gray) -> Array | None:
     window = cv2.createHanningWindow(size, cv2.CV_32F)
     shift, response = cv2.phaseCorrelate(small[0], small[1], window)
     moved: Array = np.asarray(shift, dtype=np.float64) / scale
-    if response < MIN_RESPONSE or np.linalg.norm(moved) < MIN_SHIFT_SHARE * width:
+    if response < OPTIONS.min_response or np.linalg.norm(moved) < OPTIONS.min_shift_share * width:
         return None
     return moved
 

@@ -11,18 +11,41 @@ from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.reprojection import project_from_world, reprojection_jacobian
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import homogeneous
+from app.limits import limit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# What flow is off by, as a tangent; more than its noise, since its errors persist from frame to frame.
-FLOW_SIGMA = tangent_of_px(1.5)
-# A new point is taken to be as far as the others, give or take this share.
-NEW_DEPTH_SIGMA = 0.75
-# Nearer or further than this from the camera nothing is placed.
-MIN_DISTANCE_M, MAX_DISTANCE_M = 0.15, 60.0
-# However often a point was seen, poses that are off by something don't place it better than this share.
-LEAST_DEPTH_SIGMA = 0.005
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointOptions:
+    """How uncertain a followed point is."""
+
+    flow_sigma_tangent: float = limit(
+        tangent_of_px(1.5),
+        "Standard deviation of optical flow over the focal length; above its noise, since its errors "
+        "persist from frame to frame.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    new_depth_sigma: float = limit(
+        0.75,
+        "Relative sigma of a new point's distance, taken from its neighbours.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+    min_distance_m: float = limit(
+        0.15, "Nothing nearer to the camera is placed.", chosen="By hand: nearer than a phone focuses."
+    )
+    max_distance_m: float = limit(
+        60.0, "Nothing farther from the camera is placed.", chosen="By hand: the length of a hall."
+    )
+    least_depth_sigma: float = limit(
+        0.005,
+        "Least relative sigma of a distance, however often a point was seen: the poses have errors too.",
+        chosen="roomfix track and track-anchors; docs/sessions.md.",
+    )
+
+
+OPTIONS = PointOptions()
 
 
 @dataclass(slots=True)
@@ -59,7 +82,7 @@ class TrackedPoints:
         camera: Camera,
         frame_from_camera: Pose,
         distances_m: Array | float,
-        share: float = NEW_DEPTH_SIGMA,
+        share: float = OPTIONS.new_depth_sigma,
     ) -> TrackedPoints:
         """Return points (n, 2) seen for the first time, as far away as told, each (n,) or all, give or take that share
         of it: by default as things around them."""
@@ -149,7 +172,7 @@ class TrackedPoints:
     def place(self, rows: NDArray[np.intp], points_in_frame: Array) -> None:
         """Put points (n,) where a bundle adjustment has them (n, 3)."""
         rays = points_in_frame - self.origin[rows]
-        distances = np.clip(np.linalg.norm(rays, axis=1), MIN_DISTANCE_M, MAX_DISTANCE_M)
+        distances = np.clip(np.linalg.norm(rays, axis=1), OPTIONS.min_distance_m, OPTIONS.max_distance_m)
         self.ray[rows], self.inverse_m[rows] = rays / distances[:, None], 1.0 / distances
 
     def sigma_across_m(self, centre: Array) -> Array:
@@ -176,9 +199,11 @@ class TrackedPoints:
         offset = self.pixels[rows] - project_from_world(points, camera, frame_from_camera)
         usable = np.isfinite(slope).all(axis=1) & np.isfinite(offset).all(axis=1)
         rows, slope, offset = rows[usable], slope[usable], offset[usable]
-        noise = (FLOW_SIGMA * camera.focal_px) ** 2
+        noise = (OPTIONS.flow_sigma_tangent * camera.focal_px) ** 2
         information = 1.0 / self.inverse_sigma[rows] ** 2 + np.sum(slope**2, axis=1) / noise
         step = np.sum(slope * offset, axis=1) / noise / information
-        moved = np.clip(self.inverse_m[rows] + step, 1.0 / MAX_DISTANCE_M, 1.0 / MIN_DISTANCE_M)
+        moved = np.clip(
+            self.inverse_m[rows] + step, 1.0 / OPTIONS.max_distance_m, 1.0 / OPTIONS.min_distance_m
+        )
         self.inverse_m[rows] = moved
-        self.inverse_sigma[rows] = np.maximum(1.0 / np.sqrt(information), LEAST_DEPTH_SIGMA * moved)
+        self.inverse_sigma[rows] = np.maximum(1.0 / np.sqrt(information), OPTIONS.least_depth_sigma * moved)
