@@ -59,6 +59,23 @@ class Settings(BaseSettings):
         60.0, gt=0, le=1e9, description="Age in seconds from which an anchor's frame is not used any more."
     )
 
+    min_confidence: float | None = Field(
+        None, ge=0, le=1, description="Least confidence of an answer; default: see docs/limits.md."
+    )
+    max_rival_share: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="Most inliers of another place, over those of the answer, before it is ambiguous; default: see "
+        "docs/limits.md.",
+    )
+    max_position_sigma_m: float | None = Field(
+        None,
+        gt=0,
+        le=100,
+        description="Largest standard deviation of an answer's position in metres; default: see docs/limits.md.",
+    )
+
     @property
     def resolved_database_url(self) -> str:
         """The database URL, the SQLite default filled in."""

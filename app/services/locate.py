@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from app.engine.floors.floor import Floor
 from app.engine.query.camera_sources import QueryCamera, query_camera
 from app.engine.query.localization import Localization
-from app.engine.query.localizer import Localizer
 from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
 from app.engine.query.upright import localize_upright
-from app.engine.query.vdm.localizer import VdmLocalizer
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.anchor_locator import AnchorLocator
 from app.services.feature_library import FeatureLibrary
+from app.services.localizers import localizer_on, vdm_localizer_on
 from app.services.locate_result import (
     LocateRequest,
     LocateResult,
@@ -156,7 +155,8 @@ class LocateService:
         """Search where floor, area and prior say; where that finds nothing, everywhere."""
         assert place.version is not None  # noqa: S101 - asked for a venue with a map
         opened = self._library.open(place.version)
-        localizer = VdmLocalizer(opened) if request.method == "vdm" else Localizer(opened)
+        localizer_of = vdm_localizer_on if request.method == "vdm" else localizer_on
+        localizer = localizer_of(self._resources.settings, opened)
         floor = next((floor for floor in place.floors if floor.id == request.floor), None)
         allowed = allowed_keyframes(opened.artifact.arrays.positions, floor, areas, request.prior)
         if allowed is not None and len(allowed):

@@ -20,7 +20,6 @@ from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
 from app.engine.query.camera import scanned_camera
 from app.engine.query.camera_sources import CameraSource, query_camera
-from app.engine.query.localizer import Localizer
 from app.engine.query.placed import plan_frame
 from app.engine.stage_timer import StageTimer
 from app.engine.tracking.anchor_fixes import AnchorFixes, FirstFixes
@@ -43,6 +42,7 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.services.anchor_locator import AnchorLocator
 from app.services.feature_library import FeatureLibrary
+from app.services.localizers import localizer_on
 from app.services.locate_result import LocateResult
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -289,7 +289,9 @@ class SessionService:
 
     def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
-        sources: list[FixSource] = [] if opened is None else [MapFixes(Localizer(opened))]
+        sources: list[FixSource] = (
+            [] if opened is None else [MapFixes(localizer_on(self._resources.settings, opened))]
+        )
         if self._anchors is not None:
             sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
         return Surroundings(

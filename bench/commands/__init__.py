@@ -20,5 +20,6 @@ COMMANDS = {
     "track-anchors": "bench.commands.track_anchors:track_anchors",
     "simulate": "bench.commands.simulate:simulate",
     "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
+    "trace-query": "bench.commands.trace_query:trace_query",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
 }
