@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.map_depth import SeenPoints
 from app.engine.anchors.monitor_pose import find_monitor
-from app.engine.anchors.sights import centroid, inside_region, region_in
+from app.engine.anchors.poi_triangulation import centroid, inside_region, region_in
 from app.engine.floors.floor import Floor
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap

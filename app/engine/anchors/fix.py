@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec
 from app.engine.anchors.features import PixelMatches
-from app.engine.anchors.relative import instability_deg, known_verticals, phone_beside_monitor
-from app.engine.anchors.sights import lengths_along_rays, sights_of
+from app.engine.anchors.poi_triangulation import lengths_along_rays, reliable_sights_of
+from app.engine.anchors.relative_pose import instability_deg, known_verticals, phone_beside_monitor
 from app.engine.query.verification import coverage
 from app.errors import DegenerateGeometryError
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
@@ -137,7 +137,7 @@ def fix_by_anchor(
     monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
-    sights = sights_of(spec, monitor_camera, monitor_px, lengths)
+    sights = reliable_sights_of(spec, monitor_camera, monitor_px, lengths)
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths

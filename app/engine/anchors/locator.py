@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures, likeness
 from app.engine.anchors.fix import AnchorFix
-from app.engine.anchors.live import LiveAnchor
-from app.engine.anchors.look import look_closely
+from app.engine.anchors.live_anchor import LiveAnchor
+from app.engine.anchors.match_anchor import match_anchor
 from app.engine.anchors.verification import confidence_of_fix, judge_fix
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
@@ -98,7 +98,7 @@ def _fixes(
         if good and alike[row] < NEARLY_AS_ALIKE * max(alike):
             break
         live = candidates[row]
-        fix, matched = look_closely(
+        fix, matched = match_anchor(
             live.anchor.spec,
             (live.features, live.camera),
             (phone, camera),

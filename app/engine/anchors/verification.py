@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from app.engine.anchors.fix import AnchorEvidence, AnchorFix
-from app.engine.anchors.relative import MIN_INLIERS, min_inlier_ratio
-from app.engine.anchors.sights import MAX_LOG_SCALE_SIGMA
+from app.engine.anchors.poi_triangulation import MAX_LOG_SCALE_SIGMA
+from app.engine.anchors.relative_pose import MIN_INLIERS, min_inlier_ratio
 from app.engine.query.verification import Reason
 
 MIN_COVERAGE = 0.15

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
-from app.engine.mapping.left_out_frames import nearest_keyframe, with_left_out
 from app.engine.mapping.scan_lens import learn_lens
 from app.engine.mapping.sensor_depth import corrected, learn_depth_response
+from app.engine.mapping.supporting_frames import nearest_keyframe, with_supporting_features
 from app.engine.maps.points import MapPoints, View, nearby_views, refined_points
 from app.engine.progress import Progress, map_in_order
 from app.geometry.camera import Camera
@@ -67,7 +67,9 @@ def refined_scan(
         if nearest is not None:
             lent[keyframes[nearest]].append(points[row])
     all_points = [
-        with_left_out(points[row], lent[row], views[row].world_from_camera, camera, extractor.binary)
+        with_supporting_features(
+            points[row], lent[row], views[row].world_from_camera, camera, extractor.binary
+        )
         for row in keyframes
     ]
     return RefinedScan(all_points, camera, 0.0 if lens is None else lens.sigma)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from app.engine.anchors.anchor import AnchorSpec
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.locator import AnchorLocalization
-from app.engine.anchors.place import place_on_floor, world_pose
-from app.engine.anchors.sights import BASE_SIGMA, scale_by_pois
+from app.engine.anchors.place_on_floor import place_on_floor, world_pose
+from app.engine.anchors.poi_triangulation import BASE_SIGMA, scale_by_pois
 from app.engine.anchors.verification import confidence_of_fix
 from app.engine.floors.floor import Floor
 from app.engine.query.placed import WORLD, Accuracy, PlacedPose, Support, plan_frame

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
-from app.engine.anchors.sights import scale_by_pois
+from app.engine.anchors.poi_triangulation import scale_by_pois
 from app.engine.tracking.monitor_view import MonitorView, SeenByMonitor
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens

@@ -12,7 +12,7 @@ from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera
 
 
-def look_closely(
+def match_anchor(
     spec: AnchorSpec,
     monitor: tuple[AnchorFeatures, Camera],
     phone: tuple[AnchorFeatures, Camera],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
-from app.engine.anchors.sights import centroid
+from app.engine.anchors.poi_triangulation import centroid
 from app.engine.floors.floor import Floor
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera

@@ -65,14 +65,14 @@ def scale_by_pois(
 ) -> tuple[float, float] | None:
     """Return the logarithm by which lengths (n,) of what a monitoring camera sees at pixels (n, 2) are too short, and
     one sigma of it, by the measured distances of its POIs (C eq. 4.2.7); None where no POI is among them."""
-    sights = sights_of(spec, camera, monitor_px, lengths_m)
+    sights = reliable_sights_of(spec, camera, monitor_px, lengths_m)
     if not sights:
         return None
     scale, sigma, _ = common_scale([sight for sight, _ in sights])
     return float(np.log(scale)), sigma
 
 
-def sights_of(
+def reliable_sights_of(
     spec: AnchorSpec, camera: Camera, monitor_px: Array, lengths: Array
 ) -> list[tuple[PoiSight, int]]:
     """Return those of an anchor's POIs that tell the scale, each as `sight_of` does."""

@@ -11,7 +11,7 @@ import numpy as np
 from app.engine.anchors.features import AnchorFeatures, PixelMatches, likeness
 from app.engine.anchors.fix import AnchorEvidence, AnchorFix, _scale_error
 from app.engine.anchors.locator import ranked
-from app.engine.anchors.sights import firm
+from app.engine.anchors.poi_triangulation import firm
 from app.engine.anchors.verification import MAX_SCALE_ERROR, judge_fix
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, Vertical
 from app.geometry.se3 import Pose

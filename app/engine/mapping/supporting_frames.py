@@ -37,7 +37,7 @@ def nearest_keyframe(frame: Pose, keyframes: Sequence[Pose]) -> int | None:
     return best if np.isfinite(cost[best]) else None
 
 
-def with_left_out(
+def with_supporting_features(
     own: MapPoints, others: Sequence[MapPoints], world_from_camera: Pose, camera: Camera, binary: bool
 ) -> MapPoints:
     """Return a keyframe's points and, up to `ENOUGH_FEATURES` in all, those of other frames that it has none of.
