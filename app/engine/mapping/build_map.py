@@ -30,21 +30,34 @@ from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
+from app.limits import limit
 from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import ImageQuality, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.keyframes import PoseThresholds, select_by_pose
 
-# Supporting frames, which refine points and lend features, lie this much closer together than keyframes.
-SUPPORT_SPACING = 0.45
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SupportOptions:
+    """Supporting frames: those that are no keyframes, but refine points and add features to keyframes."""
+
+    spacing_ratio: float = limit(
+        0.45,
+        "Thresholds by which supporting frames are selected, divided by those of the pose rule for keyframes.",
+        chosen="By hand; no measurement is recorded.",
+    )
 
 
-@dataclass(frozen=True, slots=True)
+OPTIONS = SupportOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltMap:
     """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i).
 
-    `replaced` maps keyframes that were left out to the frames that took their places; `calibration` is where the
-    keyframe thresholds come from, if the options asked for one.
+    `discarded` are the names of frames that can't be used, by reason. `replaced` maps the names of discarded keyframes
+    to those of the frames that took their places. `seconds` is the time of each stage. `calibration` holds the curves
+    that the keyframe thresholds follow from, where the options asked for them.
     """
 
     artifact: MapArtifact
@@ -75,7 +88,7 @@ def build_map(
 ) -> BuiltMap:
     """Build a map from a scan; raises `InvalidScanError` when nothing in it can become a keyframe.
 
-    `world_from_scan` overrides what the options say (a registration against the present map).
+    `world_from_scan` overrides that of the options (a registration against the present map).
     """
     clock = StageTimer()
     extractor = models.extractor(options.features)
@@ -115,11 +128,20 @@ def build_map(
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}
-    return BuiltMap(artifact, index, frames, placed, discarded, replaced, clock.seconds, calibration)
+    return BuiltMap(
+        artifact=artifact,
+        index=index,
+        keyframes=frames,
+        world_from_scan=placed,
+        discarded=discarded,
+        replaced=replaced,
+        seconds=clock.seconds,
+        calibration=calibration,
+    )
 
 
 def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
-    """Return `world_from_scan`: as given, or by gravity, or the scan's frame itself."""
+    """Return `world_from_scan`: that of the options, or one by gravity, or the identity."""
     if options.world_from_scan is not None:
         return options.world_from_scan
     if options.gravity is not None:
@@ -130,9 +152,9 @@ def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
 
 
 def _support(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
-    thresholds = PoseThresholds(
-        SUPPORT_SPACING * rule.thresholds.position_m, SUPPORT_SPACING * rule.thresholds.attitude_rad
-    )
+    """Return the rows of the supporting frames."""
+    ratio = OPTIONS.spacing_ratio
+    thresholds = PoseThresholds(ratio * rule.thresholds.position_m, ratio * rule.thresholds.attitude_rad)
     return sorted(set(select_by_pose(poses, thresholds)) - set(keyframes))
 
 
@@ -163,8 +185,10 @@ def _usable(
     source: FrameSource,
     describe_keyframe: Callable[[int], _Described],
 ) -> tuple[list[int], dict[str, tuple[str, ...]], dict[str, str]]:
-    """Return the keyframes that can be used, the names of those left out by reason, and who took whose place; adds
-    what took a place to `described`."""
+    """Return the usable keyframes (rows), the names of the unusable ones by reason, and the replacements by name.
+
+    Replacements are added to `described`.
+    """
     limit = blur_limit([item.quality for item in described.values()])
     fault = {row: fault_of(described[row].quality, limit) for row in wanted}
     usable = [row for row in wanted if fault[row] is None]
@@ -188,7 +212,7 @@ def _usable(
 
 
 def _sharp(described: dict[int, _Described]) -> list[int]:
-    """Return the frames that are good enough to take features from."""
+    """Return the rows of the frames that are sharp and well exposed."""
     limit = blur_limit([item.quality for item in described.values()])
     return [row for row, item in described.items() if fault_of(item.quality, limit) is None]
 
@@ -232,11 +256,11 @@ def _pack(
     global_descriptors = [described[row].descriptor for row, _ in kept]
     model = models.global_descriptor
     metadata = MapMetadata(
-        options.features,
-        model.sha256,
-        model.size,
-        (camera[0],),
-        tuple(described[row].frame.name for row, _ in kept),
+        features=options.features,
+        descriptor_sha256=model.sha256,
+        descriptor_size=model.size,
+        cameras=(camera[0],),
+        keyframe_names=tuple(described[row].frame.name for row, _ in kept),
         lens_sigmas=(camera[1],),
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
@@ -245,5 +269,5 @@ def _pack(
 
 def _stack_descriptors(features: Sequence[LocalFeatures]) -> NDArray[np.uint8] | NDArray[np.float16]:
     stacked = np.concatenate([f.descriptors for f in features])
-    # Half precision is far below the noise of a learned descriptor.
+    # The rounding error of half precision is far below the noise of a learned descriptor.
     return stacked.astype(np.float16) if stacked.dtype == np.float32 else stacked.astype(np.uint8)

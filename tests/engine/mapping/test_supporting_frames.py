@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.mapping.supporting_frames import ENOUGH_FEATURES, nearest_keyframe, with_supporting_features
+from app.engine.mapping.supporting_frames import OPTIONS, nearest_keyframe, with_supporting_features
 from app.engine.maps.points import MapPoints
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.vision.features import LocalFeatures
@@ -70,12 +70,13 @@ def test_what_two_frames_lend_is_taken_once_from_the_one_that_knows_it_best() ->
 
 
 def test_a_keyframe_takes_no_more_than_it_needs_and_nothing_outside_its_picture() -> None:
-    many = points(grid(2 * ENOUGH_FEATURES), descriptors(2 * ENOUGH_FEATURES, 5))
+    many = points(grid(2 * OPTIONS.enough_features), descriptors(2 * OPTIONS.enough_features, 5))
     own = points(grid(3), descriptors(3, 6))
     assert (
-        len(with_supporting_features(own, [many], ORIGIN, CAMERA, binary=False).features) == ENOUGH_FEATURES
+        len(with_supporting_features(own, [many], ORIGIN, CAMERA, binary=False).features)
+        == OPTIONS.enough_features
     )
-    full = points(grid(ENOUGH_FEATURES), descriptors(ENOUGH_FEATURES, 7))
+    full = points(grid(OPTIONS.enough_features), descriptors(OPTIONS.enough_features, 7))
     assert with_supporting_features(full, [many], ORIGIN, CAMERA, binary=False) is full
     assert with_supporting_features(own, [], ORIGIN, CAMERA, binary=False) is own
     behind = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.zeros(3))
