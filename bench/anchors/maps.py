@@ -131,11 +131,15 @@ def _anchor_error_m(
 ) -> float:
     plain, camera = evaluator.monitor_features(pair), pair.monitor_camera
     monitor = AnchorFeatures(
-        plain.akaze,
-        plain.xfeat,
-        plain.words,
-        seen.lengths_at(plain.akaze.keypoints_px.astype(np.float64), camera).astype(np.float32),
-        seen.lengths_at(plain.xfeat.keypoints_px.astype(np.float64), camera).astype(np.float32),
+        akaze=plain.akaze,
+        xfeat=plain.xfeat,
+        words=plain.words,
+        akaze_length_m=seen.lengths_at(plain.akaze.keypoints_px.astype(np.float64), camera).astype(
+            np.float32
+        ),
+        xfeat_length_m=seen.lengths_at(plain.xfeat.keypoints_px.astype(np.float64), camera).astype(
+            np.float32
+        ),
     )
     phone = evaluator.phone_features(pair.phone(), pair.gravity_in_phone)
     fix, _ = match_anchor(

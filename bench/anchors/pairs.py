@@ -125,7 +125,7 @@ class PairEvaluator:
         gray = to_gray(rgb)
         akaze = self._describer.akaze.extract(gray)
         roll = roll_deg(None if gravity is None else gravity.tolist())
-        return AnchorFeatures(akaze, self._describer.upright_xfeat(gray, roll), NO_WORDS)
+        return AnchorFeatures(akaze=akaze, xfeat=self._describer.upright_xfeat(gray, roll), words=NO_WORDS)
 
     def alike_by_words(self, monitors: Sequence[AnchorFeatures], phone: AnchorFeatures) -> Array:
         """Return how much a phone's picture looks like each monitoring frame by visual words, (m,)."""

@@ -9,7 +9,7 @@ from typing import Any
 from app.geometry.camera import Camera
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Poi:
     """A point of interest of an anchor: its corners in the camera's picture (pixels), its place on the plan, its
     distance from the camera, and its height on the plan's z axis, if known."""
@@ -22,7 +22,7 @@ class Poi:
     height_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSpec:
     """What a `PUT` says of a monitoring camera. `camera` is a `Camera`, or the numbers of one for its frames as
     they come."""
@@ -39,7 +39,7 @@ class AnchorSpec:
     max_age_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Anchor:
     """A stored anchor. `calibration` is the camera's pose in the map, as the calibration found it."""
 

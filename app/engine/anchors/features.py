@@ -44,7 +44,7 @@ NO_LENGTHS = np.zeros(0, np.float32)
 NO_DOWN = np.zeros(0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AnchorFeatures:
     """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
     `words` (n,) are the visual words of the former. Of a calibrated camera `*_length_m` says how far along its ray
@@ -86,12 +86,12 @@ class AnchorFeatures:
             if "akaze_words" not in arrays:
                 return None
             return AnchorFeatures(
-                LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
-                LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
-                arrays["akaze_words"].astype(np.int64),
-                arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
-                arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
-                arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
+                akaze=LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
+                xfeat=LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
+                words=arrays["akaze_words"].astype(np.int64),
+                akaze_length_m=arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
+                xfeat_length_m=arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
+                down=arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
             )
 
 
@@ -115,7 +115,7 @@ class AnchorDescriber:
         shrunk = min(1.0, MONITOR_SIDE_PX / max(gray.shape))
         xfeat = self.wide_xfeat if shrunk * camera.focal_px < MIN_FOCAL_PX else self.monitor_xfeat
         down = down_in_picture(gray, camera)
-        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze), down=down)
+        return AnchorFeatures(akaze=akaze, xfeat=xfeat.extract(gray), words=self.words_of(akaze), down=down)
 
     def words_of(self, akaze: LocalFeatures) -> Words:
         """Return the visual words (n,) of A-KAZE features."""

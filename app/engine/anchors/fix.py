@@ -30,7 +30,7 @@ SIGMA_PER_INSTABILITY = 0.5
 MIN_SIGMA = tangent_of_px(0.35)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorEvidence:
     """What speaks for an anchor's answer.
 
@@ -74,7 +74,7 @@ class MountedCamera:
         return np.asarray(-self.plan_from_monitor.rotation[2])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorFix:
     """A phone's place by one anchor, and the matches that agree on it: `position_sigma_m` and
     `orientation_sigma_deg` are one sigma.
@@ -180,7 +180,14 @@ def _fix(
     away_m = solution.metres_per_unit * float(np.linalg.norm(phone_from_monitor.translation))
     unsteady_rad = SIGMA_PER_INSTABILITY * float(np.radians(evidence.instability_deg))
     orientation_deg = float(np.degrees(np.hypot(np.sqrt(orientation), unsteady_rad)))
-    return AnchorFix(solution, evidence, position_covariance, orientation_deg, inliers, unsteady_rad * away_m)
+    return AnchorFix(
+        solution=solution,
+        evidence=evidence,
+        position_covariance=position_covariance,
+        orientation_sigma_deg=orientation_deg,
+        inliers=inliers,
+        unsteady_m=unsteady_rad * away_m,
+    )
 
 
 def _solution(

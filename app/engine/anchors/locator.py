@@ -72,7 +72,9 @@ def locate_by_anchors(
     order = np.argsort(-alike, kind="stable")
     candidates = [live[int(row)] for row in order[:CANDIDATES]]
     timer.lap("retrieve")
-    phone = AnchorFeatures(akaze, describer.upright_xfeat(gray, roll_deg(gravity)), NO_WORDS)
+    phone = AnchorFeatures(
+        akaze=akaze, xfeat=describer.upright_xfeat(gray, roll_deg(gravity)), words=NO_WORDS
+    )
     timer.lap("describe")
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
     fixes, matched = _fixes(candidates, phone, camera, down, timer)

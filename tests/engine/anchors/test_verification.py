@@ -21,7 +21,9 @@ from app.vision.features import LocalFeatures
 def features(descriptors: np.ndarray) -> AnchorFeatures:
     points = np.zeros((len(descriptors), 2), np.float32)
     akaze = LocalFeatures(points[:0], np.zeros((0, 61), np.uint8))
-    return AnchorFeatures(akaze, LocalFeatures(points, descriptors.astype(np.float32)), np.zeros(0, np.int64))
+    return AnchorFeatures(
+        akaze=akaze, xfeat=LocalFeatures(points, descriptors.astype(np.float32)), words=np.zeros(0, np.int64)
+    )
 
 
 def test_likeness_counts_similar_features() -> None:
@@ -49,9 +51,29 @@ def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFi
     still = Pose(np.eye(3), np.zeros(3))
     none = np.zeros(0)
     solution = AnchorSolution(still, still, 1.0, 0.05, np.zeros((3, 3)), none, none, vertical)
-    evidence = replace(AnchorEvidence(800, 500, 0.6, 60, 12.0, 0.1, 0.01, 0.05, 0.0), **changes)
+    evidence = replace(
+        AnchorEvidence(
+            matches=800,
+            inliers=500,
+            coverage=0.6,
+            region_matches=60,
+            parallax_deg=12.0,
+            poi_error_share=0.1,
+            scale_error=0.01,
+            log_scale_sigma=0.05,
+            instability_deg=0.0,
+        ),
+        **changes,
+    )
     matches = PixelMatches(np.zeros((0, 2)), np.zeros((0, 2)), none)
-    return AnchorFix(solution, evidence, 1e-3 * np.eye(3), 1.0, matches, unsteady_m)
+    return AnchorFix(
+        solution=solution,
+        evidence=evidence,
+        position_covariance=1e-3 * np.eye(3),
+        orientation_sigma_deg=1.0,
+        inliers=matches,
+        unsteady_m=unsteady_m,
+    )
 
 
 def test_pois_that_disagree_on_the_scale_make_an_answer_ambiguous() -> None:
