@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from app.engine.anchors.features import AnchorFeatures, PixelMatches, likeness
+from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.fix import AnchorEvidence, AnchorFix, _scale_error
 from app.engine.anchors.locator import ranked
-from app.engine.anchors.poi_triangulation import firm
-from app.engine.anchors.verification import MAX_SCALE_ERROR, judge_fix
+from app.engine.anchors.matching import PixelMatches, likeness
+from app.engine.anchors.poi_triangulation import reliable
+from app.engine.anchors.verification import OPTIONS, judge_fix
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, Vertical
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatures
@@ -78,7 +79,7 @@ def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFi
 
 def test_pois_that_disagree_on_the_scale_make_an_answer_ambiguous() -> None:
     assert judge_fix(fix("gravity")) is None
-    assert judge_fix(fix("gravity", scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
+    assert judge_fix(fix("gravity", scale_error=OPTIONS.max_scale_error + 0.01)) == "ambiguous"
 
 
 def test_a_poi_is_outvoted_only_by_a_steady_pose() -> None:
@@ -98,13 +99,13 @@ def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
     clear, faint = (
         PoiSight(np.array([0.0, 0.0, 1.0]), np.zeros(2), 3.0, 1.0, sigma) for sigma in (0.07, 0.3)
     )
-    assert firm([(clear, 80), (faint, 4)]) == [(clear, 80)]
-    assert firm([(faint, 4)]) == [(faint, 4)]
+    assert reliable([(clear, 80), (faint, 4)]) == [(clear, 80)]
+    assert reliable([(faint, 4)]) == [(faint, 4)]
 
 
 def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:
     assert judge_fix(fix("map")) is None
-    assert judge_fix(fix("map", worst_scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
+    assert judge_fix(fix("map", worst_scale_error=OPTIONS.max_scale_error + 0.01)) == "ambiguous"
     assert judge_fix(fix("map", unsteady_m=0.6)) == "too_few_inliers"
     assert judge_fix(fix("gravity", unsteady_m=0.6)) is None
     assert judge_fix(fix("gravity", unsteady_m=0.8)) == "too_few_inliers"
