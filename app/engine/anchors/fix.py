@@ -110,9 +110,9 @@ class MountedCamera:
 class AnchorFix:
     """A phone's pose on the plan by one anchor, the inliers, and the accuracy.
 
-    `position_covariance` (3, 3), in square metres, is that by the noise of matches and measurements. `unsteady_m` is
-    the standard deviation of the position by the instability of the relative pose, in addition. `orientation_sigma_deg`
-    is the standard deviation of the attitude.
+    `position_covariance` (3, 3), in square metres, is that by the noise of matches and measurements.
+    `instability_sigma_m` is the standard deviation of the position by the instability of the relative pose, in
+    addition. `orientation_sigma_deg` is the standard deviation of the attitude.
     """
 
     solution: AnchorSolution
@@ -120,7 +120,7 @@ class AnchorFix:
     position_covariance: Array
     orientation_sigma_deg: float
     inliers: PixelMatches
-    unsteady_m: float = 0.0
+    instability_sigma_m: float = 0.0
 
     @property
     def is_calibrated(self) -> bool:
@@ -135,12 +135,12 @@ class AnchorFix:
     @property
     def position_sigma_m(self) -> float:
         """The standard deviation of the position on the plan, as the root mean square error."""
-        return float(np.hypot(self.noise_sigma_m, self.unsteady_m))
+        return float(np.hypot(self.noise_sigma_m, self.instability_sigma_m))
 
     @property
     def full_covariance(self) -> Array:
         """The covariance (3, 3) of the position by noise and instability, in square metres."""
-        return np.asarray(self.position_covariance + 0.5 * self.unsteady_m**2 * np.eye(3))
+        return np.asarray(self.position_covariance + 0.5 * self.instability_sigma_m**2 * np.eye(3))
 
 
 def fix_by_anchor(
@@ -220,7 +220,7 @@ def _fix(
         position_covariance=position_covariance,
         orientation_sigma_deg=orientation_deg,
         inliers=inliers,
-        unsteady_m=unsteady_rad * distance_m,
+        instability_sigma_m=unsteady_rad * distance_m,
     )
 
 

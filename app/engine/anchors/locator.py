@@ -36,7 +36,7 @@ class AnchorLocatorOptions:
     candidates: int = limit(
         6,
         "Largest number of anchors, the most similar by visual words, that are ranked by their likeness.",
-        chosen="Measured: of 20 anchors a right one is first by words for 98 % of the phones "
+        chosen="By hand: of 20 anchors a right one is first by words for 98 % of the phones "
         "(`roomfix evaluate-anchors`; docs/anchors.md, Choosing).",
     )
     matched_anchors: int = limit(

@@ -99,11 +99,11 @@ def build_map(
         calibration = calibrate(source, options, models, executor, progress)
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
-    wanted = select_keyframes(source, poses, rule, extractor, executor, progress)
-    support = _support(poses, rule, wanted) if options.refine_depth else []
+    selected = select_keyframes(source, poses, rule, extractor, executor, progress)
+    support = _support(poses, rule, selected) if options.refine_depth else []
     clock.lap("select")
-    chosen = sorted({*wanted, *support})
-    keyframe_rows = set(wanted)
+    chosen = sorted({*selected, *support})
+    keyframe_rows = set(selected)
 
     def describe(row: int) -> _Described:
         return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
@@ -113,13 +113,9 @@ def build_map(
 
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
+    usable, left_out, replaced = _usable(described, selected, poses, rule, source, describe_keyframe)
     clock.lap("quality")
-    views = {row: item.view for row, item in described.items()}
-    if options.refine_depth:
-        refined = refined_scan(views, usable, _sharp(described), source.camera, extractor, executor, progress)
-    else:
-        refined = RefinedScan([points_from_depth(views[row], source.camera) for row in usable], source.camera)
+    refined = _refined(described, usable, source.camera, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
@@ -179,7 +175,7 @@ def _describe(
 
 def _usable(
     described: dict[int, _Described],
-    wanted: Sequence[int],
+    selected: Sequence[int],
     poses: Sequence[Pose],
     rule: KeyframeRule,
     source: FrameSource,
@@ -190,25 +186,41 @@ def _usable(
     Replacements are added to `described`.
     """
     limit = blur_limit([item.quality for item in described.values()])
-    fault = {row: fault_of(described[row].quality, limit) for row in wanted}
-    usable = [row for row in wanted if fault[row] is None]
+    fault = {row: fault_of(described[row].quality, limit) for row in selected}
+    usable = [row for row in selected if fault[row] is None]
 
     def is_good(row: int) -> bool:
         known = described.get(row)
         quality = known.quality if known else measure_quality(to_gray(frame_rgb(source, source.frames[row])))
         return fault_of(quality, limit) is None
 
-    replaced = find_replacements(wanted, usable, poses, rule.thresholds, is_good)
+    replaced = find_replacements(selected, usable, poses, rule.thresholds, is_good)
     described.update((row, describe_keyframe(row)) for row in replaced.values())
     usable = sorted({*usable, *replaced.values()})
     if not usable:
         raise InvalidScanError("No frame of the scan is sharp and bright enough to become a keyframe.")
     names = [frame.name for frame in source.frames]
     left_out = {
-        reason: tuple(names[row] for row in wanted if fault[row] == reason)
+        reason: tuple(names[row] for row in selected if fault[row] == reason)
         for reason in sorted({reason for reason in fault.values() if reason is not None})
     }
     return usable, left_out, {names[old]: names[new] for old, new in replaced.items()}
+
+
+def _refined(
+    described: dict[int, _Described],
+    usable: Sequence[int],
+    camera: Camera,
+    options: BuildOptions,
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> RefinedScan:
+    """Return the points of the usable keyframes, and the camera, refined where the options ask for it."""
+    views = {row: item.view for row, item in described.items()}
+    if options.refine_depth:
+        return refined_scan(views, usable, _sharp(described), camera, extractor, executor, progress)
+    return RefinedScan([points_from_depth(views[row], camera) for row in usable], camera)
 
 
 def _sharp(described: dict[int, _Described]) -> list[int]:

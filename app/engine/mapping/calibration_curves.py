@@ -157,8 +157,8 @@ class Calibration:
         }
 
 
-def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> Calibration:
-    """Fit both curves and derive the thresholds that leave `wanted` matches (A eq. 1-3).
+def fit_curves(pairs: PairCounts, wanted_matches: float, features: str, frames: int) -> Calibration:
+    """Fit both curves and derive the thresholds that leave `wanted_matches` matches (A eq. 1-3).
 
     In a hand-held scan position and attitude change together: two frames that are a metre apart mostly look in
     different directions as well. A curve over all pairs would describe how the camera was carried. A frame is no
@@ -178,10 +178,10 @@ def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> 
     limits = start.position_m, start.attitude_rad
     for _ in range(OPTIONS.max_rounds):
         position = _fit(
-            pairs, pairs.position_m, OPTIONS.min_position_m, pairs.attitude_rad, limits[1], wanted
+            pairs, pairs.position_m, OPTIONS.min_position_m, pairs.attitude_rad, limits[1], wanted_matches
         )
         attitude = _fit(
-            pairs, pairs.attitude_rad, OPTIONS.min_attitude_rad, pairs.position_m, limits[0], wanted
+            pairs, pairs.attitude_rad, OPTIONS.min_attitude_rad, pairs.position_m, limits[0], wanted_matches
         )
         # The geometric mean with the last round keeps the two from oscillating.
         settled = math.sqrt(limits[0] * position.threshold), math.sqrt(limits[1] * attitude.threshold)
@@ -189,9 +189,12 @@ def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> 
         limits = settled
         if change < OPTIONS.max_log_change:
             break
-    notes = [*_warnings(position, wanted, "position", "m"), *_warnings(attitude, wanted, "attitude", "rad")]
+    notes = [
+        *_warnings(position, wanted_matches, "position", "m"),
+        *_warnings(attitude, wanted_matches, "attitude", "rad"),
+    ]
     return Calibration(
-        wanted_matches=wanted,
+        wanted_matches=wanted_matches,
         features=features,
         frames=frames,
         position=position,
@@ -201,7 +204,7 @@ def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> 
 
 
 def _fit(
-    pairs: PairCounts, difference: Array, smallest: float, other: Array, limit: float, wanted: float
+    pairs: PairCounts, difference: Array, smallest: float, other: Array, limit: float, wanted_matches: float
 ) -> FittedCurve:
     distinct = difference >= smallest
     limit = _limit_for_enough(other[distinct & ~pairs.held_back], limit)
@@ -212,8 +215,8 @@ def _fit(
             f"The scan has only {int((~held).sum())} pairs of frames to fit a curve to, and {OPTIONS.min_pairs} are "
             "needed: scan more frames, or give keyframes.position_m and keyframes.attitude_rad."
         )
-    fit = fit_near(x[~held], y[~held], wanted)
-    threshold = threshold_within(fit.curve, wanted, float(x[~held].min()), float(x[~held].max()))
+    fit = fit_near(x[~held], y[~held], wanted_matches)
+    threshold = threshold_within(fit.curve, wanted_matches, float(x[~held].min()), float(x[~held].max()))
     within = (x >= fit.low) & (x <= fit.high)
     fitted, checked = within & ~held, within & held
     return FittedCurve(
@@ -246,16 +249,17 @@ def _left_around(threshold: float, x: Array, matches: NDArray[np.int64]) -> floa
     return float(np.median(matches[near])) if near.sum() >= OPTIONS.min_held_back_pairs else None
 
 
-def _warnings(fit: FittedCurve, wanted: float, name: str, unit: str) -> Sequence[str]:
+def _warnings(fit: FittedCurve, wanted_matches: float, name: str, unit: str) -> Sequence[str]:
     if fit.reached == "beyond":
         return [
             f"Frames as far apart in {name} as the scan has them ({fit.range[1]:.3g} {unit}) still share more than "
-            f"{wanted:g} matches; the threshold is that difference."
+            f"{wanted_matches:g} matches; the threshold is that difference."
         ]
     if fit.reached == "below":
         return [
-            f"Even frames that differ by {fit.range[0]:.3g} {unit} in {name} share fewer than {wanted:g} matches; "
-            "the threshold is that difference. Ask for fewer matches, or use other features."
+            f"Even frames that differ by {fit.range[0]:.3g} {unit} in {name} share fewer than "
+            f"{wanted_matches:g} matches; the threshold is that difference. Ask for fewer matches, or "
+            "use other features."
         ]
     return []
 

@@ -45,7 +45,7 @@ def fault_of(quality: ImageQuality, blur_limit: float) -> str | None:
 
 
 def find_replacements(
-    wanted: Sequence[int],
+    selected: Sequence[int],
     usable: Sequence[int],
     poses: Sequence[Pose],
     thresholds: PoseThresholds,
@@ -53,12 +53,12 @@ def find_replacements(
 ) -> dict[int, int]:
     """Return the frame (row) that replaces each unusable keyframe (row), where there is one.
 
-    `wanted` are the rows of all keyframes, `usable` those of the usable ones. The replacement is the nearest good
+    `selected` are the rows of all keyframes, `usable` those of the usable ones. The replacement is the nearest good
     frame within both thresholds, by `_nearness` and then by time. A keyframe that is close to another keyframe is not
     replaced.
     """
-    kept, taken, replaced = list(usable), set(wanted), dict[int, int]()
-    for row in sorted(set(wanted) - set(usable)):
+    kept, taken, replaced = list(usable), set(selected), dict[int, int]()
+    for row in sorted(set(selected) - set(usable)):
         if any(_nearness(poses[row], poses[other], thresholds) < 1.0 for other in kept):
             continue
         nearness = {

@@ -56,10 +56,10 @@ OPTIONS = KeyframeRuleOptions()
 class KeyframeRule:
     """Which frames become keyframes.
 
-    `pose`: a frame whose pose differs from all earlier keyframes' by more than `thresholds` (A 2.1). With
-    `calibrated` these are fitted to the scan itself, so that `wanted_matches` are left at them. `content`: a frame
-    whose image differs from those of the last two keyframes (B eq. 6). `distance`: one frame every `every_m` metres
-    (B eq. 1). `interval`: every n-th frame.
+    `pose`: a frame that is close to no earlier keyframe, that is, within both `thresholds` (A 2.1). With `calibrated`
+    these are fitted to the scan itself, so that `wanted_matches` are left at them. `content`: a frame whose image
+    differs from those of the last two keyframes (B eq. 6). `distance`: one frame every `every_m` metres (B eq. 1).
+    `interval`: every n-th frame.
     """
 
     rule: RuleName = "pose"

@@ -52,15 +52,15 @@ OPTIONS = SensorDepthOptions()
 
 
 def learn_depth_response(
-    keyframes: Sequence[View],
+    keyframe_views: Sequence[View],
     seen_by: Sequence[Sequence[View]],
     camera: Camera,
     extractor: LocalFeatureExtractor,
     executor: Executor,
     progress: Progress,
 ) -> DepthResponse:
-    """Return the response of a scan's depth sensor; `seen_by` are the other views that see each of the keyframes."""
-    pairs = every_nth(list(zip(keyframes, seen_by, strict=True)), SAMPLE_OPTIONS.max_keyframes)
+    """Return the response of a scan's depth sensor; `seen_by` are the other views that see each of the views."""
+    pairs = every_nth(list(zip(keyframe_views, seen_by, strict=True)), SAMPLE_OPTIONS.max_keyframes)
 
     def known(pair: tuple[View, Sequence[View]]) -> tuple[Array, Array, Array, Array]:
         return _known_depths(*pair, camera, extractor)

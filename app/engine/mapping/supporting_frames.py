@@ -50,10 +50,10 @@ class SupportingFeatureOptions:
 OPTIONS = SupportingFeatureOptions()
 
 
-def nearest_keyframe(frame: Pose, keyframes: Sequence[Pose]) -> int | None:
+def nearest_keyframe(frame: Pose, keyframe_poses: Sequence[Pose]) -> int | None:
     """Return the row of the keyframe nearest to a frame's pose, None where all are too far or look elsewhere."""
-    distances = np.linalg.norm(np.stack([k.translation for k in keyframes]) - frame.translation, axis=1)
-    cosines = np.stack([k.rotation[:, 2] for k in keyframes]) @ frame.rotation[:, 2]
+    distances = np.linalg.norm(np.stack([k.translation for k in keyframe_poses]) - frame.translation, axis=1)
+    cosines = np.stack([k.rotation[:, 2] for k in keyframe_poses]) @ frame.rotation[:, 2]
     cost = distances + OPTIONS.axes_weight_m * (1.0 - cosines)
     cost[(distances > POINT_OPTIONS.max_baseline_m) | (cosines < MIN_AXES_COSINE)] = np.inf
     best = int(np.argmin(cost))

@@ -47,7 +47,7 @@ def test_one_moved_poi_of_three_is_outvoted_but_one_of_two_is_not() -> None:
     assert _scale_error(np.array([-0.3, 0.1])) == 0.3
 
 
-def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFix:
+def fix(vertical: Vertical, instability_sigma_m: float = 0.0, **changes: Any) -> AnchorFix:
     """Return a good answer, with some of its evidence changed."""
     still = Pose(np.eye(3), np.zeros(3))
     none = np.zeros(0)
@@ -73,7 +73,7 @@ def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFi
         position_covariance=1e-3 * np.eye(3),
         orientation_sigma_deg=1.0,
         inliers=matches,
-        unsteady_m=unsteady_m,
+        instability_sigma_m=instability_sigma_m,
     )
 
 
@@ -106,13 +106,13 @@ def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
 def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:
     assert judge_fix(fix("map")) is None
     assert judge_fix(fix("map", worst_scale_error=OPTIONS.max_scale_error + 0.01)) == "ambiguous"
-    assert judge_fix(fix("map", unsteady_m=0.6)) == "too_few_inliers"
-    assert judge_fix(fix("gravity", unsteady_m=0.6)) is None
-    assert judge_fix(fix("gravity", unsteady_m=0.8)) == "too_few_inliers"
+    assert judge_fix(fix("map", instability_sigma_m=0.6)) == "too_few_inliers"
+    assert judge_fix(fix("gravity", instability_sigma_m=0.6)) is None
+    assert judge_fix(fix("gravity", instability_sigma_m=0.8)) == "too_few_inliers"
 
 
 def test_what_the_choice_of_matches_moves_is_part_of_the_accuracy() -> None:
-    steady, unsteady = fix("gravity"), fix("gravity", unsteady_m=0.3)
+    steady, unsteady = fix("gravity"), fix("gravity", instability_sigma_m=0.3)
     assert steady.position_sigma_m == steady.noise_sigma_m == unsteady.noise_sigma_m
     assert np.isclose(unsteady.position_sigma_m**2, steady.noise_sigma_m**2 + 0.09)
     assert np.isclose(np.trace(unsteady.full_covariance[:2, :2]), unsteady.position_sigma_m**2)
