@@ -1,4 +1,4 @@
-"""The pose beside a monitoring camera, held by both verticals or by the matches alone."""
+"""The relative pose to a monitoring camera, with both verticals or by the matches alone."""
 
 from __future__ import annotations
 

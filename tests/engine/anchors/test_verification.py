@@ -1,4 +1,4 @@
-"""Which anchor looks like a picture, and when POIs speak against an answer."""
+"""The likeness of an anchor to an image, the verification of its fix, and the stored form of its features."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_one_moved_poi_of_three_is_outvoted_but_one_of_two_is_not() -> None:
 
 
 def fix(vertical: Vertical, instability_sigma_m: float = 0.0, **changes: Any) -> AnchorFix:
-    """Return a good answer, with some of its evidence changed."""
+    """Return a fix that is accepted, with some of its evidence changed."""
     still = Pose(np.eye(3), np.zeros(3))
     none = np.zeros(0)
     solution = AnchorSolution(still, still, 1.0, 0.05, np.zeros((3, 3)), none, none, vertical)

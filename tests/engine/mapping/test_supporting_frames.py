@@ -1,4 +1,4 @@
-"""What keyframes take over from frames that are none: what they lack, no more than they need, where they see it."""
+"""Features that keyframes take from supporting frames: which ones, at most how many, and at which pixels."""
 
 from __future__ import annotations
 
