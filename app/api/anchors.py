@@ -203,4 +203,11 @@ def _spec(body: NewAnchor) -> AnchorSpec:
 
 def _poi(body: PoiBody) -> Poi:
     region = tuple((u, v) for u, v in body.region_px)
-    return Poi(body.id, region, body.position.x, body.position.y, body.distance_m, body.height_m)
+    return Poi(
+        id=body.id,
+        region_px=region,
+        x=body.position.x,
+        y=body.position.y,
+        distance_m=body.distance_m,
+        height_m=body.height_m,
+    )

@@ -94,7 +94,9 @@ def _values_of_matrix(m: tuple[float, ...], name: str) -> tuple[float, ...]:
             f"{name} as a 3x3 matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], row by row."
         )
     if abs(m[1]) > 1e-3 * m[0]:
-        raise InvalidInputError(f"{name} has a skew of {m[1]:g}, which no camera model here has; it must be 0.")
+        raise InvalidInputError(
+            f"{name} has a skew of {m[1]:g}, which no camera model here has; it must be 0."
+        )
     return m[0], m[4], m[2], m[5]
 
 

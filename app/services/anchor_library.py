@@ -6,7 +6,7 @@ from collections import OrderedDict
 from threading import Lock
 
 from app.engine.anchors.features import AnchorFeatures
-from app.engine.anchors.live import LiveAnchor, mounted_camera
+from app.engine.anchors.live_anchor import LiveAnchor, mounted_camera
 from app.services.resources import Resources
 from app.storage.anchors import frame_features, list_anchors, list_frames
 from app.storage.db import now

@@ -11,10 +11,10 @@ import numpy as np
 
 from app.engine.anchors.anchor import Anchor, AnchorSpec, Poi
 from app.engine.anchors.calibration import calibrate_in_map, calibration_of
-from app.engine.anchors.checks import check_anchor
+from app.engine.anchors.check_anchor import check_anchor
 from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.map_depth import SeenPoints
-from app.engine.anchors.sights import inside_region, region_in
+from app.engine.anchors.poi_triangulation import inside_region, region_in
 from app.errors import ConflictError, InvalidInputError
 from app.geometry.camera import Camera
 from app.services.map_library import MapLibrary

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from app.engine.anchors.locator import AnchorLocalization
-from app.engine.anchors.place import place_on_floor
+from app.engine.anchors.place_on_floor import place_on_floor
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera

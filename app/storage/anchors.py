@@ -164,13 +164,29 @@ def _anchor(row: Row[Any]) -> Anchor:
         for poi in row.pois
     )
     spec = AnchorSpec(
-        row.venue_id, row.floor_id, row.x, row.y, row.height_m, row.heading_deg, _camera(row.camera), pois,
-        row.store_images, row.max_age_s,
-    )  # fmt: skip
+        venue_id=row.venue_id,
+        floor_id=row.floor_id,
+        x=row.x,
+        y=row.y,
+        height_m=row.height_m,
+        heading_deg=row.heading_deg,
+        camera=_camera(row.camera),
+        pois=pois,
+        store_images=row.store_images,
+        max_age_s=row.max_age_s,
+    )
     created, updated = as_utc(row.created_at), as_utc(row.updated_at)
     assert created is not None  # noqa: S101 - the columns are not nullable
     assert updated is not None  # noqa: S101
-    return Anchor(row.id, spec, row.calibration, row.uses, as_utc(row.last_used_at), created, updated)
+    return Anchor(
+        id=row.id,
+        spec=spec,
+        calibration=row.calibration,
+        uses=row.uses,
+        last_used_at=as_utc(row.last_used_at),
+        created_at=created,
+        updated_at=updated,
+    )
 
 
 def _frame(row: Row[Any]) -> AnchorFrameRow:

@@ -29,14 +29,14 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
     phone = plan.apply(pair.world_from_phone.translation)
     pois = tuple(_poi(view, plan, camera) for view in pair.pois)
     spec = AnchorSpec(
-        "demo",
-        str(pair.floor),
-        float(camera[0]),
-        float(camera[1]),
-        float(camera[2]),
-        None,
-        MONITOR_CAMERA,
-        pois,
+        venue_id="demo",
+        floor_id=str(pair.floor),
+        x=float(camera[0]),
+        y=float(camera[1]),
+        height_m=float(camera[2]),
+        heading_deg=None,
+        camera=MONITOR_CAMERA,
+        pois=pois,
     )
     return AnchorPair(
         pair.name,
@@ -57,7 +57,11 @@ def _poi(view: PrintView, plan: Pose, camera_on_plan: Floats) -> Poi:
     point = plan.apply(view.in_world)
     region = tuple((float(u), float(v)) for u, v in view.corners_px)
     return Poi(
-        view.id, region, float(point[0]), float(point[1]), float(np.linalg.norm(point - camera_on_plan))
+        id=view.id,
+        region_px=region,
+        x=float(point[0]),
+        y=float(point[1]),
+        distance_m=float(np.linalg.norm(point - camera_on_plan)),
     )
 
 

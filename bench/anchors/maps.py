@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from app.engine.anchors.calibration import calibrate_in_map, calibration_of
 from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.fix import MountedCamera
-from app.engine.anchors.live import mounted_camera
-from app.engine.anchors.look import look_closely
+from app.engine.anchors.live_anchor import mounted_camera
 from app.engine.anchors.map_depth import SeenPoints
+from app.engine.anchors.match_anchor import match_anchor
 from app.engine.anchors.verification import judge_fix
 from app.engine.floors.floor import Floor
 from app.engine.maps.artifact import MapArtifact
@@ -131,14 +131,18 @@ def _anchor_error_m(
 ) -> float:
     plain, camera = evaluator.monitor_features(pair), pair.monitor_camera
     monitor = AnchorFeatures(
-        plain.akaze,
-        plain.xfeat,
-        plain.words,
-        seen.lengths_at(plain.akaze.keypoints_px.astype(np.float64), camera).astype(np.float32),
-        seen.lengths_at(plain.xfeat.keypoints_px.astype(np.float64), camera).astype(np.float32),
+        akaze=plain.akaze,
+        xfeat=plain.xfeat,
+        words=plain.words,
+        akaze_length_m=seen.lengths_at(plain.akaze.keypoints_px.astype(np.float64), camera).astype(
+            np.float32
+        ),
+        xfeat_length_m=seen.lengths_at(plain.xfeat.keypoints_px.astype(np.float64), camera).astype(
+            np.float32
+        ),
     )
     phone = evaluator.phone_features(pair.phone(), pair.gravity_in_phone)
-    fix, _ = look_closely(
+    fix, _ = match_anchor(
         pair.spec,
         (monitor, camera),
         (phone, pair.phone_camera),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from app.engine.anchors.anchor import AnchorSpec
 from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures
 from app.engine.anchors.locator import roll_deg
-from app.engine.anchors.look import look_closely
+from app.engine.anchors.match_anchor import match_anchor
 from app.engine.anchors.verification import confidence_of_fix, judge_fix
 from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera
@@ -125,7 +125,7 @@ class PairEvaluator:
         gray = to_gray(rgb)
         akaze = self._describer.akaze.extract(gray)
         roll = roll_deg(None if gravity is None else gravity.tolist())
-        return AnchorFeatures(akaze, self._describer.upright_xfeat(gray, roll), NO_WORDS)
+        return AnchorFeatures(akaze=akaze, xfeat=self._describer.upright_xfeat(gray, roll), words=NO_WORDS)
 
     def alike_by_words(self, monitors: Sequence[AnchorFeatures], phone: AnchorFeatures) -> Array:
         """Return how much a phone's picture looks like each monitoring frame by visual words, (m,)."""
@@ -139,7 +139,7 @@ class PairEvaluator:
         camera = pair.phone_camera.scaled_to(rgb.shape[1], rgb.shape[0])
         gravity = pair.gravity_in_phone if with_gravity else None
         monitor, phone = self.monitor_features(pair), self.phone_features(rgb, gravity)
-        fix, _ = look_closely(
+        fix, _ = match_anchor(
             pair.spec, (monitor, pair.monitor_camera), (phone, camera), gravity, None, StageTimer()
         )
         reason = "no_match" if fix is None else judge_fix(fix)

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.engine.anchors.features import AnchorDescriber, likeness
-from app.engine.anchors.locator import CANDIDATES, ranked
+from app.engine.anchors.features import AnchorDescriber
+from app.engine.anchors.locator import OPTIONS, ranked
+from app.engine.anchors.matching import likeness
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
 from app.services.map_library import MapLibrary
@@ -53,7 +54,7 @@ def choose_first(evaluator: PairEvaluator, pairs: Sequence[AnchorPair], anchors:
             words = evaluator.alike_by_words(monitors, phone)
             right = [not pair.seen.isdisjoint(poi.id for poi in other.spec.pois) for other in group]
             by_words += right[int(np.argmax(words))]
-            first = np.argsort(-words, kind="stable")[:CANDIDATES]
+            first = np.argsort(-words, kind="stable")[: OPTIONS.candidates]
             by_matches += right[first[ranked([likeness(monitors[row], phone) for row in first])[0]]]
             asked += 1
     return FirstChoices(asked, by_words, by_matches)

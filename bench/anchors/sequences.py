@@ -102,11 +102,26 @@ class PairOfViews:
         h = half_px
         region = ((u - h, v - h), (u + h, v - h), (u + h, v + h), (u - h, v + h))
         distance_m = float(np.linalg.norm(point - one.translation))
-        poi = Poi("poi", region, float(places["C"][0]), float(places["C"][1]), distance_m)
+        poi = Poi(
+            id="poi",
+            region_px=region,
+            x=float(places["C"][0]),
+            y=float(places["C"][1]),
+            distance_m=distance_m,
+        )
         b = places["B"]
         return AnchorPair(
             name,
-            AnchorSpec("scan", "0", float(b[0]), float(b[1]), float(b[2]), None, camera, (poi,)),
+            AnchorSpec(
+                venue_id="scan",
+                floor_id="0",
+                x=float(b[0]),
+                y=float(b[1]),
+                height_m=float(b[2]),
+                heading_deg=None,
+                camera=camera,
+                pois=(poi,),
+            ),
             _loader(scan, self.monitor),
             _loader(scan, self.phone),
             camera,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.anchors.features import AnchorFeatures
-from app.engine.anchors.look import look_closely
+from app.engine.anchors.match_anchor import match_anchor
 from app.engine.anchors.verification import judge_fix
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.progress import Progress
@@ -89,7 +89,7 @@ class _OneAnchor:
         full = camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         phone = self._evaluator.phone_features(frame.rgb, gravity), full
         monitor = self._monitor, pair.monitor_camera
-        found, _ = look_closely(pair.spec, monitor, phone, gravity, None, StageTimer())
+        found, _ = match_anchor(pair.spec, monitor, phone, gravity, None, StageTimer())
         if found is None:
             return NoFix("no_match")
         reason = judge_fix(found)

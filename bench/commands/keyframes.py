@@ -15,7 +15,8 @@ from rich.table import Table
 
 from app.commands.console import console, progress_bars
 from app.engine.mapping.build_map import scan_placement
-from app.engine.mapping.keyframe_rule import EVERY_M, KeyframeRule, parse_keyframe_rule
+from app.engine.mapping.keyframe_rule import OPTIONS as RULE_OPTIONS
+from app.engine.mapping.keyframe_rule import KeyframeRule, parse_keyframe_rule
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.select_keyframes import frame_contents
 from app.engine.maps.vision_models import VisionModels
@@ -75,7 +76,7 @@ def keyframes(
     alpha: Alpha = ALPHA,
     beta: Beta = BETA,
     combine: Combine = "and",
-    every_m: EveryM = EVERY_M,
+    every_m: EveryM = RULE_OPTIONS.every_m,
     every: Every = 10,
     database: Database = ":",
     queries: QueriesIn = None,

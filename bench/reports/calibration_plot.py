@@ -21,12 +21,12 @@ def calibration_from_dict(figures: dict[str, Any]) -> Calibration:
     try:
         position, attitude = (_curve_from_dict(figures[name]) for name in ("position", "attitude"))
         return Calibration(
-            figures["wanted_matches"],
-            figures["features"],
-            figures["frames"],
-            position,
-            attitude,
-            tuple(figures["warnings"]),
+            wanted_matches=figures["wanted_matches"],
+            features=figures["features"],
+            frames=figures["frames"],
+            position=position,
+            attitude=attitude,
+            warnings=tuple(figures["warnings"]),
         )
     except (KeyError, TypeError) as error:
         raise InvalidInputError(

@@ -37,7 +37,11 @@ def test_a_whole_camera_is_scaled() -> None:
         ("SIMPLE_PINHOLE", [500, 320, 240], ("PINHOLE", (500, 500, 320, 240))),
         ("SIMPLE_RADIAL", [500, 320, 240, 0.1], ("OPENCV", (500, 500, 320, 240, 0.1, 0, 0, 0))),
         ("RADIAL", [500, 320, 240, 0.1, -0.02], ("OPENCV", (500, 500, 320, 240, 0.1, -0.02, 0, 0))),
-        ("SIMPLE_RADIAL_FISHEYE", [300, 320, 240, 0.05], ("OPENCV_FISHEYE", (300, 300, 320, 240, 0.05, 0, 0, 0))),
+        (
+            "SIMPLE_RADIAL_FISHEYE",
+            [300, 320, 240, 0.05],
+            ("OPENCV_FISHEYE", (300, 300, 320, 240, 0.05, 0, 0, 0)),
+        ),
     ],
 )
 def test_colmaps_simple_models_are_special_cases(

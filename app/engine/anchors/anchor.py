@@ -9,10 +9,10 @@ from typing import Any
 from app.geometry.camera import Camera
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Poi:
-    """A point of interest of an anchor: its corners in the camera's picture (pixels), its place on the plan, its
-    distance from the camera, and its height on the plan's z axis, if known."""
+    """A point of interest of an anchor: the corners of its region in the camera's frame, its position on the plan in
+    metres, its distance from the camera, and its height on the plan's z axis, if known."""
 
     id: str
     region_px: tuple[tuple[float, float], ...]
@@ -22,10 +22,12 @@ class Poi:
     height_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSpec:
-    """What a `PUT` says of a monitoring camera. `camera` is a `Camera`, or the numbers of one for its frames as
-    they come."""
+    """A monitoring camera as a request describes it.
+
+    `camera` is a `Camera`, or the numbers of one without an image size, which is then that of the frames.
+    """
 
     venue_id: str
     floor_id: str
@@ -39,7 +41,7 @@ class AnchorSpec:
     max_age_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Anchor:
     """A stored anchor. `calibration` is the camera's pose in the map, as the calibration found it."""
 

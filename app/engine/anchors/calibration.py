@@ -1,4 +1,4 @@
-"""Self-calibration: where the map says that a monitoring camera and its POIs are."""
+"""Self-calibration: the pose of a monitoring camera in the map, and the positions of its POIs by the map."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.map_depth import SeenPoints
 from app.engine.anchors.monitor_pose import find_monitor
-from app.engine.anchors.sights import centroid, inside_region, region_in
+from app.engine.anchors.poi_triangulation import centroid, inside_region, region_in
 from app.engine.floors.floor import Floor
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
@@ -20,22 +20,54 @@ from app.geometry.camera import Camera
 from app.geometry.plan import PlanTransform, plan_position
 from app.geometry.se3 import Pose, rotation_from_quaternion
 from app.geometry.triangulation import homogeneous
+from app.limits import limit
 from app.vision.images import Rgb
 
-# Map points nearer to a POI's middle than this share of its region's size tell its distance.
-POI_SHARE, MIN_POI_POINTS = 0.5, 5
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorCalibrationOptions:
+    """Which keyframes a camera is searched in, and how far its pose may be from what was entered for it."""
+
+    keyframe_radius_m: float = limit(
+        10.0,
+        "Largest distance on the plan of a keyframe from the position that was entered for the camera.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    max_camera_error_m: float = limit(
+        2.0,
+        "Largest distance on the plan of the calibrated position from the entered one.",
+        chosen="By hand: places that look alike are further apart.",
+    )
+    max_poi_error_m: float = limit(
+        1.0,
+        "Constant part of the largest error, for most POIs, of the entered position by the calibrated pose.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    max_poi_error_ratio: float = limit(
+        0.1,
+        "Part of it that grows with the POI's distance, divided by the distance.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    poi_radius_ratio: float = limit(
+        0.5,
+        "Largest distance of a map point from a region's middle that counts for the POI's distance, divided by the "
+        "region's size.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    min_poi_points: int = limit(
+        5,
+        "Least number of these map points.",
+        chosen="By hand; no measurement is recorded.",
+    )
 
 
-# Keyframes this far around the place that was entered for the camera are looked at; the map's answer may be this far
-# from it, and most POIs this far, and this share of their distance, from where they were entered.
-NEAR_M, MAX_MOVED_M = 10.0, 2.0
-MAX_POI_MOVED_M, MAX_POI_MOVED_SHARE = 1.0, 0.1
+OPTIONS = AnchorCalibrationOptions()
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
-    """A monitoring camera in the map: its pose and one sigma of it, in metres and degrees, and how far away what it
-    sees is, packed as `SeenPoints` does, None where that wasn't noted."""
+class StoredCalibration:
+    """A monitoring camera in the map: its pose, the standard deviations of position and attitude, and the points it
+    sees, packed by `SeenPoints.pack`, None where they were not stored."""
 
     world_from_camera: Pose
     position_sigma_m: float
@@ -46,10 +78,10 @@ class Calibration:
 def calibrate_in_map(
     opened: OpenMap, map_version: int, floor: Floor, spec: AnchorSpec, camera: Camera, rgb: Rgb
 ) -> dict[str, Any]:
-    """Return a camera's calibration as the anchor stores it: pose in the world, place on the plan, POIs.
+    """Return a camera's calibration as the anchor stores it: pose in the world, position on the plan, POIs.
 
-    Raises `ConflictError` when the frame's pose can't be told from the map to 5 cm and 0.5 degrees (one sigma), when
-    it contradicts what was entered for the camera, or when the floor's plan has no place in the world.
+    Raises `ConflictError` when the map does not determine the pose to 5 cm and 0.5 degrees (one standard deviation),
+    when the pose contradicts what was entered for the camera, or when the floor has no `plan_from_world`.
     """
     if floor.plan_from_world is None:
         raise ConflictError(
@@ -84,12 +116,12 @@ def calibrate_in_map(
     }
 
 
-def calibration_of(values: dict[str, Any] | None) -> Calibration | None:
+def calibration_of(values: dict[str, Any] | None) -> StoredCalibration | None:
     """Return a stored calibration, or None for a camera without one."""
     if values is None:
         return None
     position, quaternion = values["pose"]["position"], values["pose"]["quaternion"]
-    return Calibration(
+    return StoredCalibration(
         Pose(
             rotation_from_quaternion(*(quaternion[key] for key in "xyzw")),
             np.array([position[key] for key in "xyz"]),
@@ -103,28 +135,29 @@ def calibration_of(values: dict[str, Any] | None) -> Calibration | None:
 def keyframes_near(
     artifact: MapArtifact, floor: Floor, plan: PlanTransform, spec: AnchorSpec
 ) -> NDArray[np.int64]:
-    """Return the keyframes (rows) of an anchor's floor around the place that was entered for it."""
+    """Return the keyframes (rows) of an anchor's floor near the position that was entered for it."""
     positions = artifact.arrays.positions
     heights = positions[:, 2]
     on_floor = (heights >= floor.z_min_m) & (heights < floor.z_max_m)
-    away = np.linalg.norm(plan.apply(positions)[:, :2] - [spec.x, spec.y], axis=1)
-    return np.flatnonzero(on_floor & (away < NEAR_M)).astype(np.int64)
+    distances_m = np.linalg.norm(plan.apply(positions)[:, :2] - [spec.x, spec.y], axis=1)
+    return np.flatnonzero(on_floor & (distances_m < OPTIONS.keyframe_radius_m)).astype(np.int64)
 
 
 def _check_place(spec: AnchorSpec, camera: Camera, world_from_camera: Pose, plan: PlanTransform) -> None:
-    """Raise `ConflictError` when a pose puts the camera, or most POIs, far from where they were entered.
+    """Raise `ConflictError` when the camera or most POIs are far from their entered positions by a pose.
 
-    Two places that look alike, or a pose from one corner of the picture, show here.
+    This rejects places that look alike, and poses by matches in one corner of the image.
     """
     at = plan.apply(world_from_camera.translation)
     moved_m = float(np.linalg.norm(at[:2] - [spec.x, spec.y]))
-    off = []
+    error_ratios = []
     for poi in spec.pois:
         ray = homogeneous(camera.normalize(centroid(region_in(poi, spec, camera))))[0]
         towards = plan.rotation @ world_from_camera.rotation @ (ray / np.linalg.norm(ray))
-        apart = np.linalg.norm((at + poi.distance_m * towards)[:2] - [poi.x, poi.y])
-        off.append(apart / (MAX_POI_MOVED_M + MAX_POI_MOVED_SHARE * poi.distance_m))
-    if moved_m > MAX_MOVED_M or float(np.median(off)) > 1.0:
+        error_m = np.linalg.norm((at + poi.distance_m * towards)[:2] - [poi.x, poi.y])
+        tolerance_m = OPTIONS.max_poi_error_m + OPTIONS.max_poi_error_ratio * poi.distance_m
+        error_ratios.append(error_m / tolerance_m)
+    if moved_m > OPTIONS.max_camera_error_m or float(np.median(error_ratios)) > 1.0:
         raise ConflictError(
             f"By the map the camera hangs at ({at[0]:.2f}, {at[1]:.2f}) m on the plan, {moved_m:.1f} m from where it "
             "was entered, and its POIs don't fit there; correct position and pois, or scan what the camera sees."
@@ -134,14 +167,13 @@ def _check_place(spec: AnchorSpec, camera: Camera, world_from_camera: Pose, plan
 def _poi(
     poi: Poi, spec: AnchorSpec, camera: Camera, world_from_camera: Pose, plan: PlanTransform, seen: SeenPoints
 ) -> dict[str, Any] | None:
-    """Return a POI's place by the map, or None when the map has too few points in the middle of its region."""
+    """Return a POI's position by the map, or None when the map has too few points in the middle of its region."""
     corners = region_in(poi, spec, camera)
     middle = centroid(corners)
     size = float(np.ptp(corners, axis=0).max())
-    near = inside_region(seen.pixels, corners) & (
-        np.linalg.norm(seen.pixels - middle, axis=1) < POI_SHARE * size
-    )
-    if np.count_nonzero(near) < MIN_POI_POINTS:
+    near = np.linalg.norm(seen.pixels - middle, axis=1) < OPTIONS.poi_radius_ratio * size
+    near &= inside_region(seen.pixels, corners)
+    if np.count_nonzero(near) < OPTIONS.min_poi_points:
         return None
     length_m = float(np.median(seen.lengths_m[near]))
     ray = homogeneous(camera.normalize(middle))[0]

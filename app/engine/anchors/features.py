@@ -1,4 +1,4 @@
-"""What is kept of a picture for positioning by anchors: A-KAZE and XFeat features, and the former's visual words."""
+"""The description of an image for positioning by anchors: A-KAZE features with their visual words, XFeat features."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
+from app.limits import limit
 from app.vision.edges import down_in_picture
 from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, Rgb, shrink, to_gray
@@ -20,36 +21,85 @@ from app.vision.local_features import FULL_SIDE_PX, Akaze, XFeat
 from app.vision.matching import Unit, to_unit_vectors
 from app.vision.vocabulary import Vocabulary, Words
 
-# With twice the features of a map's keyframes three pairs in four at wide angles agree on a pose, with 1000 two.
-XFEAT_FEATURES, TURNED_FEATURES, PHONE_SIDE_PX = 2000, 2300, 640
-# A smaller picture is enlarged by as much, or less; beyond that it shows nothing more.
-MAX_ENLARGED = 2.0
-# A monitoring camera's lens is wider and its picture larger: at this size a POI has about the pixels that it has in a
-# phone's picture of 640 (measured on the demonstration venue: docs/anchors.md).
-MONITOR_SIDE_PX, MONITOR_FEATURES = 960, 3000
-# A lens wider still, a fisheye, shows a POI so large only in a larger picture: where the focal length at the first
-# size is below the limit.
-WIDE_SIDE_PX, MIN_FOCAL_PX = 1280, 420.0
-# Pictures are alike by the matches among so many of their strongest XFeat features, the monitoring camera's and the
-# phone's, that are at least so similar.
-STRONGEST_OF_MONITOR, STRONGEST_OF_PHONE, ALIKE = 600, 400, 0.82
-AKAZE_FEATURES = 1000
-AKAZE_RATIO = 0.85
-# A picture rolled less is taken as it is; nearer to its border a turned one has false corners.
-MIN_ROLL_DEG, BORDER_PX = 12.0, 6.0
-NO_ROWS = np.zeros(0, np.intp)
-# A query's own words are not kept: each of its features is looked up under several.
+# A phone image has no words of its own: each of its features is looked up under several.
 NO_WORDS = np.zeros(0, np.int64)
 NO_LENGTHS = np.zeros(0, np.float32)
 NO_DOWN = np.zeros(0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorFeatureOptions:
+    """At which image sizes features are extracted, and how many."""
+
+    akaze_features: int = limit(
+        1000, "Largest number of A-KAZE features of an image.", chosen="By hand; no measurement is recorded."
+    )
+    phone_features: int = limit(
+        2000,
+        "Largest number of XFeat features of a phone image.",
+        chosen="Measured on rendered pairs at wide angles: with 2000 three pairs in four agree on a pose, with 1000 "
+        "two in four; the command is not recorded.",
+    )
+    rotated_features: int = limit(
+        2300,
+        "Largest number of XFeat features of a rotated phone image, before those at its border are dropped.",
+        chosen="By hand: about `phone_features` are left.",
+    )
+    phone_side_px: int = limit(
+        640,
+        "Longer side of the phone image from which XFeat features are extracted.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    max_enlargement_ratio: float = limit(
+        2.0,
+        "Largest factor by which a smaller phone image is enlarged.",
+        chosen="By hand: a larger factor shows no more detail.",
+    )
+    monitor_side_px: int = limit(
+        960,
+        "Longer side of the monitoring frame from which XFeat features are extracted.",
+        chosen="Measured on the demonstration venue (docs/anchors.md): at this size a POI is about as large as in a "
+        "phone image of 640 pixels, for monitoring cameras have wider lenses.",
+    )
+    monitor_features: int = limit(
+        3000,
+        "Largest number of XFeat features of a monitoring frame.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    wide_side_px: int = limit(
+        1280,
+        "Longer side of the monitoring frame of a very wide lens, such as a fisheye.",
+        chosen="By hand: a POI is as large only in a larger image.",
+    )
+    min_focal_px: float = limit(
+        420.0,
+        "Focal length at `monitor_side_px` below which a lens is very wide.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    min_roll_deg: float = limit(
+        12.0,
+        "Roll of a phone from which its image is rotated upright before XFeat sees it.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    border_px: float = limit(
+        6.0,
+        "Distance from the border of a rotated image within which features are dropped.",
+        chosen="By hand: the border itself makes false corners there.",
+    )
+
+
+OPTIONS = AnchorFeatureOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
 class AnchorFeatures:
-    """The features of one picture. `akaze` finds the anchor and bears turned phones; `xfeat` bears wide angles;
-    `words` (n,) are the visual words of the former. Of a calibrated camera `*_length_m` says how far along its ray
-    each feature lies by the map, NaN where the map doesn't tell. `down` (3,) is the vertical in camera axes, where the
-    edges in a monitoring camera's picture show it."""
+    """The features of one image.
+
+    `akaze` features are robust to a phone's roll and retrieve the anchor, by their visual words `words` (n,); `xfeat`
+    features are robust to wide angles between the views. `*_length_m` are the distances (n,) of the features along
+    their rays by the map, NaN where the map doesn't know them; None for a camera that is not calibrated. `down` (3,)
+    is the vertical in camera axes, None where the edges in the monitoring frame don't show it.
+    """
 
     akaze: LocalFeatures
     xfeat: LocalFeatures
@@ -81,160 +131,88 @@ class AnchorFeatures:
 
     @staticmethod
     def unpack(data: bytes) -> AnchorFeatures | None:
-        """Return what `pack` has packed, None for what an earlier version did: the camera's next frame replaces it."""
+        """Return the features that `pack` packed, None for the format of an earlier version.
+
+        The camera's next frame replaces such features.
+        """
         with np.load(io.BytesIO(data)) as arrays:
             if "akaze_words" not in arrays:
                 return None
             return AnchorFeatures(
-                LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
-                LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
-                arrays["akaze_words"].astype(np.int64),
-                arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
-                arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
-                arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
+                akaze=LocalFeatures(arrays["akaze_px"], arrays["akaze"]),
+                xfeat=LocalFeatures(arrays["xfeat_px"], arrays["xfeat"].astype(np.float32)),
+                words=arrays["akaze_words"].astype(np.int64),
+                akaze_length_m=arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
+                xfeat_length_m=arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
+                down=arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
             )
 
 
 class AnchorDescriber:
-    """Extracts the features of pictures. Safe to share between threads."""
+    """Extracts the features of images. Safe to share between threads."""
 
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
-        self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, AKAZE_FEATURES)
-        self.xfeat: LocalFeatureExtractor = XFeat(XFEAT_FEATURES, PHONE_SIDE_PX)
-        # The canvas of a turned picture is larger than it, up to its diagonal; the picture in it must not get smaller.
-        # What it finds along the picture's border is left out.
-        self.turned_xfeat: LocalFeatureExtractor = XFeat(TURNED_FEATURES, 2 * PHONE_SIDE_PX)
-        self.monitor_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, MONITOR_SIDE_PX)
-        self.wide_xfeat: LocalFeatureExtractor = XFeat(MONITOR_FEATURES, WIDE_SIDE_PX)
+        self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, OPTIONS.akaze_features)
+        self.xfeat: LocalFeatureExtractor = XFeat(OPTIONS.phone_features, OPTIONS.phone_side_px)
+        # A rotated image needs a larger canvas, up to its diagonal, which must not be shrunk.
+        self.rotated_xfeat: LocalFeatureExtractor = XFeat(OPTIONS.rotated_features, 2 * OPTIONS.phone_side_px)
+        self.monitor_xfeat: LocalFeatureExtractor = XFeat(OPTIONS.monitor_features, OPTIONS.monitor_side_px)
+        self.wide_xfeat: LocalFeatureExtractor = XFeat(OPTIONS.monitor_features, OPTIONS.wide_side_px)
         self.vocabulary = vocabulary or Vocabulary.open()
 
     def describe(self, rgb: Rgb, camera: Camera) -> AnchorFeatures:
         """Return all features of a monitoring camera's RGB image (height, width, 3)."""
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
-        shrunk = min(1.0, MONITOR_SIDE_PX / max(gray.shape))
-        xfeat = self.wide_xfeat if shrunk * camera.focal_px < MIN_FOCAL_PX else self.monitor_xfeat
+        scale = min(1.0, OPTIONS.monitor_side_px / max(gray.shape))
+        xfeat = self.wide_xfeat if scale * camera.focal_px < OPTIONS.min_focal_px else self.monitor_xfeat
         down = down_in_picture(gray, camera)
-        return AnchorFeatures(akaze, xfeat.extract(gray), self.words_of(akaze), down=down)
+        return AnchorFeatures(akaze=akaze, xfeat=xfeat.extract(gray), words=self.words_of(akaze), down=down)
 
     def words_of(self, akaze: LocalFeatures) -> Words:
         """Return the visual words (n,) of A-KAZE features."""
         return self.vocabulary.words_of(np.asarray(akaze.descriptors, dtype=np.uint8))
 
     def alike_by_words(self, monitors: Sequence[AnchorFeatures], akaze: LocalFeatures) -> NDArray[np.float64]:
-        """Return how much a picture with these A-KAZE features looks like each monitoring frame, (m,)."""
-        pictures = [(one.words, np.asarray(one.akaze.descriptors, dtype=np.uint8)) for one in monitors]
-        return InvertedFile(self.vocabulary, pictures).scores(np.asarray(akaze.descriptors, dtype=np.uint8))
+        """Return the similarity (m,) by visual words of an image with these A-KAZE features to monitoring frames."""
+        images = [(one.words, np.asarray(one.akaze.descriptors, dtype=np.uint8)) for one in monitors]
+        return InvertedFile(self.vocabulary, images).scores(np.asarray(akaze.descriptors, dtype=np.uint8))
 
     def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
-        """Return XFeat's features of an image (height, width) that must be turned counter-clockwise by `roll_deg` to
-        be upright, as the network wants it; the keypoints are in pixels of the image as it is."""
+        """Return the XFeat features of an image (height, width) after rotating it upright.
+
+        `roll_deg` is the counter-clockwise rotation that makes it upright, as the network expects images. The
+        keypoints are in pixels of the original image.
+        """
         small, scale = _phone_sized(gray)
-        if abs(roll_deg) < MIN_ROLL_DEG:
+        if abs(roll_deg) < OPTIONS.min_roll_deg:
             features = self.xfeat.extract(small)
             points = (features.keypoints_px + 0.5) / scale - 0.5
             return LocalFeatures(points.astype(np.float32), features.descriptors)
         height, width = small.shape
-        turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
-        cos, sin = np.abs(turn[0, :2])
+        rotation = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
+        cos, sin = np.abs(rotation[0, :2])
         size = int(np.ceil(width * cos + height * sin)), int(np.ceil(width * sin + height * cos))
-        turn[:, 2] = turn[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
-        # Grey instead of black outside the picture makes fewer corners along its border.
-        turned = cv2.warpAffine(small, turn, size, borderValue=128.0)
-        features = self.turned_xfeat.extract(np.asarray(turned, dtype=np.uint8))
-        back = cv2.invertAffineTransform(turn)
+        rotation[:, 2] = rotation[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
+        # Grey instead of black outside the image makes fewer corners along its border.
+        rotated = cv2.warpAffine(small, rotation, size, borderValue=128.0)
+        features = self.rotated_xfeat.extract(np.asarray(rotated, dtype=np.uint8))
+        back = cv2.invertAffineTransform(rotation)
         points = features.keypoints_px @ back[:, :2].T + back[:, 2]
-        inside = ((points > BORDER_PX) & (points < np.array([width, height]) - 1 - BORDER_PX)).all(axis=1)
-        rows = np.flatnonzero(inside)[:XFEAT_FEATURES]
+        inside = (points > OPTIONS.border_px) & (points < np.array([width, height]) - 1 - OPTIONS.border_px)
+        rows = np.flatnonzero(inside.all(axis=1))[: OPTIONS.phone_features]
         points = (points[rows] + 0.5) / scale - 0.5
         return LocalFeatures(points.astype(np.float32), features.descriptors[rows])
 
 
 def _phone_sized(gray: Gray) -> tuple[Gray, float]:
-    """Return an image (height, width) at the size at which XFeat sees phones', and the scale: what a small one shows
-    must be as large there as in the monitoring frame."""
-    scale = PHONE_SIDE_PX / max(gray.shape)
+    """Return an image (height, width) at the size from which a phone's XFeat features are extracted, and the scale.
+
+    A smaller image is enlarged, so that objects have about the size that they have in the monitoring frame.
+    """
+    scale = OPTIONS.phone_side_px / max(gray.shape)
     if scale <= 1.0:
-        return shrink(gray, PHONE_SIDE_PX)
-    scale = min(scale, MAX_ENLARGED)
+        return shrink(gray, OPTIONS.phone_side_px)
+    scale = min(scale, OPTIONS.max_enlargement_ratio)
     enlarged = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     return np.asarray(enlarged, dtype=np.uint8), scale
-
-
-@dataclass(frozen=True, slots=True)
-class PixelMatches:
-    """Matches of a monitoring camera's picture (n, 2) with a phone's (n, 2), in pixels of each, and how far along the
-    monitoring camera's ray each lies, (n,) in metres, NaN where that is not known."""
-
-    monitor_px: NDArray[np.float64]
-    phone_px: NDArray[np.float64]
-    length_m: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.monitor_px)
-
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> PixelMatches:
-        """Return the matches of a mask (n,) or of rows."""
-        return PixelMatches(self.monitor_px[rows], self.phone_px[rows], self.length_m[rows])
-
-    def with_more(self, other: PixelMatches) -> PixelMatches:
-        """Return these and others."""
-        return PixelMatches(
-            np.concatenate([self.monitor_px, other.monitor_px]),
-            np.concatenate([self.phone_px, other.phone_px]),
-            np.concatenate([self.length_m, other.length_m]),
-        )
-
-
-def match_akaze(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
-    """Return the A-KAZE features of two pictures that are each other's nearest and pass the ratio test."""
-    ours, theirs = monitor.akaze.descriptors, phone.akaze.descriptors
-    if len(ours) == 0 or len(theirs) < 2:
-        return _matches(monitor.akaze, phone.akaze, NO_ROWS, NO_ROWS, monitor.akaze_length_m)
-    # Counting bits takes a fraction of the time of a matrix product of so many signs.
-    distances, two = cv2.batchDistance(ours, theirs, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
-    _, back = cv2.batchDistance(theirs, ours, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)
-    rows, nearest = np.arange(len(ours)), two[:, 0].astype(np.intp)
-    keep = (back[nearest, 0] == rows) & (distances[:, 0] < AKAZE_RATIO * distances[:, 1])
-    a, b = rows[keep], nearest[keep]
-    return _matches(monitor.akaze, phone.akaze, a, b, monitor.akaze_length_m)
-
-
-def match_xfeat(monitor: AnchorFeatures, phone: AnchorFeatures) -> PixelMatches:
-    """Return the XFeat features of two pictures that are each other's nearest."""
-    if min(len(monitor.xfeat_unit), len(phone.xfeat_unit)) == 0:
-        return _matches(monitor.xfeat, phone.xfeat, NO_ROWS, NO_ROWS, monitor.xfeat_length_m)
-    similarity = monitor.xfeat_unit @ phone.xfeat_unit.T
-    a, b, _ = _mutual(similarity)
-    return _matches(monitor.xfeat, phone.xfeat, a, b, monitor.xfeat_length_m)
-
-
-def likeness(monitor: AnchorFeatures, phone: AnchorFeatures) -> int:
-    """Return how many of the strongest XFeat features of two pictures are each other's nearest and similar."""
-    similarity = monitor.xfeat_unit[:STRONGEST_OF_MONITOR] @ phone.xfeat_unit[:STRONGEST_OF_PHONE].T
-    if similarity.size == 0:
-        return 0
-    return int(np.count_nonzero(_mutual(similarity)[2] > ALIKE))
-
-
-def _mutual(similarity: Unit) -> tuple[NDArray[np.intp], NDArray[np.intp], Unit]:
-    """Return rows, columns and values of a matrix (n, m) that are the largest of their row and of their column."""
-    nearest = similarity.argmax(axis=1)
-    values = similarity[np.arange(len(nearest)), nearest]
-    # Comparing with the columns' maxima is many times faster than finding where these are.
-    rows = np.flatnonzero(values >= similarity.max(axis=0)[nearest])
-    return rows, nearest[rows], values[rows]
-
-
-def _matches(
-    monitor: LocalFeatures,
-    phone: LocalFeatures,
-    a: NDArray[np.intp],
-    b: NDArray[np.intp],
-    length_m: NDArray[np.float32] | None,
-) -> PixelMatches:
-    return PixelMatches(
-        monitor.keypoints_px[a].astype(np.float64),
-        phone.keypoints_px[b].astype(np.float64),
-        np.full(len(a), np.nan) if length_m is None else length_m[a].astype(np.float64),
-    )

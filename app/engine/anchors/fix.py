@@ -1,4 +1,4 @@
-"""One anchor's answer for one phone picture: matches, relative pose, scale, place on the plan, and its accuracy."""
+"""The position fix of one phone image by one anchor: relative pose, scale, pose on the plan, and its accuracy."""
 
 from __future__ import annotations
 
@@ -8,38 +8,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec
-from app.engine.anchors.features import PixelMatches
-from app.engine.anchors.relative import instability_deg, known_verticals, phone_beside_monitor
-from app.engine.anchors.sights import lengths_along_rays, sights_of
+from app.engine.anchors.matching import PixelMatches
+from app.engine.anchors.poi_triangulation import lengths_along_rays, reliable_sights_of
+from app.engine.anchors.relative_pose import instability_deg, known_verticals, phone_beside_monitor
 from app.engine.query.verification import coverage
 from app.errors import DegenerateGeometryError
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
 from app.geometry.se3 import Pose, skew
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# A POI may come out this far from its place: this much, and this share of its distance.
-MAX_POI_ERROR_M, MAX_POI_ERROR_SHARE = 0.15, 0.06
-# With so many inliers the two halves of the matches have hardly ever disagreed.
-SURE_INLIERS = 400
-# One sigma of the phone's direction and attitude, as a share of what the worse half differs by (measured).
-SIGMA_PER_INSTABILITY = 0.5
-# No feature is found better than to this angle (tangent).
-MIN_SIGMA = tangent_of_px(0.35)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixOptions:
+    """Errors of what a fix rests on, and when it needs no test of stability."""
+
+    poi_error_m: float = limit(
+        0.15,
+        "Constant part of the tolerance of a POI's position by a fix.",
+        chosen="By hand: errors of tape and plan.",
+    )
+    poi_error_ratio: float = limit(
+        0.06,
+        "Part of the tolerance of a POI's position that grows with its distance, divided by the distance.",
+        chosen="By hand: errors of tape and plan.",
+    )
+    sure_inliers: int = limit(
+        400,
+        "Number of inliers from which the halves of the matches are not compared.",
+        chosen="Measured: with as many the halves hardly ever disagreed; the command is not recorded.",
+    )
+    sigma_per_instability: float = limit(
+        0.5,
+        "Ratio of the standard deviation of direction and attitude to the difference of the worse half.",
+        chosen="Measured on rendered pairs (docs/anchors.md, How it works); the command is not recorded.",
+    )
+    min_feature_sigma_px: float = limit(
+        0.35,
+        "Least standard deviation of a feature's pixel, at the reference focal length.",
+        chosen="By hand: no feature is located more exactly.",
+    )
 
 
-@dataclass(frozen=True, slots=True)
+OPTIONS = FixOptions()
+MIN_FEATURE_SIGMA_TANGENT = tangent_of_px(OPTIONS.min_feature_sigma_px)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorEvidence:
-    """What speaks for an anchor's answer.
+    """The figures by which a fix is verified.
 
-    `matches`, `inliers`; `coverage`, the share of the phone picture's grid cells that hold inliers;
-    `region_matches`, inliers inside POI regions; `parallax_deg`, the median parallax; `poi_error_share`, how far the
-    worst POI comes out from its place on the plan, over what errors of tape and plan explain; `scale_error`, how far
-    (logarithm) the scales of most POIs lie from their common one, and `worst_scale_error`, the farthest, or of a map
-    and what it knows; `log_scale_sigma`, one sigma of the common one; `instability_deg`, how far off direction or
-    attitude are when either half of the matches decides alone; `is_upright`, whether both verticals held the pose.
+    - `matches`, `inliers`: their numbers.
+    - `coverage`: the fraction of the phone image's grid cells that hold inliers.
+    - `region_matches`: the number of inliers inside POI regions.
+    - `parallax_deg`: the median parallax.
+    - `poi_error_share`: the largest ratio of a POI's position error on the plan to its tolerance.
+    - `scale_error`: the median absolute difference between the logarithms of the POIs' scales and of the common scale
+      (the larger middle one of an even number).
+    - `worst_scale_error`: the largest such difference, of the POIs and of the map's distances.
+    - `log_scale_sigma`: the standard deviation of the common scale's logarithm.
+    - `instability_deg`: the difference between the relative pose and the poses by each half of the matches.
+    - `is_upright`: whether the relative pose was estimated with both verticals.
     """
 
     matches: int
@@ -56,13 +88,13 @@ class AnchorEvidence:
 
     @property
     def inlier_ratio(self) -> float:
-        """Inliers over matches."""
+        """The ratio of inliers to matches."""
         return self.inliers / max(self.matches, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class MountedCamera:
-    """A calibrated camera: its pose on the plan (metres, z up) and one sigma of it."""
+    """A calibrated camera: its pose on the plan (metres, z up) and the standard deviations of position and attitude."""
 
     plan_from_monitor: Pose
     position_sigma_m: float
@@ -70,17 +102,17 @@ class MountedCamera:
 
     @property
     def down(self) -> Array:
-        """Down in its axes, (3,)."""
+        """The direction of down in camera axes, (3,)."""
         return np.asarray(-self.plan_from_monitor.rotation[2])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorFix:
-    """A phone's place by one anchor, and the matches that agree on it: `position_sigma_m` and
-    `orientation_sigma_deg` are one sigma.
+    """A phone's pose on the plan by one anchor, the inliers, and the accuracy.
 
-    `position_covariance` (3, 3), in square metres, is what the noise of matches and measurements makes of it;
-    `unsteady_m` one sigma of what the matches' choice makes of it besides.
+    `position_covariance` (3, 3), in square metres, is that by the noise of matches and measurements.
+    `instability_sigma_m` is the standard deviation of the position by the instability of the relative pose, in
+    addition. `orientation_sigma_deg` is the standard deviation of the attitude.
     """
 
     solution: AnchorSolution
@@ -88,7 +120,7 @@ class AnchorFix:
     position_covariance: Array
     orientation_sigma_deg: float
     inliers: PixelMatches
-    unsteady_m: float = 0.0
+    instability_sigma_m: float = 0.0
 
     @property
     def is_calibrated(self) -> bool:
@@ -97,18 +129,18 @@ class AnchorFix:
 
     @property
     def noise_sigma_m(self) -> float:
-        """One sigma of the place on the plan by noise alone, the root mean square of the error's length."""
+        """The standard deviation of the position on the plan by noise alone, as the root mean square error."""
         return float(np.sqrt(np.trace(self.position_covariance[:2, :2])))
 
     @property
     def position_sigma_m(self) -> float:
-        """One sigma of the place on the plan, the root mean square of the error's length."""
-        return float(np.hypot(self.noise_sigma_m, self.unsteady_m))
+        """The standard deviation of the position on the plan, as the root mean square error."""
+        return float(np.hypot(self.noise_sigma_m, self.instability_sigma_m))
 
     @property
     def full_covariance(self) -> Array:
-        """The covariance (3, 3) of the place by all that makes it uncertain, in square metres."""
-        return np.asarray(self.position_covariance + 0.5 * self.unsteady_m**2 * np.eye(3))
+        """The covariance (3, 3) of the position by noise and instability, in square metres."""
+        return np.asarray(self.position_covariance + 0.5 * self.instability_sigma_m**2 * np.eye(3))
 
 
 def fix_by_anchor(
@@ -120,10 +152,10 @@ def fix_by_anchor(
     mounted: MountedCamera | None = None,
     down_in_monitor: Array | None = None,
 ) -> AnchorFix | None:
-    """Return where the matches put the phone, or None when they hold no relative pose or no scale.
+    """Return the phone's fix by the matches, or None where they determine no relative pose or no scale.
 
-    With `mounted`, for a camera that was calibrated, nothing rests on the POIs but the scale, and that on what the
-    map knows besides. `down_in_monitor` (3,) is the other cameras' vertical, where their pictures show it.
+    `mounted` is the pose of a calibrated camera: then only the scale rests on the POIs, together with the map's
+    distances. `down_in_monitor` (3,) is the vertical of a camera that is not calibrated, where its frame shows it.
     """
     cameras = monitor_camera, phone_camera
     verticals = known_verticals(down_in_monitor, gravity_in_phone)
@@ -137,16 +169,18 @@ def fix_by_anchor(
     monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
-    sights = sights_of(spec, monitor_camera, monitor_px, lengths)
+    sights = reliable_sights_of(spec, monitor_camera, monitor_px, lengths)
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
         )
-        covariance = relative_pose_covariance(*rays, phone_from_monitor, MIN_SIGMA, found.information)
+        covariance = relative_pose_covariance(
+            *rays, phone_from_monitor, MIN_FEATURE_SIGMA_TANGENT, found.information
+        )
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
-    # A calibrated camera's answers have no other error as large: each is tested.
-    sure_inliers = SURE_INLIERS if mounted is None else len(matches) + 1
+    # Of a calibrated camera instability is the largest error, so that the halves are always compared.
+    sure_inliers = OPTIONS.sure_inliers if mounted is None else len(matches) + 1
     evidence = AnchorEvidence(
         matches=len(matches),
         inliers=int(inliers.sum()),
@@ -172,15 +206,22 @@ def _fix(
     mounted: MountedCamera | None,
     inliers: PixelMatches,
 ) -> AnchorFix:
-    """Return a solution with what makes it uncertain."""
+    """Return a solution with its covariances."""
     orientation = np.trace(relative_covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
     position_covariance = _position_covariance(solution, phone_from_monitor, relative_covariance, rays)
     if mounted is not None:
         position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
-    away_m = solution.metres_per_unit * float(np.linalg.norm(phone_from_monitor.translation))
-    unsteady_rad = SIGMA_PER_INSTABILITY * float(np.radians(evidence.instability_deg))
+    distance_m = solution.metres_per_unit * float(np.linalg.norm(phone_from_monitor.translation))
+    unsteady_rad = OPTIONS.sigma_per_instability * float(np.radians(evidence.instability_deg))
     orientation_deg = float(np.degrees(np.hypot(np.sqrt(orientation), unsteady_rad)))
-    return AnchorFix(solution, evidence, position_covariance, orientation_deg, inliers, unsteady_rad * away_m)
+    return AnchorFix(
+        solution=solution,
+        evidence=evidence,
+        position_covariance=position_covariance,
+        orientation_sigma_deg=orientation_deg,
+        inliers=inliers,
+        instability_sigma_m=unsteady_rad * distance_m,
+    )
 
 
 def _solution(
@@ -207,7 +248,7 @@ def _solution(
 
 
 def _scale_error(errors: Array) -> float:
-    """Return what all but a minority of POIs agree within: two of two, two of three, three of four."""
+    """Return the upper median of absolute scale errors: that of two of two POIs, two of three, three of four."""
     return float(np.sort(np.abs(errors))[len(errors) // 2]) if len(errors) else 0.0
 
 
@@ -218,7 +259,7 @@ def _worst_scale_error(solution: AnchorSolution) -> float:
 def _poi_error_share(solution: AnchorSolution, pois: list[PoiSight]) -> float:
     if not len(solution.poi_errors_m):
         return 0.0
-    allowed_m = MAX_POI_ERROR_M + MAX_POI_ERROR_SHARE * np.array([poi.distance_m for poi in pois])
+    allowed_m = OPTIONS.poi_error_m + OPTIONS.poi_error_ratio * np.array([poi.distance_m for poi in pois])
     return float(np.max(solution.poi_errors_m / allowed_m))
 
 
@@ -230,15 +271,15 @@ def _position_covariance(
 ) -> Array:
     """Return the covariance (3, 3) of the phone's position in plan axes, in square metres.
 
-    Three independent parts: the relative pose, which moves the scale too, for it moves what is triangulated; the
-    scale; and the anchor's rotation on the plan.
+    It is the sum of three independent parts: by the relative pose, which also changes the triangulated lengths and so
+    the scale; by the scale; and by the anchor's rotation on the plan.
     """
     plan_from_monitor = solution.plan_from_monitor.rotation
     before = np.median(lengths_along_rays(*rays, phone_from_monitor))
 
     def position(change: Array) -> Array:
         moved = perturbed_relative(phone_from_monitor, change)
-        # All lengths change alike to first order: the median's change stands for that of the POIs'.
+        # To first order all lengths change by the same factor: that of the median is taken for the POIs' lengths.
         stretch = before / np.median(lengths_along_rays(*rays, moved))
         offset = -moved.rotation.T @ moved.translation
         return np.asarray(plan_from_monitor @ (solution.metres_per_unit * stretch * offset))

@@ -1,4 +1,4 @@
-"""Positioning by anchors: the monitoring cameras that see what the phone sees, and where that puts the phone."""
+"""Positioning by anchors: a phone's pose on the plan by the monitoring cameras that see what it sees."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures, likeness
+from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures
 from app.engine.anchors.fix import AnchorFix
-from app.engine.anchors.live import LiveAnchor
-from app.engine.anchors.look import look_closely
+from app.engine.anchors.live_anchor import LiveAnchor
+from app.engine.anchors.match_anchor import match_anchor
+from app.engine.anchors.matching import likeness
 from app.engine.anchors.verification import confidence_of_fix, judge_fix
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
@@ -19,24 +20,61 @@ from app.engine.stage_timer import StageTimer
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.images import Rgb, measure_quality, to_gray
 
 Array = NDArray[np.float64]
 
-# So many anchors, by visual words, are compared with the picture; of these the most alike get a close look.
-CANDIDATES, CLOSE_LOOKS = 6, 2
-# After a good answer another anchor gets a close look only when it is this share as alike as the first.
-NEARLY_AS_ALIKE = 0.6
-# Two anchors agree when their answers differ by no more than this many sigma, or this many metres.
-AGREEMENT_SIGMAS, AGREEMENT_M = 4.0, 0.3
+# Square metres added to the diagonal of a covariance before it is inverted.
+COVARIANCE_FLOOR_M2 = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorLocatorOptions:
+    """Which anchors an image is matched with, and when their fixes agree."""
+
+    candidates: int = limit(
+        6,
+        "Largest number of anchors, the most similar by visual words, that are ranked by their likeness.",
+        chosen="By hand: of 20 anchors a right one is first by words for 98 % of the phones "
+        "(`roomfix evaluate-anchors`; docs/anchors.md, Choosing).",
+    )
+    matched_anchors: int = limit(
+        2,
+        "Largest number of these anchors that are matched with all features.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    min_likeness_ratio: float = limit(
+        0.6,
+        "Least ratio of an anchor's likeness to the highest one for it to be matched after an accepted fix.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    agreement_sigmas: float = limit(
+        4.0,
+        "Largest distance on the plan of two fixes that agree, divided by its standard deviation.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    agreement_m: float = limit(
+        0.3,
+        "Distance on the plan within which two fixes agree whatever their standard deviations.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    min_image_gravity_ratio: float = limit(
+        0.3,
+        "Least length of gravity's part in the image plane, divided by its whole length, for a roll.",
+        chosen="By hand: a camera that looks nearly straight up or down has no roll.",
+    )
+
+
+OPTIONS = AnchorLocatorOptions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorLocalization:
-    """The outcome for one picture. `plan_from_phone` is None exactly when `reason` says why.
+    """The outcome for one image; `plan_from_phone` is None exactly when there is a `reason`.
 
-    Positions are metres on the plan of floor `floor_id`, and height; `anchors` are those that agree on it, `best` the
-    one that is surest, with its own answer.
+    Positions are in metres on the plan of floor `floor_id`, z is height. `anchors` are the ids of those whose fixes
+    agree, `best` is the anchor with the highest confidence and its own fix.
     """
 
     plan_from_phone: Pose | None = None
@@ -59,26 +97,28 @@ def locate_by_anchors(
     gravity: Sequence[float] | None,
     timer: StageTimer,
 ) -> AnchorLocalization:
-    """Return where an RGB image (height, width, 3) of a camera of that size was taken, by the anchors that are live.
+    """Return the pose of an RGB image (height, width, 3) of a camera of that size, by the live anchors.
 
-    `gravity` is down in camera axes; without it the phone is taken to be upright.
+    `gravity` is down in camera axes; without it the phone is assumed to be upright.
     """
     if not live:
-        return _nothing("no_map", timer)
+        return not_located("no_map", timer)
     gray = to_gray(rgb)
     akaze = describer.akaze.extract(gray)
     timer.lap("akaze")
     alike = describer.alike_by_words([anchor.features for anchor in live], akaze)
     order = np.argsort(-alike, kind="stable")
-    candidates = [live[int(row)] for row in order[:CANDIDATES]]
+    candidates = [live[int(row)] for row in order[: OPTIONS.candidates]]
     timer.lap("retrieve")
-    phone = AnchorFeatures(akaze, describer.upright_xfeat(gray, roll_deg(gravity)), NO_WORDS)
+    phone = AnchorFeatures(
+        akaze=akaze, xfeat=describer.upright_xfeat(gray, roll_deg(gravity)), words=NO_WORDS
+    )
     timer.lap("describe")
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
-    fixes, matched = _fixes(candidates, phone, camera, down, timer)
-    if not fixes and matched == 0 and measure_quality(gray).is_poor:
-        return _nothing("poor_image", timer)
-    return conclude(fixes, matched, timer)
+    fixes, matches = _fixes(candidates, phone, camera, down, timer)
+    if not fixes and matches == 0 and measure_quality(gray).is_poor:
+        return not_located("poor_image", timer)
+    return combine_fixes(fixes, matches, timer)
 
 
 def _fixes(
@@ -88,17 +128,17 @@ def _fixes(
     gravity: Array | None,
     timer: StageTimer,
 ) -> tuple[list[tuple[LiveAnchor, AnchorFix]], int]:
-    """Return the answers of the anchors that look most like the picture, and the most matches of any."""
+    """Return the fixes by the anchors with the highest likeness, and the largest number of matches of an anchor."""
     alike = [likeness(anchor.features, phone) for anchor in candidates]
     timer.lap("rerank")
     found: list[tuple[LiveAnchor, AnchorFix]] = []
     most = 0
-    for row in ranked(alike)[:CLOSE_LOOKS]:
-        good = any(judge_fix(fix) is None for _, fix in found)
-        if good and alike[row] < NEARLY_AS_ALIKE * max(alike):
+    for row in ranked(alike)[: OPTIONS.matched_anchors]:
+        accepted = any(judge_fix(fix) is None for _, fix in found)
+        if accepted and alike[row] < OPTIONS.min_likeness_ratio * max(alike):
             break
         live = candidates[row]
-        fix, matched = look_closely(
+        fix, matches = match_anchor(
             live.anchor.spec,
             (live.features, live.camera),
             (phone, camera),
@@ -106,44 +146,48 @@ def _fixes(
             live.mounted,
             timer,
         )
-        most = max(most, matched)
+        most = max(most, matches)
         if fix is not None:
             found.append((live, fix))
     return found, most
 
 
 def ranked(alike: Sequence[int]) -> list[int]:
-    """Return the anchors' numbers, most alike first, those equally alike in the order given."""
+    """Return the rows of anchors by decreasing likeness; equal ones keep their order."""
     return sorted(range(len(alike)), key=lambda row: -alike[row])
 
 
 def roll_deg(gravity: Sequence[float] | None) -> float:
-    """Return by how many degrees a picture must be turned counter-clockwise to be upright, by down (3,) in camera
-    axes; 0 when that isn't known, or the camera looks nearly straight up or down."""
-    if gravity is None or np.hypot(gravity[0], gravity[1]) < 0.3 * np.linalg.norm(gravity):
+    """Return the counter-clockwise rotation in degrees that makes an image upright, by down (3,) in camera axes.
+
+    It is 0 when gravity is not known, or when the camera looks nearly straight up or down.
+    """
+    if gravity is None:
         return 0.0
-    # Down points along +v in an upright picture; in one whose lower edge is on the left, along -u.
+    if np.hypot(gravity[0], gravity[1]) < OPTIONS.min_image_gravity_ratio * np.linalg.norm(gravity):
+        return 0.0
+    # Down is along +v in an upright image, and along -u in one whose lower edge is on the left.
     return float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
 
 
-def conclude(
-    fixes: Sequence[tuple[LiveAnchor, AnchorFix]], matched: int, timer: StageTimer
+def combine_fixes(
+    fixes: Sequence[tuple[LiveAnchor, AnchorFix]], matches: int, timer: StageTimer
 ) -> AnchorLocalization:
-    """Return the answer that the anchors' answers amount to."""
+    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none."""
     judged = [(anchor, fix, judge_fix(fix)) for anchor, fix in fixes]
-    good = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
-    if not good:
+    accepted = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
+    if not accepted:
         reasons = [reason for _, _, reason in judged if reason is not None]
-        return _nothing(
+        return not_located(
             "ambiguous" if "ambiguous" in reasons else "too_few_inliers" if reasons else "no_match",
             timer,
-            matched,
+            matches,
         )
-    good.sort(key=lambda pair: -confidence_of_fix(pair[1]))
-    anchor, best = good[0]
-    agreeing = [pair for pair in good if _agree(anchor, best, *pair)]
-    if len(agreeing) < len(good):
-        return _nothing("ambiguous", timer, matched)
+    accepted.sort(key=lambda pair: -confidence_of_fix(pair[1]))
+    anchor, best = accepted[0]
+    agreeing = [pair for pair in accepted if _agree(anchor, best, *pair)]
+    if len(agreeing) < len(accepted):
+        return not_located("ambiguous", timer, matches)
     pose, covariance = _joined([fix for _, fix in agreeing])
     timer.lap("pose")
     return AnchorLocalization(
@@ -164,22 +208,26 @@ def conclude(
     )
 
 
-def _nothing(reason: Reason, timer: StageTimer, matches: int = 0) -> AnchorLocalization:
+def not_located(reason: Reason, timer: StageTimer, matches: int = 0) -> AnchorLocalization:
+    """Return the outcome for an image that can't be located."""
     return AnchorLocalization(reason=reason, support=Support(matches=matches), timings_ms=timer.milliseconds)
 
 
 def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bool:
     if one.anchor.spec.floor_id != other.anchor.spec.floor_id:
         return False
-    apart = (a.solution.plan_from_phone.translation - b.solution.plan_from_phone.translation)[:2]
+    difference = (a.solution.plan_from_phone.translation - b.solution.plan_from_phone.translation)[:2]
     sigma = float(np.hypot(a.noise_sigma_m, b.noise_sigma_m))
-    return float(np.linalg.norm(apart)) <= max(AGREEMENT_SIGMAS * sigma, AGREEMENT_M)
+    return float(np.linalg.norm(difference)) <= max(OPTIONS.agreement_sigmas * sigma, OPTIONS.agreement_m)
 
 
 def _joined(fixes: Sequence[AnchorFix]) -> tuple[Pose, Array]:
-    """Return the least-squares middle of positions by their covariances, with the most certain one's rotation."""
+    """Return the mean of positions weighted by their inverse covariances, and its covariance.
+
+    The rotation is that of the fix with the smallest standard deviation of the attitude.
+    """
     best = min(fixes, key=lambda fix: fix.orientation_sigma_deg)
-    floor = 1e-6 * np.eye(3)
+    floor = COVARIANCE_FLOOR_M2 * np.eye(3)
     information = [np.linalg.inv(fix.full_covariance + floor) for fix in fixes]
     covariance = np.linalg.inv(sum(information, np.zeros((3, 3))))
     weighted = sum(

@@ -30,21 +30,34 @@ from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
+from app.limits import limit
 from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import ImageQuality, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.keyframes import PoseThresholds, select_by_pose
 
-# Supporting frames, which refine points and lend features, lie this much closer together than keyframes.
-SUPPORT_SPACING = 0.45
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SupportOptions:
+    """Supporting frames: those that are no keyframes, but refine points and add features to keyframes."""
+
+    spacing_ratio: float = limit(
+        0.45,
+        "Thresholds by which supporting frames are selected, divided by those of the pose rule for keyframes.",
+        chosen="By hand; no measurement is recorded.",
+    )
 
 
-@dataclass(frozen=True, slots=True)
+OPTIONS = SupportOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltMap:
     """A map that is not yet stored, and the frames it was made of (`keyframes[i]` is keyframe i).
 
-    `replaced` maps keyframes that were left out to the frames that took their places; `calibration` is where the
-    keyframe thresholds come from, if the options asked for one.
+    `discarded` are the names of frames that can't be used, by reason. `replaced` maps the names of discarded keyframes
+    to those of the frames that took their places. `seconds` is the time of each stage. `calibration` holds the curves
+    that the keyframe thresholds follow from, where the options asked for them.
     """
 
     artifact: MapArtifact
@@ -75,7 +88,7 @@ def build_map(
 ) -> BuiltMap:
     """Build a map from a scan; raises `InvalidScanError` when nothing in it can become a keyframe.
 
-    `world_from_scan` overrides what the options say (a registration against the present map).
+    `world_from_scan` overrides that of the options (a registration against the present map).
     """
     clock = StageTimer()
     extractor = models.extractor(options.features)
@@ -86,11 +99,11 @@ def build_map(
         calibration = calibrate(source, options, models, executor, progress)
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
-    wanted = select_keyframes(source, poses, rule, extractor, executor, progress)
-    support = _support(poses, rule, wanted) if options.refine_depth else []
+    selected = select_keyframes(source, poses, rule, extractor, executor, progress)
+    support = _support(poses, rule, selected) if options.refine_depth else []
     clock.lap("select")
-    chosen = sorted({*wanted, *support})
-    keyframe_rows = set(wanted)
+    chosen = sorted({*selected, *support})
+    keyframe_rows = set(selected)
 
     def describe(row: int) -> _Described:
         return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
@@ -100,13 +113,9 @@ def build_map(
 
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    usable, left_out, replaced = _usable(described, wanted, poses, rule, source, describe_keyframe)
+    usable, left_out, replaced = _usable(described, selected, poses, rule, source, describe_keyframe)
     clock.lap("quality")
-    views = {row: item.view for row, item in described.items()}
-    if options.refine_depth:
-        refined = refined_scan(views, usable, _sharp(described), source.camera, extractor, executor, progress)
-    else:
-        refined = RefinedScan([points_from_depth(views[row], source.camera) for row in usable], source.camera)
+    refined = _refined(described, usable, source.camera, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
@@ -115,11 +124,20 @@ def build_map(
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}
-    return BuiltMap(artifact, index, frames, placed, discarded, replaced, clock.seconds, calibration)
+    return BuiltMap(
+        artifact=artifact,
+        index=index,
+        keyframes=frames,
+        world_from_scan=placed,
+        discarded=discarded,
+        replaced=replaced,
+        seconds=clock.seconds,
+        calibration=calibration,
+    )
 
 
 def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
-    """Return `world_from_scan`: as given, or by gravity, or the scan's frame itself."""
+    """Return `world_from_scan`: that of the options, or one by gravity, or the identity."""
     if options.world_from_scan is not None:
         return options.world_from_scan
     if options.gravity is not None:
@@ -130,9 +148,9 @@ def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
 
 
 def _support(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
-    thresholds = PoseThresholds(
-        SUPPORT_SPACING * rule.thresholds.position_m, SUPPORT_SPACING * rule.thresholds.attitude_rad
-    )
+    """Return the rows of the supporting frames."""
+    ratio = OPTIONS.spacing_ratio
+    thresholds = PoseThresholds(ratio * rule.thresholds.position_m, ratio * rule.thresholds.attitude_rad)
     return sorted(set(select_by_pose(poses, thresholds)) - set(keyframes))
 
 
@@ -157,38 +175,56 @@ def _describe(
 
 def _usable(
     described: dict[int, _Described],
-    wanted: Sequence[int],
+    selected: Sequence[int],
     poses: Sequence[Pose],
     rule: KeyframeRule,
     source: FrameSource,
     describe_keyframe: Callable[[int], _Described],
 ) -> tuple[list[int], dict[str, tuple[str, ...]], dict[str, str]]:
-    """Return the keyframes that can be used, the names of those left out by reason, and who took whose place; adds
-    what took a place to `described`."""
+    """Return the usable keyframes (rows), the names of the unusable ones by reason, and the replacements by name.
+
+    Replacements are added to `described`.
+    """
     limit = blur_limit([item.quality for item in described.values()])
-    fault = {row: fault_of(described[row].quality, limit) for row in wanted}
-    usable = [row for row in wanted if fault[row] is None]
+    fault = {row: fault_of(described[row].quality, limit) for row in selected}
+    usable = [row for row in selected if fault[row] is None]
 
     def is_good(row: int) -> bool:
         known = described.get(row)
         quality = known.quality if known else measure_quality(to_gray(frame_rgb(source, source.frames[row])))
         return fault_of(quality, limit) is None
 
-    replaced = find_replacements(wanted, usable, poses, rule.thresholds, is_good)
+    replaced = find_replacements(selected, usable, poses, rule.thresholds, is_good)
     described.update((row, describe_keyframe(row)) for row in replaced.values())
     usable = sorted({*usable, *replaced.values()})
     if not usable:
         raise InvalidScanError("No frame of the scan is sharp and bright enough to become a keyframe.")
     names = [frame.name for frame in source.frames]
     left_out = {
-        reason: tuple(names[row] for row in wanted if fault[row] == reason)
+        reason: tuple(names[row] for row in selected if fault[row] == reason)
         for reason in sorted({reason for reason in fault.values() if reason is not None})
     }
     return usable, left_out, {names[old]: names[new] for old, new in replaced.items()}
 
 
+def _refined(
+    described: dict[int, _Described],
+    usable: Sequence[int],
+    camera: Camera,
+    options: BuildOptions,
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> RefinedScan:
+    """Return the points of the usable keyframes, and the camera, refined where the options ask for it."""
+    views = {row: item.view for row, item in described.items()}
+    if options.refine_depth:
+        return refined_scan(views, usable, _sharp(described), camera, extractor, executor, progress)
+    return RefinedScan([points_from_depth(views[row], camera) for row in usable], camera)
+
+
 def _sharp(described: dict[int, _Described]) -> list[int]:
-    """Return the frames that are good enough to take features from."""
+    """Return the rows of the frames that are sharp and well exposed."""
     limit = blur_limit([item.quality for item in described.values()])
     return [row for row, item in described.items() if fault_of(item.quality, limit) is None]
 
@@ -232,11 +268,11 @@ def _pack(
     global_descriptors = [described[row].descriptor for row, _ in kept]
     model = models.global_descriptor
     metadata = MapMetadata(
-        options.features,
-        model.sha256,
-        model.size,
-        (camera[0],),
-        tuple(described[row].frame.name for row, _ in kept),
+        features=options.features,
+        descriptor_sha256=model.sha256,
+        descriptor_size=model.size,
+        cameras=(camera[0],),
+        keyframe_names=tuple(described[row].frame.name for row, _ in kept),
         lens_sigmas=(camera[1],),
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
@@ -245,5 +281,5 @@ def _pack(
 
 def _stack_descriptors(features: Sequence[LocalFeatures]) -> NDArray[np.uint8] | NDArray[np.float16]:
     stacked = np.concatenate([f.descriptors for f in features])
-    # Half precision is far below the noise of a learned descriptor.
+    # The rounding error of half precision is far below the noise of a learned descriptor.
     return stacked.astype(np.float16) if stacked.dtype == np.float32 else stacked.astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Calibration: how many matches are left at which pose difference, on a venue's own scan (A 2.1, eq. 1-3)."""
+"""Calibration: the number of matches as a function of pose difference, on a venue's own scan (A 2.1, eq. 1-3)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.mapping.calibration_curves import (
-    MIN_ATTITUDE_RAD,
-    MIN_POSITION_M,
-    Calibration,
-    PairCounts,
-    fit_curves,
-)
+from app.engine.mapping.calibration_curves import OPTIONS as CURVE_OPTIONS
+from app.engine.mapping.calibration_curves import Calibration, PairCounts, fit_curves
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.options import BuildOptions
-from app.engine.maps.points import GATE_PX
+from app.engine.maps.points import OPTIONS as POINT_OPTIONS
+from app.engine.maps.points import scaled_px
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress, map_in_order
 from app.errors import InvalidScanError
@@ -27,23 +23,59 @@ from app.geometry.depth import sample_depth
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.importers.frames import FrameSource
+from app.limits import limit
 from app.vision.features import LocalFeatureExtractor
 from app.vision.images import to_gray
 from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
 
-# Frames that many others are compared with, and all frames that are looked at: about 10 s of one core.
-REFERENCES, FRAMES, PAIRS = 40, 200, 1500
-# Frames further apart than these share nothing that a threshold could depend on.
-MAX_POSITION_M, MAX_ATTITUDE_RAD = 5.0, 1.2
-# Cells for spreading pairs evenly, per octave of either difference.
-CELLS_PER_OCTAVE = 2
-# Leaving out this share of frames leaves out about 30 % of pairs.
-HELD_BACK_FRAMES = 0.163
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleOptions:
+    """Which pairs of a scan's frames are compared."""
+
+    reference_frames: int = limit(
+        40,
+        "Frames, evenly spread along the scan, that the other frames are compared with.",
+        chosen="By hand: with `frames` and `pairs`, a calibration takes about 10 s of one core.",
+    )
+    frames: int = limit(
+        200,
+        "Largest number of frames that are described.",
+        chosen="By hand: with `reference_frames` and `pairs`, a calibration takes about 10 s of one core.",
+    )
+    pairs: int = limit(
+        1500,
+        "Largest number of pairs of frames that are matched.",
+        chosen="By hand: with `reference_frames` and `frames`, a calibration takes about 10 s of one core.",
+    )
+    max_position_m: float = limit(
+        5.0,
+        "Largest position difference of a pair.",
+        chosen="By hand: frames further apart have too few matches for a threshold to depend on them.",
+    )
+    max_attitude_rad: float = limit(
+        1.2,
+        "Largest attitude difference of a pair.",
+        chosen="By hand: frames further apart have too few matches for a threshold to depend on them.",
+    )
+    cells_per_octave: int = limit(
+        2,
+        "Cells for each doubling of a difference; pairs are drawn evenly from all cells.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    held_back_share: float = limit(
+        0.163,
+        "Fraction of the frames whose pairs are held back from the fit, for validation.",
+        chosen="Computed: 1 - sqrt(0.7), about 0.163, leaves out about 30 % of the pairs.",
+    )
+
+
+OPTIONS = SampleOptions()
 
 
 @dataclass(frozen=True, slots=True)
-class _Sight:
-    """What a frame sees: keypoints (n, 2), unit descriptors (n, d), points in the scan (n, 3), NaN without depth."""
+class _DescribedFrame:
+    """A frame's keypoints (n, 2), unit descriptors (n, d), and points in the scan (n, 3), NaN without depth."""
 
     scan_from_camera: Pose
     keypoints_px: NDArray[np.float32]
@@ -53,7 +85,7 @@ class _Sight:
 
 @dataclass(frozen=True, slots=True)
 class _Differences:
-    """Pairs (n,) of rows with their differences."""
+    """Pairs (n,) of frames, by their rows, with the differences of their poses."""
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
@@ -80,10 +112,10 @@ def calibrate(
 ) -> Calibration:
     """Fit matches over pose difference to a scan's own frames and derive its keyframe thresholds.
 
-    At most `FRAMES` frames are described with the features of the options, chosen by `seed` so that their pairs
-    cover small and large differences alike; matches of a pair count when depth and poses confirm them. About
-    30 % of the pairs, all those of some frames, are held back for validation. `wanted_matches` is T_match,
-    default what the options say. Raises `InvalidScanError` when the scan has too little to fit a curve to.
+    At most `OPTIONS.frames` frames are described with the features of the options. They are drawn with `seed` so
+    that their pairs cover small and large differences evenly. A match counts when depth and poses confirm it. About
+    30 % of the pairs, all those of some frames, are held back for validation. `wanted_matches` is T_match, by default
+    that of the options. Raises `InvalidScanError` when the scan has too few pairs to fit a curve to.
     """
     rng = np.random.default_rng(seed)
     poses = [frame.scan_from_camera for frame in source.frames]
@@ -96,18 +128,18 @@ def calibrate(
         )
     extractor = models.extractor(options.features)
 
-    def describe(row: int) -> _Sight:
+    def describe(row: int) -> _DescribedFrame:
         return _describe(source, row, extractor)
 
     order = [int(row) for row in rows]
-    sights = dict(zip(order, map_in_order(executor, describe, order, "calibrate", progress), strict=True))
+    described = dict(zip(order, map_in_order(executor, describe, order, "calibrate", progress), strict=True))
 
     def count(pair: tuple[int, int]) -> int:
-        return _count_confirmed(sights[pair[0]], sights[pair[1]], source.camera, extractor)
+        return _count_confirmed(described[pair[0]], described[pair[1]], source.camera, extractor)
 
     couples = [(int(i), int(j)) for i, j in zip(pairs.first, pairs.second, strict=True)]
     matches = np.array(list(map_in_order(executor, count, couples, "match pairs", progress)), dtype=np.int64)
-    held = rng.choice(rows, round(HELD_BACK_FRAMES * len(rows)), replace=False)
+    held = rng.choice(rows, round(OPTIONS.held_back_share * len(rows)), replace=False)
     held_back = np.isin(pairs.first, held) | np.isin(pairs.second, held)
     counts = PairCounts(pairs.position_m, pairs.attitude_rad, matches, held_back)
     wanted = options.keyframes.wanted_matches if wanted_matches is None else wanted_matches
@@ -115,19 +147,19 @@ def calibrate(
 
 
 def _choose_pairs(poses: Sequence[Pose], rng: np.random.Generator) -> _Differences:
-    """Return pairs of at most `FRAMES` frames: references along the scan and frames at all differences to them."""
+    """Return pairs of at most `OPTIONS.frames` frames: references along the scan, and others at all differences."""
     references = np.unique(
-        np.linspace(0, len(poses) - 1, min(REFERENCES, len(poses))).round().astype(np.intp)
+        np.linspace(0, len(poses) - 1, min(OPTIONS.reference_frames, len(poses))).round().astype(np.intp)
     )
-    near = _spread(_near_pairs(poses, references, np.arange(len(poses))), FRAMES, rng)
+    near = _spread(_near_pairs(poses, references, np.arange(len(poses))), OPTIONS.frames, rng)
     partners = np.setdiff1d(near.second, references)
     rng.shuffle(partners)
-    rows = np.sort(np.concatenate([references, partners[: FRAMES - len(references)]]))
-    return _spread(_near_pairs(poses, rows, rows), PAIRS, rng)
+    rows = np.sort(np.concatenate([references, partners[: OPTIONS.frames - len(references)]]))
+    return _spread(_near_pairs(poses, rows, rows), OPTIONS.pairs, rng)
 
 
 def _near_pairs(poses: Sequence[Pose], first: NDArray[np.intp], second: NDArray[np.intp]) -> _Differences:
-    """Return the pairs of a row of `first` and one of `second` that differ, but not by too much."""
+    """Return the pairs of a row of `first` and a row of `second` whose differences are within the options' limits."""
     positions = np.stack([pose.translation for pose in poses])
     rotations = np.stack([pose.rotation for pose in poses])
     found = []
@@ -135,29 +167,37 @@ def _near_pairs(poses: Sequence[Pose], first: NDArray[np.intp], second: NDArray[
         position_m = np.linalg.norm(positions[second] - positions[row], axis=1)
         traces = np.einsum("nij,ij->n", rotations[second], rotations[row])
         attitude_rad = np.arccos(np.clip((traces - 1.0) / 2.0, -1.0, 1.0))
-        differ = (position_m >= MIN_POSITION_M) | (attitude_rad >= MIN_ATTITUDE_RAD)
-        near = (position_m <= MAX_POSITION_M) & (attitude_rad <= MAX_ATTITUDE_RAD)
-        # Each pair once: within one set of rows it would be found from both sides.
+        differ = (position_m >= CURVE_OPTIONS.min_position_m) | (
+            attitude_rad >= CURVE_OPTIONS.min_attitude_rad
+        )
+        near = (position_m <= OPTIONS.max_position_m) & (attitude_rad <= OPTIONS.max_attitude_rad)
+        # Within one set of rows a pair would be found twice, once from each of its frames.
         once = (second > row) | ~np.isin(second, first)
         keep = np.flatnonzero(differ & near & once & (second != row))
         found.append(
             _Differences(np.full(len(keep), row), second[keep], position_m[keep], attitude_rad[keep])
         )
     return _Differences(
-        *(np.concatenate([getattr(part, name) for part in found]) for name in _Differences.__slots__)
+        first=np.concatenate([part.first for part in found]),
+        second=np.concatenate([part.second for part in found]),
+        position_m=np.concatenate([part.position_m for part in found]),
+        attitude_rad=np.concatenate([part.attitude_rad for part in found]),
     )
 
 
 def _spread(pairs: _Differences, count: int, rng: np.random.Generator) -> _Differences:
     """Return at most `count` pairs, spread evenly over octaves of both differences.
 
-    Pairs fall into cells; the first ones drawn of every cell come before the second ones of any.
+    Every pair belongs to a cell of both differences. One pair of each cell is drawn before a second one of any cell.
     """
     if len(pairs) <= count:
         return pairs
     columns = [
-        np.floor(CELLS_PER_OCTAVE * np.log2(np.maximum(values / smallest, 0.5))).astype(np.int64)
-        for values, smallest in ((pairs.position_m, MIN_POSITION_M), (pairs.attitude_rad, MIN_ATTITUDE_RAD))
+        np.floor(OPTIONS.cells_per_octave * np.log2(np.maximum(values / smallest, 0.5))).astype(np.int64)
+        for values, smallest in (
+            (pairs.position_m, CURVE_OPTIONS.min_position_m),
+            (pairs.attitude_rad, CURVE_OPTIONS.min_attitude_rad),
+        )
     ]
     cells = columns[0] * 1000 + columns[1]
     shuffled = rng.permutation(len(pairs))
@@ -168,21 +208,22 @@ def _spread(pairs: _Differences, count: int, rng: np.random.Generator) -> _Diffe
     return pairs.take(np.sort(drawn))
 
 
-def _describe(source: FrameSource, row: int, extractor: LocalFeatureExtractor) -> _Sight:
+def _describe(source: FrameSource, row: int, extractor: LocalFeatureExtractor) -> _DescribedFrame:
     frame = source.frames[row]
     features = extractor.extract(to_gray(frame_rgb(source, frame)))
     depth_m = sample_depth(source.depth_m(frame), features.keypoints_px).astype(np.float64)
     depth_m[depth_m <= 0] = np.nan
     points = frame.scan_from_camera.apply(source.camera.unproject(features.keypoints_px, depth_m))
     descriptors = to_unit_vectors(features.descriptors, extractor.binary)
-    return _Sight(frame.scan_from_camera, features.keypoints_px, descriptors, points)
+    return _DescribedFrame(frame.scan_from_camera, features.keypoints_px, descriptors, points)
 
 
-def _count_confirmed(first: _Sight, second: _Sight, camera: Camera, extractor: LocalFeatureExtractor) -> int:
-    """Return how many matches of two frames their depth and poses confirm.
+def _count_confirmed(
+    first: _DescribedFrame, second: _DescribedFrame, camera: Camera, extractor: LocalFeatureExtractor
+) -> int:
+    """Return the number of matches of two frames that their depth and poses confirm.
 
-    The gate is the one that points of a map are refined with: a scan's poses and its colour and depth cameras
-    are off by a few pixels in places, while a false match is that near by chance once in seven hundred times.
+    A match is confirmed within the match gate that points of a map are refined with.
     """
     ratio, binary = extractor.ratio, extractor.binary
     a, b, _ = match_unit_vectors(first.descriptors, second.descriptors, ratio, binary)
@@ -191,4 +232,4 @@ def _count_confirmed(first: _Sight, second: _Sight, camera: Camera, extractor: L
     errors = reprojection_errors_px(
         second.keypoints_px[b], first.points_in_scan[a], camera, second.scan_from_camera
     )
-    return int((errors < GATE_PX * max(camera.width, camera.height) / 640.0).sum())
+    return int((errors < scaled_px(POINT_OPTIONS.match_gate_px, camera)).sum())

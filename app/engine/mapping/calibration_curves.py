@@ -11,25 +11,66 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
+from app.limits import limit
 from app.vision.keyframes import PoseThresholds, PowerLaw, thresholds_for_matches
 from app.vision.power_law import Reached, fit_near, rmse, threshold_within
 
 Array = NDArray[np.float64]
 
-# Smaller differences are within the noise of a tracked pose.
-MIN_POSITION_M, MIN_ATTITUDE_RAD = 0.01, 0.01
-# A curve is fitted to this many pairs at least; where few are alike enough, the most alike ones are taken.
-MIN_PAIRS, ENOUGH_PAIRS = 12, 40
-# The two thresholds depend on each other a little; a few rounds settle them to a percent.
-ROUNDS, SETTLED = 12, 0.01
-# Held-back pairs whose difference is within this factor of the threshold tell what is left there.
-AROUND_THRESHOLD = 1.25
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveOptions:
+    """Which pairs of frames a curve is fitted to, and when the two thresholds have converged."""
+
+    min_position_m: float = limit(
+        0.01,
+        "Smallest position difference of a pair that the position curve is fitted to.",
+        chosen="By hand: smaller differences are within the noise of a tracked pose (docs/calibration.md).",
+    )
+    min_attitude_rad: float = limit(
+        0.01,
+        "Smallest attitude difference of a pair that the attitude curve is fitted to.",
+        chosen="By hand: smaller differences are within the noise of a tracked pose (docs/calibration.md).",
+    )
+    min_pairs: int = limit(
+        12,
+        "Least number of pairs that a curve is fitted to; with fewer the calibration fails.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    enough_pairs: int = limit(
+        40,
+        "Number of pairs wanted for a fit: with fewer, pairs that differ more in the other respect are added.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    max_rounds: int = limit(
+        12,
+        "Largest number of rounds in which the two thresholds are found in turns.",
+        chosen="By hand: the thresholds depend on each other only a little, so that a few rounds are enough.",
+    )
+    max_log_change: float = limit(
+        0.01,
+        "Change of the thresholds' logarithms in one round below which they have converged.",
+        chosen="By hand: about one percent, far below the scatter between seeds (docs/calibration.md).",
+    )
+    near_threshold_ratio: float = limit(
+        1.25,
+        "Largest ratio between a held-back pair's difference and the threshold, for the median at the threshold.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    min_held_back_pairs: int = limit(
+        3,
+        "Least number of held-back pairs near the threshold for that median.",
+        chosen="By hand; no measurement is recorded.",
+    )
+
+
+OPTIONS = CurveOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class PairCounts:
-    """Pairs of frames: position (m) and attitude (rad) differences, verified matches, and whether a pair is held
-    back from the fit, all (n,)."""
+    """Pairs of frames, all (n,): differences in position (m) and attitude (rad), numbers of verified matches, and
+    whether a pair is held back from the fit."""
 
     position_m: Array
     attitude_rad: Array
@@ -37,14 +78,14 @@ class PairCounts:
     held_back: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FittedCurve:
-    """One curve: matches over a difference in metres or radians.
+    """One curve: number of matches over a difference in metres or radians.
 
-    `other_limit` is how large the other difference of its pairs may be. The curve is fitted to, and its errors
-    (in matches) are those of, the pairs in `range`, around the threshold. `left_at_threshold` is the median count
-    of the held-back pairs about there, None where there are too few. `differences`, `matches` and `held_back` are
-    all pairs, also those outside of the range.
+    `range` is an interval of differences around the threshold. The curve is fitted to the pairs inside it, and both
+    RMSE, in matches, are over these pairs. `other_limit` is the largest difference in the other respect that these
+    pairs may have. `left_at_threshold` is the median number of matches of the held-back pairs near the threshold,
+    None where there are too few. `differences`, `matches` and `held_back` are of all pairs, also outside of the range.
     """
 
     curve: PowerLaw
@@ -84,9 +125,9 @@ class FittedCurve:
         return figures
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Both curves of a scan and the thresholds that follow; `warnings` are sentences for people."""
+    """Both curves of a scan and the thresholds that follow from them; `warnings` are sentences for people."""
 
     wanted_matches: float
     features: str
@@ -116,15 +157,15 @@ class Calibration:
         }
 
 
-def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> Calibration:
-    """Fit both curves and derive the thresholds that leave `wanted` matches (A eq. 1-3).
+def fit_curves(pairs: PairCounts, wanted_matches: float, features: str, frames: int) -> Calibration:
+    """Fit both curves and derive the thresholds that leave `wanted_matches` matches (A eq. 1-3).
 
-    In a hand-held scan position and attitude change together, and a curve over all pairs says more about the
-    walk than about the camera: two frames a metre apart mostly look elsewhere, too. A frame is dropped when it
-    is close to a keyframe in *both* respects. So the position curve is fitted to the pairs whose attitudes
-    differ by no more than the attitude threshold, and the attitude curve to those whose positions differ by no
-    more than the position threshold: the two are found in turns, from the paper's thresholds on, until they
-    settle. Each curve then tells what is left at that edge of the box, on average over the box.
+    In a hand-held scan position and attitude change together: two frames that are a metre apart mostly look in
+    different directions as well. A curve over all pairs would describe how the camera was carried. A frame is no
+    keyframe when it is close to one in *both* respects. So the position curve is fitted to the pairs whose attitude
+    difference is within the attitude threshold, and the attitude curve to the pairs whose position difference is
+    within the position threshold. The two thresholds are found in turns, starting from the paper's, until they
+    converge.
 
     Raises `InvalidScanError` when there are too few pairs, or none with a verified match.
     """
@@ -135,33 +176,47 @@ def fit_curves(pairs: PairCounts, wanted: float, features: str, frames: int) -> 
         )
     start = thresholds_for_matches()
     limits = start.position_m, start.attitude_rad
-    for _ in range(ROUNDS):
-        position = _fit(pairs, pairs.position_m, MIN_POSITION_M, pairs.attitude_rad, limits[1], wanted)
-        attitude = _fit(pairs, pairs.attitude_rad, MIN_ATTITUDE_RAD, pairs.position_m, limits[0], wanted)
-        # The geometric mean with the last round keeps the two from swinging.
+    for _ in range(OPTIONS.max_rounds):
+        position = _fit(
+            pairs, pairs.position_m, OPTIONS.min_position_m, pairs.attitude_rad, limits[1], wanted_matches
+        )
+        attitude = _fit(
+            pairs, pairs.attitude_rad, OPTIONS.min_attitude_rad, pairs.position_m, limits[0], wanted_matches
+        )
+        # The geometric mean with the last round keeps the two from oscillating.
         settled = math.sqrt(limits[0] * position.threshold), math.sqrt(limits[1] * attitude.threshold)
         change = max(abs(math.log(new / old)) for new, old in zip(settled, limits, strict=True))
         limits = settled
-        if change < SETTLED:
+        if change < OPTIONS.max_log_change:
             break
-    notes = [*_warnings(position, wanted, "position", "m"), *_warnings(attitude, wanted, "attitude", "rad")]
-    return Calibration(wanted, features, frames, position, attitude, tuple(notes))
+    notes = [
+        *_warnings(position, wanted_matches, "position", "m"),
+        *_warnings(attitude, wanted_matches, "attitude", "rad"),
+    ]
+    return Calibration(
+        wanted_matches=wanted_matches,
+        features=features,
+        frames=frames,
+        position=position,
+        attitude=attitude,
+        warnings=tuple(notes),
+    )
 
 
 def _fit(
-    pairs: PairCounts, difference: Array, smallest: float, other: Array, limit: float, wanted: float
+    pairs: PairCounts, difference: Array, smallest: float, other: Array, limit: float, wanted_matches: float
 ) -> FittedCurve:
     distinct = difference >= smallest
     limit = _limit_for_enough(other[distinct & ~pairs.held_back], limit)
     chosen = distinct & (other <= limit)
     x, y, held = difference[chosen], pairs.matches[chosen], pairs.held_back[chosen]
-    if (~held).sum() < MIN_PAIRS:
+    if (~held).sum() < OPTIONS.min_pairs:
         raise InvalidScanError(
-            f"The scan has only {int((~held).sum())} pairs of frames to fit a curve to, and {MIN_PAIRS} are "
+            f"The scan has only {int((~held).sum())} pairs of frames to fit a curve to, and {OPTIONS.min_pairs} are "
             "needed: scan more frames, or give keyframes.position_m and keyframes.attitude_rad."
         )
-    fit = fit_near(x[~held], y[~held], wanted)
-    threshold = threshold_within(fit.curve, wanted, float(x[~held].min()), float(x[~held].max()))
+    fit = fit_near(x[~held], y[~held], wanted_matches)
+    threshold = threshold_within(fit.curve, wanted_matches, float(x[~held].min()), float(x[~held].max()))
     within = (x >= fit.low) & (x <= fit.high)
     fitted, checked = within & ~held, within & held
     return FittedCurve(
@@ -182,27 +237,29 @@ def _fit(
 
 
 def _limit_for_enough(other: Array, limit: float) -> float:
-    """Return the limit, raised where fewer than `ENOUGH_PAIRS` pairs are below it."""
+    """Return the limit of the other difference, raised where fewer than `OPTIONS.enough_pairs` pairs are below it."""
     if len(other) == 0:
         return limit
-    return max(limit, float(np.sort(other)[min(ENOUGH_PAIRS, len(other)) - 1]))
+    return max(limit, float(np.sort(other)[min(OPTIONS.enough_pairs, len(other)) - 1]))
 
 
 def _left_around(threshold: float, x: Array, matches: NDArray[np.int64]) -> float | None:
-    near = np.abs(np.log(x / threshold)) < np.log(AROUND_THRESHOLD)
-    return float(np.median(matches[near])) if near.sum() >= 3 else None
+    """Return the median number of matches of the pairs near a threshold, None where there are too few."""
+    near = np.abs(np.log(x / threshold)) < np.log(OPTIONS.near_threshold_ratio)
+    return float(np.median(matches[near])) if near.sum() >= OPTIONS.min_held_back_pairs else None
 
 
-def _warnings(fit: FittedCurve, wanted: float, name: str, unit: str) -> Sequence[str]:
+def _warnings(fit: FittedCurve, wanted_matches: float, name: str, unit: str) -> Sequence[str]:
     if fit.reached == "beyond":
         return [
             f"Frames as far apart in {name} as the scan has them ({fit.range[1]:.3g} {unit}) still share more than "
-            f"{wanted:g} matches; the threshold is that difference."
+            f"{wanted_matches:g} matches; the threshold is that difference."
         ]
     if fit.reached == "below":
         return [
-            f"Even frames that differ by {fit.range[0]:.3g} {unit} in {name} share fewer than {wanted:g} matches; "
-            "the threshold is that difference. Ask for fewer matches, or use other features."
+            f"Even frames that differ by {fit.range[0]:.3g} {unit} in {name} share fewer than "
+            f"{wanted_matches:g} matches; the threshold is that difference. Ask for fewer matches, or "
+            "use other features."
         ]
     return []
 

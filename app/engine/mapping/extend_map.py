@@ -1,4 +1,4 @@
-"""A map joined with another one of the same venue, in the same world."""
+"""Extension: a map joined with another map of the same venue and world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from app.vision.index import GlobalIndex
 def join_maps(
     old: MapArtifact, old_index: GlobalIndex, new: MapArtifact, new_index: GlobalIndex, binary: bool
 ) -> tuple[MapArtifact, GlobalIndex]:
-    """Return the map with the keyframes of both, the old ones first; `binary` says of what kind their features are.
+    """Return the map with the keyframes of both, the old ones first; `binary`: whether their descriptors are binary.
 
     Raises `InvalidInputError` when they were made with other features or another global descriptor.
     """
@@ -28,7 +28,7 @@ def join_maps(
     points_in_world = np.concatenate([a.points_in_world, b.points_in_world])
     descriptors = np.concatenate([a.descriptors, b.descriptors])
     offsets = np.concatenate([a.offsets, a.offsets[-1] + b.offsets[1:]])
-    # What was distinct in one map may have its look-alike in the other.
+    # A feature that is distinct in one map may have a similar one in the other.
     poses = [part.pose(row) for part in (old, new) for row in range(part.keyframe_count)]
     distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses)
     arrays = MapArrays(
@@ -44,14 +44,14 @@ def join_maps(
         descriptors=descriptors,
     )
     metadata = MapMetadata(
-        old.metadata.features,
-        old.metadata.descriptor_sha256,
-        old.metadata.descriptor_size,
-        old.metadata.cameras + new.metadata.cameras,
-        old.metadata.keyframe_names + new.metadata.keyframe_names,
-        max(old.metadata.position_sigma_m, new.metadata.position_sigma_m),
-        max(old.metadata.orientation_sigma_deg, new.metadata.orientation_sigma_deg),
-        old.metadata.lens_sigmas + new.metadata.lens_sigmas,
+        features=old.metadata.features,
+        descriptor_sha256=old.metadata.descriptor_sha256,
+        descriptor_size=old.metadata.descriptor_size,
+        cameras=old.metadata.cameras + new.metadata.cameras,
+        keyframe_names=old.metadata.keyframe_names + new.metadata.keyframe_names,
+        position_sigma_m=max(old.metadata.position_sigma_m, new.metadata.position_sigma_m),
+        orientation_sigma_deg=max(old.metadata.orientation_sigma_deg, new.metadata.orientation_sigma_deg),
+        lens_sigmas=old.metadata.lens_sigmas + new.metadata.lens_sigmas,
     )
     global_descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
     return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(global_descriptors)

@@ -8,8 +8,10 @@ from app.vision.images import Rgb, decode_image
 
 
 def frame_rgb(source: FrameSource, frame: Frame) -> Rgb:
-    """Return a frame's RGB image (height, width, 3); raises `InvalidScanError` that names the frame when it can't
-    be decoded or has not the camera's size."""
+    """Return a frame's RGB image (height, width, 3).
+
+    Raises `InvalidScanError`, which names the frame, when it can't be decoded or differs in size from the camera.
+    """
     camera = source.camera
     try:
         rgb = decode_image(source.color_bytes(frame))

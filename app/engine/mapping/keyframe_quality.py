@@ -1,24 +1,40 @@
-"""Keyframes that can't be used, and the frames beside them that take their places."""
+"""Keyframes that are blurred or badly exposed, and the frames near them that replace them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.limits import limit
 from app.vision.images import ImageQuality
 from app.vision.keyframes import PoseThresholds
 
-# A frame is blurred when its sharpness is below this share of the scan's median.
-BLURRED_SHARE = 0.25
-# So many frames beside a keyframe are looked at; a blur that lasts longer is a stretch without good frames.
-MAX_TRIED = 20
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyframeQualityOptions:
+    """When a frame is blurred, and how far a replacement is searched for."""
+
+    min_sharpness_ratio: float = limit(
+        0.25,
+        "Least ratio of a frame's sharpness to the median of the scan; below it the frame is blurred.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    max_candidates: int = limit(
+        20,
+        "Largest number of frames near an unusable keyframe that are tried in its place.",
+        chosen="By hand: a blur that lasts longer is a part of the scan without good frames.",
+    )
+
+
+OPTIONS = KeyframeQualityOptions()
 
 
 def blur_limit(qualities: Iterable[ImageQuality]) -> float:
     """Return the sharpness below which a frame of the scan counts as blurred."""
-    return BLURRED_SHARE * float(np.median([quality.sharpness for quality in qualities]))
+    return OPTIONS.min_sharpness_ratio * float(np.median([quality.sharpness for quality in qualities]))
 
 
 def fault_of(quality: ImageQuality, blur_limit: float) -> str | None:
@@ -29,19 +45,20 @@ def fault_of(quality: ImageQuality, blur_limit: float) -> str | None:
 
 
 def find_replacements(
-    wanted: Sequence[int],
+    selected: Sequence[int],
     usable: Sequence[int],
     poses: Sequence[Pose],
     thresholds: PoseThresholds,
     is_good: Callable[[int], bool],
 ) -> dict[int, int]:
-    """Return the frame that takes the place of each unusable keyframe, where there is one.
+    """Return the frame (row) that replaces each unusable keyframe (row), where there is one.
 
-    It is the nearest good frame within the thresholds, by the larger of both differences as a share of its
-    threshold and then by time. A place that another keyframe is close to, in both respects, needs none.
+    `selected` are the rows of all keyframes, `usable` those of the usable ones. The replacement is the nearest good
+    frame within both thresholds, by `_nearness` and then by time. A keyframe that is close to another keyframe is not
+    replaced.
     """
-    kept, taken, replaced = list(usable), set(wanted), dict[int, int]()
-    for row in sorted(set(wanted) - set(usable)):
+    kept, taken, replaced = list(usable), set(selected), dict[int, int]()
+    for row in sorted(set(selected) - set(usable)):
         if any(_nearness(poses[row], poses[other], thresholds) < 1.0 for other in kept):
             continue
         nearness = {
@@ -51,7 +68,7 @@ def find_replacements(
         }
         near = [other for other in nearness if nearness[other] < 1.0]
         near.sort(key=lambda other, row=row, nearness=nearness: (nearness[other], abs(other - row)))  # type: ignore[misc]
-        found = next((other for other in near[:MAX_TRIED] if is_good(other)), None)
+        found = next((other for other in near[: OPTIONS.max_candidates] if is_good(other)), None)
         if found is not None:
             replaced[row] = found
             kept.append(found)
@@ -60,7 +77,7 @@ def find_replacements(
 
 
 def _nearness(a: Pose, b: Pose, thresholds: PoseThresholds) -> float:
-    """Return the larger of the differences in position and attitude, each as a share of its threshold."""
+    """Return the larger of the differences in position and attitude, each divided by its threshold."""
     return max(
         position_difference_m(a, b) / thresholds.position_m,
         attitude_difference_rad(a, b) / thresholds.attitude_rad,

@@ -1,4 +1,4 @@
-"""Which rule chooses a scan's keyframes, and with what numbers."""
+"""The rule that selects a scan's keyframes and its thresholds, parsed and validated."""
 
 from __future__ import annotations
 
@@ -8,37 +8,67 @@ from typing import Any, Literal
 
 from app.engine.mapping.option_values import choice, count, flag, number
 from app.errors import InvalidInputError
+from app.limits import limit
 from app.vision.content_keyframes import ALPHA, BETA, ContentRule
 from app.vision.keyframes import WANTED_MATCHES, PoseThresholds, thresholds_for_matches
 
 RuleName = Literal["pose", "content", "distance", "interval"]
-# What each rule can be told.
+# The options of each rule.
 KEYS: dict[str, tuple[str, ...]] = {
     "pose": ("position_m", "attitude_rad", "thresholds", "wanted_matches"),
     "content": ("alpha", "beta", "combine", "seen", "steady"),
     "distance": ("every_m",),
     "interval": ("every",),
 }
-MIN_WANTED, MAX_WANTED = 4.0, 5000.0
-EVERY_M, EVERY_FRAMES = 0.5, 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyframeRuleOptions:
+    """Defaults of the rules, and the range of a request's values."""
+
+    every_m: float = limit(
+        0.5,
+        "Default distance between the keyframes of the rule `distance`.",
+        chosen="By hand; compared with other rules by `roomfix keyframes ... --rule distance` "
+        "(docs/visual-depth-map.md).",
+    )
+    every_frames: int = limit(
+        1,
+        "Default number of frames from one keyframe to the next by the rule `interval`.",
+        chosen="By hand: every frame.",
+    )
+    min_wanted_matches: float = limit(
+        4.0,
+        "Least number of matches that a calibration can be asked for.",
+        chosen="By hand: a pose by EPnP needs four matches.",
+    )
+    max_wanted_matches: float = limit(
+        5000.0,
+        "Largest number of matches that a calibration can be asked for.",
+        chosen="By hand: more than any method has features.",
+    )
+
+
+OPTIONS = KeyframeRuleOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class KeyframeRule:
     """Which frames become keyframes.
 
-    `pose`: those that differ in pose from all before (A 2.1), by `thresholds`, which with `calibrated` are those
-    of the scan itself, at which `wanted_matches` are left. `content`: those that show something else than the
-    last two (B eq. 6). `distance`: one every `every_m` metres (B eq. 1). `interval`: every n-th frame.
+    `pose`: a frame that is close to no earlier keyframe, that is, within both `thresholds` (A 2.1). With `calibrated`
+    these are fitted to the scan itself, so that `wanted_matches` are left at them. `content`: a frame whose image
+    differs from those of the last two keyframes (B eq. 6). `distance`: one frame every `every_m` metres (B eq. 1).
+    `interval`: every n-th frame.
     """
 
     rule: RuleName = "pose"
     thresholds: PoseThresholds = thresholds_for_matches()
-    every: int = EVERY_FRAMES
+    every: int = OPTIONS.every_frames
     calibrated: bool = False
     wanted_matches: float = WANTED_MATCHES
     content: ContentRule = ContentRule()
-    every_m: float = EVERY_M
+    every_m: float = OPTIONS.every_m
 
 
 def parse_keyframe_rule(value: object) -> KeyframeRule:
@@ -60,16 +90,17 @@ def parse_keyframe_rule(value: object) -> KeyframeRule:
             f"keyframes.{foreign[0]} does not belong to the rule {rule}, which takes {', '.join(KEYS[rule])}."
         )
     if rule == "interval":
-        return KeyframeRule("interval", every=count(value.get("every", 1), "keyframes.every", 1, "frames"))
+        every = count(value.get("every", OPTIONS.every_frames), "keyframes.every", 1, "frames")
+        return KeyframeRule(rule="interval", every=every)
     if rule == "distance":
-        return KeyframeRule("distance", every_m=_every_m(value))
+        return KeyframeRule(rule="distance", every_m=_every_m(value))
     if rule == "content":
-        return KeyframeRule("content", content=_content(value))
+        return KeyframeRule(rule="content", content=_content(value))
     return _pose_rule(value)
 
 
 def _every_m(value: Mapping[str, Any]) -> float:
-    every_m = number(value.get("every_m", EVERY_M), "keyframes.every_m")
+    every_m = number(value.get("every_m", OPTIONS.every_m), "keyframes.every_m")
     if every_m is None or every_m <= 0:
         raise InvalidInputError("keyframes.every_m must be above zero, in metres.")
     return every_m
@@ -102,11 +133,11 @@ def _pose_rule(value: Mapping[str, Any]) -> KeyframeRule:
     )
     if min(thresholds.position_m, thresholds.attitude_rad) <= 0:
         raise InvalidInputError("keyframes.position_m and keyframes.attitude_rad must be above zero.")
-    return KeyframeRule("pose", thresholds, calibrated=calibrated, wanted_matches=wanted)
+    return KeyframeRule(rule="pose", thresholds=thresholds, calibrated=calibrated, wanted_matches=wanted)
 
 
 def _calibration(value: Mapping[str, Any]) -> tuple[bool, float]:
-    """Return whether the thresholds are to be calibrated, and for how many matches."""
+    """Return whether the thresholds are to be calibrated, and for what number of matches."""
     if value.get("thresholds", "calibrated") != "calibrated":
         raise InvalidInputError(
             'keyframes.thresholds takes "calibrated"; numbers go into keyframes.position_m and keyframes.attitude_rad.'
@@ -121,9 +152,8 @@ def _calibration(value: Mapping[str, Any]) -> tuple[bool, float]:
 
 
 def check_wanted_matches(wanted: float) -> float:
-    """Return a number of matches that can be asked for; raises `InvalidInputError`."""
-    if not MIN_WANTED <= wanted <= MAX_WANTED:
-        raise InvalidInputError(
-            f"keyframes.wanted_matches must be between {MIN_WANTED:g} and {MAX_WANTED:g}."
-        )
+    """Return the number of matches; raises `InvalidInputError` when it is out of range."""
+    least, most = OPTIONS.min_wanted_matches, OPTIONS.max_wanted_matches
+    if not least <= wanted <= most:
+        raise InvalidInputError(f"keyframes.wanted_matches must be between {least:g} and {most:g}.")
     return wanted

@@ -13,14 +13,14 @@ def number(value: object, name: str) -> float | None:
     """Return a finite number, or None for null; raises `InvalidInputError`."""
     if value is None:
         return None
-    # Whole numbers in JSON have no largest one.
+    # A whole number in JSON can be larger than any float.
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise InvalidInputError(f"{name} must be a finite number.")
     return float(value)
 
 
 def count(value: object, name: str, least: int, what: str) -> int:
-    """Return a whole number of at least `least`; `what` says of what. Raises `InvalidInputError`."""
+    """Return a whole number of at least `least`; `what` names what is counted. Raises `InvalidInputError`."""
     given = number(value, name)
     if given is None or given < least or given != int(given):
         raise InvalidInputError(f"{name} must be a whole number of {what}, {least} or more.")

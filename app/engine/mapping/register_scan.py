@@ -1,4 +1,4 @@
-"""Where a scan lies in the world, found by locating its frames in the venue's present map."""
+"""Registration: where a scan lies in the world, by locating its frames in the venue's present map."""
 
 from __future__ import annotations
 
@@ -15,14 +15,43 @@ from app.errors import InvalidScanError
 from app.geometry.alignment import average_poses
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.importers.frames import Frame, FrameSource
+from app.limits import limit
 
-SAMPLE = 40
-MIN_AGREEING = 5
-MIN_AGREEING_SHARE = 0.5
-AGREE_M = 0.15
-AGREE_RAD = float(np.radians(2.5))
-# Nearer than this to a keyframe a placement gets no better.
-NEAR_KEYFRAME_M = 0.05
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegistrationOptions:
+    """How many frames are located, and when their placements agree."""
+
+    frames: int = limit(
+        40, "Largest number of frames that are located.", chosen="By hand; no measurement is recorded."
+    )
+    min_agreeing: int = limit(
+        5, "Least number of placements that agree.", chosen="By hand; no measurement is recorded."
+    )
+    min_agreeing_share: float = limit(
+        0.5,
+        "Least fraction of the placements that agree.",
+        chosen="By hand: with the majority, no second group can be as large.",
+    )
+    max_position_difference_m: float = limit(
+        0.15,
+        "Largest position difference of two placements that agree.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    max_attitude_difference_deg: float = limit(
+        2.5,
+        "Largest attitude difference of two placements that agree.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    weight_offset_m: float = limit(
+        0.05,
+        "Length added to the distance from the nearest keyframe, whose inverse square weights a placement.",
+        chosen="By hand: nearer to a keyframe than this a placement gets no more accurate.",
+    )
+
+
+OPTIONS = RegistrationOptions()
+MAX_ATTITUDE_DIFFERENCE_RAD = float(np.radians(OPTIONS.max_attitude_difference_deg))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +67,14 @@ class Registration:
 def register_scan(
     source: FrameSource, localizer: Localizer, executor: Executor, progress: Progress
 ) -> Registration:
-    """Locate up to 40 frames of the scan, and average the placements that agree, those near a keyframe most.
+    """Return where a scan lies in the world: the mean of its located frames' placements that agree.
 
-    Raises `InvalidScanError` with the figures when too few are located or agree.
+    A sample of its frames is located in the present map; frames near a keyframe have more weight. Raises
+    `InvalidScanError` with the figures when too few are located or agree.
     """
-    frames = spread(source.frames, SAMPLE)
-    # Placements are compared and averaged amid the frames: at an origin far from them a small turn is a long way.
+    frames = spread(source.frames, OPTIONS.frames)
+    # Placements are compared and averaged in a frame in the middle of the scan: with an origin far from the cameras
+    # a small error of the rotation would be a large one of the position.
     scan_from_middle = middle_of(source.frames)
 
     def place(frame: Frame) -> _Placement | None:
@@ -56,7 +87,7 @@ def register_scan(
     results = list(map_in_order(executor, place, frames, "register", progress))
     placements = [placement for placement in results if placement is not None]
     agreeing = largest_agreement([placement.world_from_middle for placement in placements])
-    if len(agreeing) < max(MIN_AGREEING, MIN_AGREEING_SHARE * len(placements)):
+    if len(agreeing) < max(OPTIONS.min_agreeing, OPTIONS.min_agreeing_share * len(placements)):
         raise InvalidScanError(
             f"The scan can't be placed in the present map: of {len(frames)} frames {len(placements)} were located "
             f"and {len(agreeing)} agree; give world_from_scan, or scan more of what the map holds."
@@ -74,24 +105,27 @@ class _Placement:
 
     @property
     def weight(self) -> float:
-        # Seen from beside a keyframe, what is wrong with its points' depth hardly moves the camera.
-        return 1.0 / (self.keyframe_distance_m + NEAR_KEYFRAME_M) ** 2
+        # Near a keyframe's own position an error of its points' depth hardly changes the pose.
+        return 1.0 / (self.keyframe_distance_m + OPTIONS.weight_offset_m) ** 2
 
 
 def middle_of(frames: Sequence[Frame]) -> Pose:
-    """Return the `scan_from_middle` of a frame with the scan's axes whose origin is amid the cameras."""
+    """Return `scan_from_middle`, of a frame with the scan's axes and its origin at the median of the cameras."""
     positions = np.stack([frame.scan_from_camera.translation for frame in frames])
     return Pose(np.eye(3), np.median(positions, axis=0))
 
 
 def largest_agreement(placements: Sequence[Pose]) -> list[Pose]:
-    """Return the largest group of placements that are close to one of them."""
+    """Return the largest group of placements that agree with one of them."""
     groups = [[other for other in placements if _agree(one, other)] for one in placements]
     return max(groups, key=len, default=[])
 
 
 def _agree(a: Pose, b: Pose) -> bool:
-    return position_difference_m(a, b) < AGREE_M and attitude_difference_rad(a, b) < AGREE_RAD
+    return (
+        position_difference_m(a, b) < OPTIONS.max_position_difference_m
+        and attitude_difference_rad(a, b) < MAX_ATTITUDE_DIFFERENCE_RAD
+    )
 
 
 def spread(frames: Sequence[Frame], count: int) -> list[Frame]:

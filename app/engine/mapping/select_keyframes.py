@@ -48,7 +48,7 @@ def frame_contents(
     executor: Executor,
     progress: Progress,
 ) -> Iterator[FrameContent]:
-    """Yield what the content rule looks at, frame by frame; never more than a few are held."""
+    """Yield descriptors and quality of the frames, for the content rule; only a few frames are in memory at a time."""
 
     def describe(row: int) -> FrameContent:
         gray = to_gray(frame_rgb(source, source.frames[row]))

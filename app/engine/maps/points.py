@@ -11,17 +11,53 @@ from numpy.typing import NDArray
 from app.geometry.camera import Camera
 from app.geometry.ray_depth import DEPTH_PRIOR_SIGMA, Observations, refine_depth_along_rays
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.vision.features import LocalFeatures
 from app.vision.matching import match_unit_vectors, to_unit_vectors
 
-# Views further apart share little; nearer ones than this many are enough to average out the noise.
-MAX_BASELINE_M = 1.5
-MIN_AXES_COSINE = float(np.cos(np.radians(35)))
-MAX_VIEWS = 20
-# A match that far from where depth puts the point is a wrong match, not a wrong depth.
-GATE_PX = 12.0
-# With this many views in disagreement about a point, the point is no good for a pose.
-MAX_ERROR_PX = 6.0
+# Limits in pixels of this room are given for an image of this width.
+REFERENCE_WIDTH_PX = 640.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointOptions:
+    """Which views refine a keyframe's points, and which of the results are kept."""
+
+    max_baseline_m: float = limit(
+        1.5,
+        "Largest distance between a keyframe and a view that refines its points.",
+        chosen="By hand: views further apart share few features.",
+    )
+    max_axes_angle_deg: float = limit(
+        35.0,
+        "Largest angle between the optical axes of a keyframe and of a view that refines its points.",
+        chosen="By hand: views further apart share few features.",
+    )
+    max_views: int = limit(
+        20,
+        "Largest number of views that refine the points of one keyframe.",
+        chosen="By hand: these are enough to average out the noise; more cost time.",
+    )
+    match_gate_px: float = limit(
+        12.0,
+        "Largest distance, at 640 pixels of width, between a matched feature and the projection of the point.",
+        chosen="By hand: the error of poses and depth is a few pixels, and a false match is this near by chance "
+        "once in 700 matches (docs/calibration.md).",
+    )
+    max_median_error_px: float = limit(
+        6.0,
+        "Largest median reprojection error of a refined point in the other views; above it the point is dropped.",
+        chosen="By hand; no measurement is recorded.",
+    )
+    min_views_to_drop: int = limit(
+        3,
+        "Least number of views whose reprojection errors can drop a point.",
+        chosen="By hand: the median of two errors is their mean, which one false match decides.",
+    )
+
+
+OPTIONS = PointOptions()
+MIN_AXES_COSINE = float(np.cos(np.radians(OPTIONS.max_axes_angle_deg)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +71,8 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class MapPoints:
-    """A keyframe's features that have a point: features, points (n, 3) in the world, sigma (n,) in metres, and how
-    many other views (n,) of the scan saw each."""
+    """A keyframe's features that have a point: features, points (n, 3) in the world, their standard deviations (n,)
+    in metres, and the number of other views (n,) of the scan that saw each."""
 
     features: LocalFeatures
     points_in_world: NDArray[np.float64]
@@ -64,17 +100,25 @@ class MapPoints:
         )
 
 
+def scaled_px(length_px: float, camera: Camera) -> float:
+    """Return a length in pixels of a camera's images that is `length_px` at the width of `REFERENCE_WIDTH_PX`."""
+    return length_px * max(camera.width, camera.height) / REFERENCE_WIDTH_PX
+
+
 def nearby_views(keyframe: Pose, views: Sequence[Pose]) -> list[int]:
-    """Return the views that can see what the keyframe sees, at most `MAX_VIEWS`, spread over the distances."""
+    """Return the rows of the views that can see what the keyframe sees.
+
+    At most `OPTIONS.max_views`, evenly spread over the views in the order of their distances.
+    """
     positions = np.stack([view.translation for view in views])
     axes = np.stack([view.rotation[:, 2] for view in views])
     distances = np.linalg.norm(positions - keyframe.translation, axis=1)
-    near = (distances < MAX_BASELINE_M) & (axes @ keyframe.rotation[:, 2] > MIN_AXES_COSINE)
+    near = (distances < OPTIONS.max_baseline_m) & (axes @ keyframe.rotation[:, 2] > MIN_AXES_COSINE)
     candidates = np.flatnonzero(near & (distances > 1e-6))
     ordered = candidates[np.argsort(distances[candidates])]
-    if len(ordered) <= MAX_VIEWS:
+    if len(ordered) <= OPTIONS.max_views:
         return [int(i) for i in ordered]
-    picks = np.unique(np.linspace(0, len(ordered) - 1, MAX_VIEWS).round().astype(int))
+    picks = np.unique(np.linspace(0, len(ordered) - 1, OPTIONS.max_views).round().astype(int))
     return [int(i) for i in ordered[picks]]
 
 
@@ -90,7 +134,10 @@ def points_from_depth(view: View, camera: Camera) -> MapPoints:
 def refined_points(
     view: View, others: Sequence[View], camera: Camera, ratio: float, binary: bool
 ) -> MapPoints:
-    """Return a keyframe's points by its own depth and by the matches with other views."""
+    """Return a keyframe's points by its own depth and by the matches with other views.
+
+    `ratio` is the threshold of the ratio test, `binary` whether descriptors are compared by Hamming distance.
+    """
     own = points_from_depth(view, camera)
     if len(own.features) == 0:
         return own
@@ -102,27 +149,32 @@ def refined_points(
         return own
     refined = refine_depth_along_rays(rays_in_world, view.world_from_camera.translation, depth_m, seen)
     points = view.world_from_camera.translation + refined.depth_m[:, None] * rays_in_world
-    keep = ~((refined.views >= 3) & (refined.error_px > MAX_ERROR_PX))
+    enough = refined.views >= OPTIONS.min_views_to_drop
+    keep = ~(enough & (refined.error_px > OPTIONS.max_median_error_px))
     return MapPoints(own.features, points, refined.sigma_m, refined.views).take(keep)
 
 
 def close_matches(
     own: MapPoints, other: View, camera: Camera, ratio: float, binary: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return which features (n,) of a keyframe match which (n,) of another view, near where its pose puts them."""
+    """Return the matches of a keyframe's features with another view's: rows (n,) of both.
+
+    Only those within the match gate of the point's projection are returned. A match further away is taken to be
+    false: an error of the depth moves the projection less.
+    """
     mine = to_unit_vectors(own.features.descriptors, binary)
     a, b, _ = match_unit_vectors(mine, to_unit_vectors(other.features.descriptors, binary), ratio, binary)
     predicted = camera.project(other.world_from_camera.inverse().apply(own.points_in_world[a]))
-    gate = GATE_PX * max(camera.width, camera.height) / 640.0
+    gate_px = scaled_px(OPTIONS.match_gate_px, camera)
     with np.errstate(invalid="ignore"):
-        close = np.linalg.norm(predicted - other.features.keypoints_px[b], axis=1) < gate
+        close = np.linalg.norm(predicted - other.features.keypoints_px[b], axis=1) < gate_px
     return a[close], b[close]
 
 
 def observations_by(
     others: Sequence[View], own: MapPoints, camera: Camera, ratio: float, binary: bool
 ) -> Observations:
-    """Return where other views see a keyframe's points: matches that lie near where their poses put the points."""
+    """Return the observations of a keyframe's points in other views: their close matches, with the views' poses."""
     rows, normalized, poses = [], [], []
     for other in others:
         a, b = close_matches(own, other, camera, ratio, binary)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from app.engine.anchors.anchor import AnchorSpec
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.locator import AnchorLocalization
-from app.engine.anchors.place import place_on_floor, world_pose
-from app.engine.anchors.sights import BASE_SIGMA, scale_by_pois
+from app.engine.anchors.place_on_floor import place_on_floor, world_pose
+from app.engine.anchors.poi_triangulation import OPTIONS as TRIANGULATION_OPTIONS
+from app.engine.anchors.poi_triangulation import scale_by_pois
 from app.engine.anchors.verification import confidence_of_fix
 from app.engine.floors.floor import Floor
 from app.engine.query.placed import WORLD, Accuracy, PlacedPose, Support, plan_frame
@@ -101,7 +102,7 @@ def fix_of_anchor(
         frame_from_phone = world_pose(plan, frame_from_phone)
         frame_id = WORLD
     # What the features in a POI's region are nearer or further than its middle is the same in all pictures, too.
-    by_pois = BASE_SIGMA / float(np.sqrt(max(len(solution.scale_errors), 1)))
+    by_pois = TRIANGULATION_OPTIONS.base_log_sigma / float(np.sqrt(max(len(solution.scale_errors), 1)))
     shared = OPTIONS.map_scale_sigma if solution.length_scatter > 0 else by_pois
     known = KnownView(
         monitor_camera,

@@ -1,4 +1,4 @@
-"""How far away what a camera sees is, by a map: beside what was recognised, and not behind a wall."""
+"""The distances of what a camera sees by a map: near verified points, and not behind a wall."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from app.engine.floors.plan_point import HEIGHT_SLACK_M, floor_of, plan_point
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options, parse_camera
 from app.engine.mapping.register_scan import largest_agreement, spread
-from app.engine.maps.points import MAX_VIEWS, nearby_views
+from app.engine.maps.points import OPTIONS, nearby_views
 from app.engine.progress import NoProgress, map_in_order
 from app.errors import CancelledBuildError, InvalidInputError
 from app.geometry.se3 import Pose, rotation_from_vector
@@ -141,7 +141,7 @@ def test_nearby_views_see_the_same_from_elsewhere() -> None:
     assert nearby_views(here, [here, pose_at(0.3, 0), pose_at(5, 0), pose_at(0.3, 0, yaw_deg=90)]) == [1]
     crowd = [pose_at(0.01 * i, 0) for i in range(1, 100)]
     chosen = nearby_views(here, crowd)
-    assert len(chosen) == MAX_VIEWS
+    assert len(chosen) == OPTIONS.max_views
     assert (chosen[0], chosen[-1]) == (0, 98)
 
 

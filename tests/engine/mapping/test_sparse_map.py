@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.engine.mapping.options import parse_build_options
-from app.engine.mapping.sparse_map import GRID, MAX_KEYFRAME_BYTES, feature_limit, thin_out
+from app.engine.mapping.sparse_map import GRID, OPTIONS, feature_limit, thin_out
 from app.engine.maps.points import MapPoints
 from app.engine.query.localizer import Localizer
 from app.geometry.camera import Camera
@@ -76,7 +76,9 @@ def test_a_keyframe_without_its_picture_stays_below_100_kb(name: str) -> None:
     assert limit is not None
     width = 2 if extractor.descriptor_dtype is np.float32 else 1
     # Pixel, point and sigma as float32, and the global descriptor.
-    assert limit * (24 + width * extractor.descriptor_size) + 4 * size <= MAX_KEYFRAME_BYTES == 100_000
+    assert (
+        limit * (24 + width * extractor.descriptor_size) + 4 * size <= OPTIONS.max_keyframe_bytes == 100_000
+    )
     assert limit > 400
     assert feature_limit(parse_build_options({}), extractor, size) is None
     given = parse_build_options({"max_features_per_keyframe": 77})

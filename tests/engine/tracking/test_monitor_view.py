@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
-from app.engine.anchors.sights import scale_by_pois
+from app.engine.anchors.poi_triangulation import scale_by_pois
 from app.engine.tracking.odometry.monitor_view import MonitorView, SeenByMonitor
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
@@ -60,7 +60,16 @@ def test_the_scale_is_what_known_distances_say_of_the_points_that_are_there() ->
     rng = np.random.default_rng(4)
     pixels = rng.uniform(280, 360, (40, 2))
     region = ((280.0, 280.0), (360.0, 280.0), (360.0, 360.0), (280.0, 360.0))
-    spec = AnchorSpec("door", "0", 0.0, 0.0, 2.5, None, PHONE, (Poi("p", region, 3.0, 0.0, 3.0),))
+    spec = AnchorSpec(
+        venue_id="door",
+        floor_id="0",
+        x=0.0,
+        y=0.0,
+        height_m=2.5,
+        heading_deg=None,
+        camera=PHONE,
+        pois=(Poi(id="p", region_px=region, x=3.0, y=0.0, distance_m=3.0),),
+    )
     seen = replace(seen_by(PHONE, pixels), scale_of=lambda px, away: scale_by_pois(spec, PHONE, px, away))
     ids = np.arange(40)
     view = MonitorView.of(seen, ids, ids)

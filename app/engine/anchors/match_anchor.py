@@ -1,4 +1,4 @@
-"""A close look at one anchor: matches of its features with a phone's, and the answer they give."""
+"""Full matching of a phone image with one anchor, and the fix by the matches."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec
-from app.engine.anchors.features import AnchorFeatures, match_akaze, match_xfeat
+from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.fix import AnchorFix, MountedCamera, fix_by_anchor
+from app.engine.anchors.matching import match_akaze, match_xfeat
 from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera
 
 
-def look_closely(
+def match_anchor(
     spec: AnchorSpec,
     monitor: tuple[AnchorFeatures, Camera],
     phone: tuple[AnchorFeatures, Camera],
@@ -20,7 +21,7 @@ def look_closely(
     mounted: MountedCamera | None,
     timer: StageTimer,
 ) -> tuple[AnchorFix | None, int]:
-    """Return an anchor's answer, or None, and the number of matches."""
+    """Return the fix by an anchor, or None, and the number of matches; `gravity` (3,) is down in the phone's axes."""
     matches = match_akaze(monitor[0], phone[0]).with_more(match_xfeat(monitor[0], phone[0]))
     timer.lap("match")
     fix = fix_by_anchor(spec, monitor[1], phone[1], matches, gravity, mounted, monitor[0].down)

@@ -1,12 +1,12 @@
-"""The pose beside a monitoring camera, held by both verticals or by the matches alone."""
+"""The relative pose to a monitoring camera, with both verticals or by the matches alone."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from app.engine.anchors.features import PixelMatches
-from app.engine.anchors.relative import instability_deg, known_verticals, phone_beside_monitor
+from app.engine.anchors.matching import PixelMatches
+from app.engine.anchors.relative_pose import instability_deg, known_verticals, phone_beside_monitor
 from app.geometry.se3 import rotation_angle_deg, rotation_from_vector
 from tests.synthetic import TwoViews, make_two_views
 

@@ -1,4 +1,4 @@
-"""Anchors that can be used now: those whose newest frame is fresh."""
+"""Live anchors: those whose newest frame is not older than allowed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from app.geometry.se3 import Pose
 
 @dataclass(frozen=True, slots=True)
 class LiveAnchor:
-    """An anchor whose newest frame is fresh: the frame's camera and features; `mounted` of a calibrated camera."""
+    """A live anchor: its newest frame's name, camera and features, and the pose on the plan of a calibrated camera."""
 
     anchor: Anchor
     frame: str
@@ -29,7 +29,7 @@ class LiveAnchor:
 
 
 def mounted_camera(stored: dict[str, Any] | None, floor: Floor) -> MountedCamera | None:
-    """Return a calibrated camera's pose on its floor's plan, or None."""
+    """Return a calibrated camera's pose on its floor's plan, None where calibration or `plan_from_world` is missing."""
     calibration = calibration_of(stored)
     if calibration is None or floor.plan_from_world is None:
         return None

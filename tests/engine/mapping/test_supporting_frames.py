@@ -1,11 +1,11 @@
-"""What keyframes take over from frames that are none: what they lack, no more than they need, where they see it."""
+"""Features that keyframes take from supporting frames: which ones, at most how many, and at which pixels."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.mapping.left_out_frames import ENOUGH_FEATURES, nearest_keyframe, with_left_out
+from app.engine.mapping.supporting_frames import OPTIONS, nearest_keyframe, with_supporting_features
 from app.engine.maps.points import MapPoints
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.vision.features import LocalFeatures
@@ -50,7 +50,7 @@ def test_what_a_keyframe_has_it_does_not_take_again() -> None:
         np.full(60, 0.01),
         np.ones(60, np.intp),
     )
-    filled = with_left_out(own, [other], ORIGIN, CAMERA, binary=False)
+    filled = with_supporting_features(own, [other], ORIGIN, CAMERA, binary=False)
     assert len(filled.features) == 60
     assert np.array_equal(filled.features.descriptors[:40], known)
     assert {row.tobytes() for row in filled.features.descriptors[40:]} == {row.tobytes() for row in new}
@@ -64,21 +64,24 @@ def test_what_two_frames_lend_is_taken_once_from_the_one_that_knows_it_best() ->
     pixels, lent = grid(10), descriptors(10, 3)
     own = points(grid(2), descriptors(2, 4))
     rough, fine = points(pixels, lent, sigma_m=0.05), points(pixels, lent, sigma_m=0.01)
-    filled = with_left_out(own, [rough, fine], ORIGIN, CAMERA, binary=False)
+    filled = with_supporting_features(own, [rough, fine], ORIGIN, CAMERA, binary=False)
     assert len(filled.features) == 12
     assert (filled.sigma_m == 0.01).all()
 
 
 def test_a_keyframe_takes_no_more_than_it_needs_and_nothing_outside_its_picture() -> None:
-    many = points(grid(2 * ENOUGH_FEATURES), descriptors(2 * ENOUGH_FEATURES, 5))
+    many = points(grid(2 * OPTIONS.enough_features), descriptors(2 * OPTIONS.enough_features, 5))
     own = points(grid(3), descriptors(3, 6))
-    assert len(with_left_out(own, [many], ORIGIN, CAMERA, binary=False).features) == ENOUGH_FEATURES
-    full = points(grid(ENOUGH_FEATURES), descriptors(ENOUGH_FEATURES, 7))
-    assert with_left_out(full, [many], ORIGIN, CAMERA, binary=False) is full
-    assert with_left_out(own, [], ORIGIN, CAMERA, binary=False) is own
+    assert (
+        len(with_supporting_features(own, [many], ORIGIN, CAMERA, binary=False).features)
+        == OPTIONS.enough_features
+    )
+    full = points(grid(OPTIONS.enough_features), descriptors(OPTIONS.enough_features, 7))
+    assert with_supporting_features(full, [many], ORIGIN, CAMERA, binary=False) is full
+    assert with_supporting_features(own, [], ORIGIN, CAMERA, binary=False) is own
     behind = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.zeros(3))
     unseen = points(grid(20), descriptors(20, 8), seen_from=behind)
-    assert len(with_left_out(own, [unseen], ORIGIN, CAMERA, binary=False).features) == 3
+    assert len(with_supporting_features(own, [unseen], ORIGIN, CAMERA, binary=False).features) == 3
 
 
 def test_the_nearest_keyframe_looks_the_same_way() -> None:

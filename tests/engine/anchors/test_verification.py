@@ -1,4 +1,4 @@
-"""Which anchor looks like a picture, and when POIs speak against an answer."""
+"""The likeness of an anchor to an image, the verification of its fix, and the stored form of its features."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from app.engine.anchors.features import AnchorFeatures, PixelMatches, likeness
+from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.fix import AnchorEvidence, AnchorFix, _scale_error
 from app.engine.anchors.locator import ranked
-from app.engine.anchors.sights import firm
-from app.engine.anchors.verification import MAX_SCALE_ERROR, judge_fix
+from app.engine.anchors.matching import PixelMatches, likeness
+from app.engine.anchors.poi_triangulation import reliable
+from app.engine.anchors.verification import OPTIONS, judge_fix
 from app.geometry.anchor_pose import AnchorSolution, PoiSight, Vertical
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatures
@@ -21,7 +22,9 @@ from app.vision.features import LocalFeatures
 def features(descriptors: np.ndarray) -> AnchorFeatures:
     points = np.zeros((len(descriptors), 2), np.float32)
     akaze = LocalFeatures(points[:0], np.zeros((0, 61), np.uint8))
-    return AnchorFeatures(akaze, LocalFeatures(points, descriptors.astype(np.float32)), np.zeros(0, np.int64))
+    return AnchorFeatures(
+        akaze=akaze, xfeat=LocalFeatures(points, descriptors.astype(np.float32)), words=np.zeros(0, np.int64)
+    )
 
 
 def test_likeness_counts_similar_features() -> None:
@@ -44,19 +47,39 @@ def test_one_moved_poi_of_three_is_outvoted_but_one_of_two_is_not() -> None:
     assert _scale_error(np.array([-0.3, 0.1])) == 0.3
 
 
-def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFix:
-    """Return a good answer, with some of its evidence changed."""
+def fix(vertical: Vertical, instability_sigma_m: float = 0.0, **changes: Any) -> AnchorFix:
+    """Return a fix that is accepted, with some of its evidence changed."""
     still = Pose(np.eye(3), np.zeros(3))
     none = np.zeros(0)
     solution = AnchorSolution(still, still, 1.0, 0.05, np.zeros((3, 3)), none, none, vertical)
-    evidence = replace(AnchorEvidence(800, 500, 0.6, 60, 12.0, 0.1, 0.01, 0.05, 0.0), **changes)
+    evidence = replace(
+        AnchorEvidence(
+            matches=800,
+            inliers=500,
+            coverage=0.6,
+            region_matches=60,
+            parallax_deg=12.0,
+            poi_error_share=0.1,
+            scale_error=0.01,
+            log_scale_sigma=0.05,
+            instability_deg=0.0,
+        ),
+        **changes,
+    )
     matches = PixelMatches(np.zeros((0, 2)), np.zeros((0, 2)), none)
-    return AnchorFix(solution, evidence, 1e-3 * np.eye(3), 1.0, matches, unsteady_m)
+    return AnchorFix(
+        solution=solution,
+        evidence=evidence,
+        position_covariance=1e-3 * np.eye(3),
+        orientation_sigma_deg=1.0,
+        inliers=matches,
+        instability_sigma_m=instability_sigma_m,
+    )
 
 
 def test_pois_that_disagree_on_the_scale_make_an_answer_ambiguous() -> None:
     assert judge_fix(fix("gravity")) is None
-    assert judge_fix(fix("gravity", scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
+    assert judge_fix(fix("gravity", scale_error=OPTIONS.max_scale_error + 0.01)) == "ambiguous"
 
 
 def test_a_poi_is_outvoted_only_by_a_steady_pose() -> None:
@@ -76,20 +99,20 @@ def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
     clear, faint = (
         PoiSight(np.array([0.0, 0.0, 1.0]), np.zeros(2), 3.0, 1.0, sigma) for sigma in (0.07, 0.3)
     )
-    assert firm([(clear, 80), (faint, 4)]) == [(clear, 80)]
-    assert firm([(faint, 4)]) == [(faint, 4)]
+    assert reliable([(clear, 80), (faint, 4)]) == [(clear, 80)]
+    assert reliable([(faint, 4)]) == [(faint, 4)]
 
 
 def test_of_a_calibrated_camera_map_and_pois_must_agree() -> None:
     assert judge_fix(fix("map")) is None
-    assert judge_fix(fix("map", worst_scale_error=MAX_SCALE_ERROR + 0.01)) == "ambiguous"
-    assert judge_fix(fix("map", unsteady_m=0.6)) == "too_few_inliers"
-    assert judge_fix(fix("gravity", unsteady_m=0.6)) is None
-    assert judge_fix(fix("gravity", unsteady_m=0.8)) == "too_few_inliers"
+    assert judge_fix(fix("map", worst_scale_error=OPTIONS.max_scale_error + 0.01)) == "ambiguous"
+    assert judge_fix(fix("map", instability_sigma_m=0.6)) == "too_few_inliers"
+    assert judge_fix(fix("gravity", instability_sigma_m=0.6)) is None
+    assert judge_fix(fix("gravity", instability_sigma_m=0.8)) == "too_few_inliers"
 
 
 def test_what_the_choice_of_matches_moves_is_part_of_the_accuracy() -> None:
-    steady, unsteady = fix("gravity"), fix("gravity", unsteady_m=0.3)
+    steady, unsteady = fix("gravity"), fix("gravity", instability_sigma_m=0.3)
     assert steady.position_sigma_m == steady.noise_sigma_m == unsteady.noise_sigma_m
     assert np.isclose(unsteady.position_sigma_m**2, steady.noise_sigma_m**2 + 0.09)
     assert np.isclose(np.trace(unsteady.full_covariance[:2, :2]), unsteady.position_sigma_m**2)
