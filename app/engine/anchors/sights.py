@@ -117,11 +117,11 @@ def sight_of(
     )
     log_sigma = float(np.linalg.norm(parts))
     sight = PoiSight(
-        ray / np.linalg.norm(ray),
-        np.array([poi.x, poi.y]),
-        poi.distance_m,
-        float(np.exp(center)),
-        log_sigma,
-        height_offset,
+        ray_in_monitor=ray / np.linalg.norm(ray),
+        on_plan=np.array([poi.x, poi.y]),
+        distance_m=poi.distance_m,
+        length=float(np.exp(center)),
+        log_sigma=log_sigma,
+        height_offset_m=height_offset,
     )
     return sight, count

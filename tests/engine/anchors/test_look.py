@@ -48,7 +48,16 @@ def fix(vertical: Vertical, unsteady_m: float = 0.0, **changes: Any) -> AnchorFi
     """Return a good answer, with some of its evidence changed."""
     still = Pose(np.eye(3), np.zeros(3))
     none = np.zeros(0)
-    solution = AnchorSolution(still, still, 1.0, 0.05, np.zeros((3, 3)), none, none, vertical)
+    solution = AnchorSolution(
+        plan_from_phone=still,
+        plan_from_monitor=still,
+        metres_per_unit=1.0,
+        log_scale_sigma=0.05,
+        plan_from_monitor_covariance=np.zeros((3, 3)),
+        poi_errors_m=none,
+        scale_errors=none,
+        vertical=vertical,
+    )
     evidence = replace(AnchorEvidence(800, 500, 0.6, 60, 12.0, 0.1, 0.01, 0.05, 0.0), **changes)
     matches = PixelMatches(np.zeros((0, 2)), np.zeros((0, 2)), none)
     return AnchorFix(solution, evidence, 1e-3 * np.eye(3), 1.0, matches, unsteady_m)
@@ -74,7 +83,14 @@ def test_a_pose_that_verticals_hold_needs_fewer_matches_and_steadier_halves() ->
 
 def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
     clear, faint = (
-        PoiSight(np.array([0.0, 0.0, 1.0]), np.zeros(2), 3.0, 1.0, sigma) for sigma in (0.07, 0.3)
+        PoiSight(
+            ray_in_monitor=np.array([0.0, 0.0, 1.0]),
+            on_plan=np.zeros(2),
+            distance_m=3.0,
+            length=1.0,
+            log_sigma=sigma,
+        )
+        for sigma in (0.07, 0.3)
     )
     assert firm([(clear, 80), (faint, 4)]) == [(clear, 80)]
     assert firm([(faint, 4)]) == [(faint, 4)]
