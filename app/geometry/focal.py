@@ -64,12 +64,12 @@ class FocalOptions:
     band_high_ratio: float = limit(
         1.18,
         "Upper end of the band around a focal length from tags, relative to it.",
-        chosen="By hand: three standard deviations; the inverse of the lower end.",
+        chosen="By hand: about the inverse of the lower end.",
     )
     band_steps: tuple[float, ...] = limit(
         (1.0, 0.93, 1.07),
         "Focal lengths that are tried in the band, relative to the one from tags; the first one wins a tie.",
-        chosen="By hand: they cover the band with the inlier limit that applies there.",
+        chosen="By hand: with the larger inlier limit they cover the band.",
     )
     refined_range_steps: float = limit(
         1.5,
@@ -89,8 +89,8 @@ class FocalOptions:
     match_weight: float = limit(
         0.2,
         "Weight of one match in a robust cost, against a prior.",
-        chosen="By measurement: with it the stated accuracies agree with the errors; the figures were not kept. "
-        "It is below 1 because matches are not independent: one feature is matched in several keyframes, and "
+        chosen="By measurement: with it the stated accuracies agree with the errors; command and figures were not "
+        "kept. It is below 1 because matches are not independent: one feature is matched in several keyframes, and "
         "their points have the map's errors in common.",
     )
     max_error_px: float = limit(

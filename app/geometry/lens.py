@@ -25,17 +25,17 @@ class LensOptions:
     prior_sigma: float = limit(
         0.03,
         "Standard deviation of the radial coefficient of a lens that is not known; its mean is 0.",
-        chosen="By hand: the lenses of phones and RGB-D cameras, which bend the corners by a few pixels.",
+        chosen="By hand; RedKitchen's scan shows -0.029 (docs/features.md, The lens).",
     )
     picture_sigma: float = limit(
         0.009,
         "Standard deviation of a radial coefficient that is fitted to the matches of one picture.",
-        chosen="By measurement, of which command and figures were not kept.",
+        chosen="By measurement; the command and the figures were not kept.",
     )
     loss_scale_px: float = limit(
         1.0,
         "Reprojection error at which a match's weight falls to half (Cauchy loss).",
-        chosen="By hand: smaller than for poses, for a lens changes most pixels by less than a pixel.",
+        chosen="By hand: about the noise of a good match.",
     )
     steps: int = limit(
         12,
