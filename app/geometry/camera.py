@@ -89,9 +89,9 @@ OPTIONS = CameraOptions()
 
 
 def tangent_of_px(pixels: float) -> float:
-    """Return a length in pixels at the reference focal length as the tangent of an angle.
+    """Return the angle, as its tangent, that a length in pixels is at the reference focal length.
 
-    A limit that is an angle is the same for all cameras: multiplied by a focal length it is in pixels again.
+    A limit in this form is the same for all cameras; multiplied by a camera's focal length it is in pixels again.
     """
     return pixels / REFERENCE_FOCAL_PX
 

@@ -76,7 +76,7 @@ class Lens:
     sigma: float = LENS_SIGMA
 
     def of(self, camera: Camera) -> Camera:
-        """Return the camera with a camera's pinhole intrinsics and this lens."""
+        """Return a camera with the pinhole intrinsics of `camera` and this lens."""
         if self.coefficient == 0.0:
             return Camera("PINHOLE", camera.width, camera.height, camera.params[:4])
         values = (*camera.params[:4], self.coefficient, 0.0, 0.0, 0.0)
