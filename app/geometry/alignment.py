@@ -1,8 +1,9 @@
-"""Rotations and shifts that bring one set of points, or one frame, onto another."""
+"""Rotations and translations that align one set of points, or one frame, with another."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,28 @@ from app.geometry.se3 import (
     vector_from_rotation,
 )
 from app.geometry.validation import finite_pairs, unit_vector
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# Points nearer together than this, in metres, are one point.
-MIN_SPREAD = 1e-6
-WEISZFELD_STEPS = 50
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentOptions:
+    """When points are too close together to align, and how long a median is iterated."""
+
+    min_spread_m: float = limit(
+        1e-6,
+        "Points that are spread over less than this count as one point.",
+        chosen="By hand: far below any measured distance, far above the rounding error.",
+    )
+    median_steps: int = limit(
+        50,
+        "Iterations of Weiszfeld's algorithm for a geometric median.",
+        chosen="By hand: meant to be enough to converge.",
+    )
+
+
+OPTIONS = AlignmentOptions()
 
 
 class Alignment(NamedTuple):
@@ -36,14 +53,18 @@ class Alignment(NamedTuple):
 def align_points(
     points_in_source: ArrayLike, points_in_target: ArrayLike, *, with_scale: bool = False
 ) -> Alignment:
-    """Return the rotation, shift and, if `with_scale`, scale that best move points (n, 3) onto (n, 3).
+    """Return the rotation, translation and, if `with_scale`, scale that best align points (n, 3) with (n, 3).
 
     Least squares, never a mirror image. Raises `DegenerateGeometryError` for fewer than three points or
     points on one line, `InvalidInputError` for numbers that are not finite. Source: Kabsch, Umeyama; with the
     camera-frame points of EPnP it is the last step of B section 2.3.
     """
     source, target = finite_pairs(points_in_source, 3, "source points", points_in_target, 3, "target points")
-    if len(source) < 3 or _extent(source, 1) < MIN_SPREAD or _extent(target, 1) < MIN_SPREAD:
+    if (
+        len(source) < 3
+        or _extent(source, 1) < OPTIONS.min_spread_m
+        or _extent(target, 1) < OPTIONS.min_spread_m
+    ):
         raise DegenerateGeometryError("An alignment in space needs three points that are not on one line.")
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean
@@ -59,20 +80,20 @@ def align_points(
 
 
 def align_2d(source: ArrayLike, target: ArrayLike, *, with_scale: bool = True) -> tuple[Array, Array]:
-    """Return the turn and scale (2, 2), and shift (2,), that best move points (n, 2) onto (n, 2).
+    """Return the rotation times scale (2, 2), and the translation (2,), that best align points (n, 2) with (n, 2).
 
     Least squares, never a mirror image; the scale is 1 without `with_scale`. Raises `DegenerateGeometryError`
     for fewer than two different points, `InvalidInputError` for numbers that are not finite. Source: Umeyama.
     """
     a, b = finite_pairs(source, 2, "source points", target, 2, "target points")
-    if len(a) < 2 or _extent(a, 0) < MIN_SPREAD or _extent(b, 0) < MIN_SPREAD:
+    if len(a) < 2 or _extent(a, 0) < OPTIONS.min_spread_m or _extent(b, 0) < OPTIONS.min_spread_m:
         raise DegenerateGeometryError("An alignment on the plane needs two points that differ.")
     a_mean, b_mean = a.mean(axis=0), b.mean(axis=0)
     p, q = a - a_mean, b - b_mean
-    # As complex numbers a turn and a scale are one factor, and the least squares for it is a quotient.
+    # In complex numbers, rotation and scale are one factor; its least-squares estimate is a quotient.
     cos, sin = float(np.sum(p * q)), float(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]))
     length = np.hypot(cos, sin)
-    if length < MIN_SPREAD**2:
+    if length < OPTIONS.min_spread_m**2:
         raise DegenerateGeometryError("The two sets of points are no copies of each other, at any scale.")
     scale = length / float(np.sum(p**2)) if with_scale else 1.0
     linear = scale * rotation_2d(float(np.arctan2(sin, cos)))
@@ -80,12 +101,12 @@ def align_2d(source: ArrayLike, target: ArrayLike, *, with_scale: bool = True) -
 
 
 def fit_affine_2d(source: ArrayLike, target: ArrayLike) -> tuple[Array, Array]:
-    """Return the affine map, (2, 2) and shift (2,), that best moves points (n, 2) onto (n, 2).
+    """Return the affine map, a matrix (2, 2) and a translation (2,), that best maps points (n, 2) to (n, 2).
 
     Least squares. Raises `DegenerateGeometryError` for fewer than three points or points on one line.
     """
     a, b = finite_pairs(source, 2, "source points", target, 2, "target points")
-    if len(a) < 3 or _extent(a, 1) < MIN_SPREAD:
+    if len(a) < 3 or _extent(a, 1) < OPTIONS.min_spread_m:
         raise DegenerateGeometryError("An affine map needs three points that are not on one line.")
     mean = a.mean(axis=0)
     solution = np.linalg.lstsq(np.column_stack([a - mean, np.ones(len(a))]), b, rcond=None)[0]
@@ -94,7 +115,7 @@ def fit_affine_2d(source: ArrayLike, target: ArrayLike) -> tuple[Array, Array]:
 
 
 def rotation_2d(angle_rad: float) -> Array:
-    """Return the matrix (2, 2) that turns the plane counter-clockwise (C eq. 4.3.6)."""
+    """Return the matrix (2, 2) that rotates the plane counter-clockwise (C eq. 4.3.6)."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cos, -sin], [sin, cos]])
 
@@ -102,59 +123,58 @@ def rotation_2d(angle_rad: float) -> Array:
 def average_poses(
     world_from_camera: Sequence[Pose], weights: ArrayLike | None = None, *, robust: bool = True
 ) -> Pose:
-    """Return the middle of several estimates of one pose.
+    """Return the average of several estimates of one pose.
 
-    With `robust` the geometric median, for positions and for rotations, which a minority of wrong estimates
-    can't drag away; else the weighted mean (chordal for rotations). `weights` (n,) count estimates as more
-    than one. Raises `DegenerateGeometryError` for no estimate, `InvalidInputError` for weights that are
-    negative or all zero. Source: Weiszfeld's algorithm; on rotations, Hartley et al., "L1 rotation
-    averaging", 2011.
+    With `robust` it is the geometric median of the positions and of the rotations, which a minority of wrong
+    estimates changes little; otherwise the weighted mean (chordal for rotations). `weights` (n,) are relative.
+    Raises `DegenerateGeometryError` for no estimate, `InvalidInputError` for weights that are negative or all
+    zero. Source: Weiszfeld's algorithm; on rotations, Hartley et al., "L1 rotation averaging", 2011.
     """
     if len(world_from_camera) == 0:
         raise DegenerateGeometryError("No pose to average.")
-    share = _shares(weights, len(world_from_camera))
+    normalized = _normalized_weights(weights, len(world_from_camera))
     positions = np.stack([pose.translation for pose in world_from_camera])
     rotations = np.stack([pose.rotation for pose in world_from_camera])
-    position = share @ positions
-    rotation = project_to_so3(np.tensordot(share, rotations, axes=1))
+    position = normalized @ positions
+    rotation = project_to_so3(np.tensordot(normalized, rotations, axes=1))
     if robust:
-        position = _median_position(positions, share, position)
-        rotation = _median_rotation(rotations, share, rotation)
+        position = _median_position(positions, normalized, position)
+        rotation = _median_rotation(rotations, normalized, rotation)
     return Pose(rotation, position)
 
 
-def _shares(weights: ArrayLike | None, count: int) -> Array:
+def _normalized_weights(weights: ArrayLike | None, count: int) -> Array:
     values = np.ones(count) if weights is None else np.asarray(weights, dtype=np.float64)
     if values.shape != (count,) or not np.isfinite(values).all() or (values < 0).any() or values.sum() <= 0:
         raise InvalidInputError(f"Weights must be {count} finite numbers, not negative and not all zero.")
     return np.asarray(values / values.sum())
 
 
-def _median_position(positions: Array, share: Array, start: Array) -> Array:
-    middle = start
-    for _ in range(WEISZFELD_STEPS):
-        offsets = positions - middle
-        middle = middle + _weiszfeld_step(offsets, share)
-    return middle
+def _median_position(positions: Array, weights: Array, start: Array) -> Array:
+    median = start
+    for _ in range(OPTIONS.median_steps):
+        offsets = positions - median
+        median = median + _weiszfeld_step(offsets, weights)
+    return median
 
 
-def _median_rotation(rotations: Array, share: Array, start: Array) -> Array:
-    middle = start
-    for _ in range(WEISZFELD_STEPS):
-        offsets = np.stack([vector_from_rotation(rotation @ middle.T) for rotation in rotations])
-        middle = rotation_from_vector(_weiszfeld_step(offsets, share)) @ middle
-    return middle
+def _median_rotation(rotations: Array, weights: Array, start: Array) -> Array:
+    median = start
+    for _ in range(OPTIONS.median_steps):
+        offsets = np.stack([vector_from_rotation(rotation @ median.T) for rotation in rotations])
+        median = rotation_from_vector(_weiszfeld_step(offsets, weights)) @ median
+    return median
 
 
-def _weiszfeld_step(offsets: Array, share: Array) -> Array:
-    """Return the move (d,) towards the geometric median of what lies at offsets (n, d)."""
-    # The floor keeps a guess that has met one of the estimates from dividing by zero.
-    pull = share / np.maximum(np.linalg.norm(offsets, axis=1), 1e-9)
-    return np.asarray(pull @ offsets / pull.sum())
+def _weiszfeld_step(offsets: Array, weights: Array) -> Array:
+    """Return the step (d,) from the present estimate of a geometric median, given the offsets (n, d) of the points."""
+    # The lower bound avoids a division by zero where the present estimate is one of the points.
+    scaled = weights / np.maximum(np.linalg.norm(offsets, axis=1), 1e-9)
+    return np.asarray(scaled @ offsets / scaled.sum())
 
 
 def world_from_scan_by_gravity(gravity_in_scan: ArrayLike) -> Pose:
-    """Return the `world_from_scan` that makes z point up and turns the scan no more than that needs.
+    """Return the `world_from_scan` of the smallest rotation that makes z point up.
 
     `gravity_in_scan` (3,) is the direction of down in the scan's frame, of any length. The origin stays.
     Raises `InvalidInputError` for a vector that has no direction.

@@ -1,4 +1,4 @@
-"""Where a phone is on the plan, from its pose beside a monitoring camera and the POIs that both see."""
+"""The pose of a phone on the plan, from its pose relative to a monitoring camera and the POIs that both see."""
 
 from __future__ import annotations
 
@@ -12,33 +12,88 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.se3 import Pose, rotation_between, rotation_from_vector, skew
+from app.limits import limit
 
 Array = NDArray[np.float64]
 Vertical = Literal["gravity", "pois", "upright", "map"]
 
-# A tape measures a distance, and a finger a place on a plan, about that well.
-PLAN_SIGMA_M, PLAN_SIGMA_SHARE = 0.05, 0.015
-# How far off a phone's accelerometer is, how people hold an upright phone (roll, pitch), how cameras are mounted.
-GRAVITY_SIGMA_RAD = float(np.radians(1.5))
-ROLL_SIGMA_RAD, PITCH_SIGMA_RAD = float(np.radians(12.0)), float(np.radians(20.0))
-MOUNT_ROLL_SIGMA_RAD = float(np.radians(12.0))
-# POIs whose directions are this far apart hold the vertical between them.
-MIN_POI_ANGLE_RAD = float(np.radians(15.0))
-# A scale by a map needs so many lengths, and is no better than this share.
-MIN_KNOWN_LENGTHS = 5
-MIN_SCALE_SIGMA = 0.01
-STEPS = 25
-# Residuals beyond this many sigma count less and less.
-ROBUST_SIGMAS = 3.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorPoseOptions:
+    """Standard deviations of what is known about a phone, a monitoring camera and its POIs."""
+
+    plan_sigma_m: float = limit(
+        0.05,
+        "Standard deviation of a measured distance or of a position on the plan: its constant part.",
+        chosen="By hand: a tape measure, or a point marked on a plan, is about this accurate.",
+    )
+    plan_sigma_ratio: float = limit(
+        0.015,
+        "Standard deviation of a measured distance, relative to the distance: the part that grows with it.",
+        chosen="By hand: a tape measure, or a point marked on a plan, is about this accurate.",
+    )
+    gravity_sigma_deg: float = limit(
+        1.5,
+        "Standard deviation of the direction of gravity that a phone states.",
+        chosen="By hand: the usual error of a phone's accelerometer.",
+    )
+    roll_sigma_deg: float = limit(
+        12.0,
+        "Standard deviation of the roll of a phone that is assumed to be upright.",
+        chosen="By hand: how people hold a phone.",
+    )
+    pitch_sigma_deg: float = limit(
+        20.0,
+        "Standard deviation of the pitch of a phone that is assumed to be upright.",
+        chosen="By hand: how people hold a phone.",
+    )
+    mount_roll_sigma_deg: float = limit(
+        12.0,
+        "Standard deviation of the roll of a monitoring camera when the phone gives no gravity.",
+        chosen="By hand: how cameras are mounted.",
+    )
+    min_poi_angle_deg: float = limit(
+        15.0,
+        "POIs determine the vertical when two of their directions differ by at least this angle.",
+        chosen="By hand: POIs in nearly one direction leave the rotation about it open.",
+    )
+    min_known_lengths: int = limit(
+        5,
+        "A scale from a map's distances needs at least this number of them.",
+        chosen="By hand: the median of fewer is not robust.",
+    )
+    min_scale_sigma_ratio: float = limit(
+        0.01,
+        "Lower bound of the relative standard deviation of a scale from a map's distances.",
+        chosen="By hand: the errors that all distances of a map share don't average out.",
+    )
+    loss_scale_sigmas: float = limit(
+        3.0,
+        "Scale of the Cauchy loss, in standard deviations: beyond it a residual's weight falls quickly.",
+        chosen="By hand: the usual limit between noise and outlier.",
+    )
+    max_steps: int = limit(
+        25,
+        "Iterations of the robust least-squares problems.",
+        chosen="By hand: meant to be enough to converge.",
+    )
 
 
-@dataclass(frozen=True, slots=True)
+OPTIONS = AnchorPoseOptions()
+GRAVITY_SIGMA_RAD = float(np.radians(OPTIONS.gravity_sigma_deg))
+ROLL_SIGMA_RAD = float(np.radians(OPTIONS.roll_sigma_deg))
+PITCH_SIGMA_RAD = float(np.radians(OPTIONS.pitch_sigma_deg))
+MOUNT_ROLL_SIGMA_RAD = float(np.radians(OPTIONS.mount_roll_sigma_deg))
+MIN_POI_ANGLE_RAD = float(np.radians(OPTIONS.min_poi_angle_deg))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PoiSight:
     """A POI as the monitoring camera sees it.
 
-    `ray_in_monitor` (3,) is its direction, `on_plan` (2,) its place in plan metres, `distance_m` its measured
-    distance from the camera, `height_offset_m` how much higher it is, where known. `length` is its distance by
-    triangulation in the unit of the relative pose, `log_sigma` one sigma of that length's logarithm.
+    `ray_in_monitor` (3,) is its direction, `on_plan` (2,) its position in plan metres, `distance_m` its measured
+    distance from the camera, `height_offset_m` its height above the camera, where known. `length` is its distance
+    by triangulation in the unit of the relative pose, `log_sigma` the standard deviation of that length's logarithm.
     """
 
     ray_in_monitor: Array
@@ -49,16 +104,16 @@ class PoiSight:
     height_offset_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSolution:
-    """A phone on a plan.
+    """The pose of a phone on a plan.
 
-    `plan_from_phone` holds metres on the plan and height above the floor; `metres_per_unit` is r of C eq. 4.2.7
-    and `log_scale_sigma` one sigma of its logarithm; `plan_from_monitor_covariance` (3, 3) of the anchor's
-    rotation (vector in plan axes, rad); `poi_errors_m` (n,) how far each POI lies from its place on the plan by
-    this solution; `scale_errors` (n,) how far the logarithm of each POI's own scale is from the common one;
-    `vertical` says what the vertical rests on; `length_scatter` is how far, as a logarithm, the lengths that a map
-    knows scatter about their common scale (one sigma, robust).
+    `plan_from_phone` holds metres on the plan and height above the floor. `metres_per_unit` is r of C eq. 4.2.7,
+    `log_scale_sigma` the standard deviation of its logarithm. `plan_from_monitor_covariance` (3, 3) is of the
+    anchor's rotation (rotation vector in plan axes, rad). `poi_errors_m` (n,) is the distance of each POI from its
+    position on the plan by this solution. `scale_errors` (n,) is the logarithm of each POI's own scale minus that of
+    the common scale. `vertical` says what determines the vertical. `length_scatter` is a robust standard deviation
+    of the logarithms of the scales that single distances of a map give.
     """
 
     plan_from_phone: Pose
@@ -79,13 +134,14 @@ def solve_anchor(
     sights: Sequence[PoiSight],
     gravity_in_phone: Array | None = None,
 ) -> AnchorSolution:
-    """Return the phone's place on the plan from all POIs at once.
+    """Return the phone's pose on the plan from all POIs together.
 
     `monitor_on_plan` (2,) in plan metres; `phone_from_monitor` with a translation of any unit. The vertical is
-    `gravity_in_phone` (3,), down in phone axes; without it what POIs in different directions say, and an upright
-    phone as far as they don't. Raises `DegenerateGeometryError` without POIs or when one lies above or below the
-    camera. Source: C eq. 4.2.7 and 4.3.1-4.3.9 as one robust least-squares problem: the rotation of the
-    monitoring camera on the plan must bring each POI's ray, as long as measured, to the POI's place on the plan.
+    `gravity_in_phone` (3,), down in phone axes. Without it, POIs in different directions determine the vertical,
+    with an upright phone as a weak prior. Raises `DegenerateGeometryError` without POIs or when all lie straight
+    above or below the camera. Source: C eq. 4.2.7 and 4.3.1-4.3.9 as one robust least-squares problem for the
+    rotation of the monitoring camera: each POI's ray, scaled to the measured distance, must end at the POI's
+    position on the plan.
     """
     if not sights:
         raise DegenerateGeometryError("A place on the plan needs at least one POI.")
@@ -102,14 +158,14 @@ def solve_anchor(
     metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
     errors = np.array([np.linalg.norm(problem.offset(rotation, sight)) for sight in sights])
     return AnchorSolution(
-        plan_from_monitor @ metric,
-        plan_from_monitor,
-        scale,
-        log_sigma,
-        covariance,
-        errors,
-        scale_errors,
-        vertical,
+        plan_from_phone=plan_from_monitor @ metric,
+        plan_from_monitor=plan_from_monitor,
+        metres_per_unit=scale,
+        log_scale_sigma=log_sigma,
+        plan_from_monitor_covariance=covariance,
+        poi_errors_m=errors,
+        scale_errors=scale_errors,
+        vertical=vertical,
     )
 
 
@@ -121,44 +177,45 @@ def solve_calibrated(
     lengths: Array,
     sights: Sequence[PoiSight] = (),
 ) -> AnchorSolution:
-    """Return the phone's place beside a monitoring camera whose pose on the plan is known.
+    """Return the phone's pose on the plan beside a monitoring camera whose pose on the plan is known.
 
-    `known_lengths_m` (n,) are distances along the camera's rays in metres, `lengths` (n,) the same ones by
-    triangulation in the unit of the relative pose: their ratios hold the scale, as the POI's in `sights` do
-    (C eq. 4.2.7). The first of `scale_errors` is theirs when at least `MIN_KNOWN_LENGTHS` are known; fewer count for
-    nothing. Raises `DegenerateGeometryError` when no scale is known.
+    `known_lengths_m` (n,) are distances along the camera's rays in metres, `lengths` (n,) the same distances by
+    triangulation in the unit of the relative pose. Their ratios give the scale, as those of the POIs in `sights`
+    do (C eq. 4.2.7). They are used, and their scale error is the first of `scale_errors`, when at least
+    `OPTIONS.min_known_lengths` are known. Raises `DegenerateGeometryError` when no scale is known.
     """
     usable = np.isfinite(known_lengths_m) & np.isfinite(lengths) & (lengths > 0) & (known_lengths_m > 0)
     logs = [float(np.log(sight.distance_m / sight.length)) for sight in sights]
-    sigmas = [float(np.hypot(sight.log_sigma, PLAN_SIGMA_SHARE)) for sight in sights]
+    sigmas = [float(np.hypot(sight.log_sigma, OPTIONS.plan_sigma_ratio)) for sight in sights]
     scatter = 0.0
-    if np.count_nonzero(usable) >= MIN_KNOWN_LENGTHS:
+    if np.count_nonzero(usable) >= OPTIONS.min_known_lengths:
         by_map = np.log(known_lengths_m[usable] / lengths[usable])
-        middle = float(np.median(by_map))
-        scatter = SIGMA_PER_MAD * float(np.median(np.abs(by_map - middle)))
-        sigma = float(np.hypot(MIN_SCALE_SIGMA, max(scatter, PLAN_SIGMA_SHARE) / np.sqrt(len(by_map))))
-        logs, sigmas = [middle, *logs], [sigma, *sigmas]
+        median = float(np.median(by_map))
+        scatter = SIGMA_PER_MAD * float(np.median(np.abs(by_map - median)))
+        of_mean = max(scatter, OPTIONS.plan_sigma_ratio) / np.sqrt(len(by_map))
+        sigma = float(np.hypot(OPTIONS.min_scale_sigma_ratio, of_mean))
+        logs, sigmas = [median, *logs], [sigma, *sigmas]
     if not logs:
         raise DegenerateGeometryError("A scale needs a distance that is known.")
     scale, log_sigma, scale_errors = _common_scale(np.array(logs), np.array(sigmas))
     monitor_from_phone = phone_from_monitor.inverse()
     metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
     return AnchorSolution(
-        plan_from_monitor @ metric,
-        plan_from_monitor,
-        scale,
-        log_sigma,
-        orientation_sigma_rad**2 / 3.0 * np.eye(3),
-        np.zeros(0),
-        scale_errors,
-        "map",
-        scatter,
+        plan_from_phone=plan_from_monitor @ metric,
+        plan_from_monitor=plan_from_monitor,
+        metres_per_unit=scale,
+        log_scale_sigma=log_sigma,
+        plan_from_monitor_covariance=orientation_sigma_rad**2 / 3.0 * np.eye(3),
+        poi_errors_m=np.zeros(0),
+        scale_errors=scale_errors,
+        vertical="map",
+        length_scatter=scatter,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Residuals, in sigmas, of a rotation from the monitoring camera's axes to the plan's."""
+    """Residuals, in standard deviations, of a rotation from the monitoring camera's axes to the plan's."""
 
     center: Array
     phone_from_monitor: Array
@@ -168,10 +225,10 @@ class _Problem:
 
     def solve(self) -> tuple[Array, Array]:
         rotation = self._start()
-        for _ in range(STEPS):
+        for _ in range(OPTIONS.max_steps):
             residuals, jacobian = self._system(rotation)
-            # Cauchy weights: one POI that was moved, or mistaken, can't drag the others along.
-            weights = 1.0 / (1.0 + (residuals / ROBUST_SIGMAS) ** 2)
+            # Cauchy weights: one POI that was moved, or confused with another, has little influence.
+            weights = 1.0 / (1.0 + (residuals / OPTIONS.loss_scale_sigmas) ** 2)
             hessian = (jacobian * weights[:, None]).T @ jacobian
             step = -np.linalg.solve(hessian, jacobian.T @ (weights * residuals))
             rotation = rotation_from_vector(step) @ rotation
@@ -181,12 +238,12 @@ class _Problem:
         return rotation, np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
 
     def offset(self, rotation: Array, sight: PoiSight) -> Array:
-        """Return where on the plan the POI comes out, relative to its place there, (2,) in metres."""
+        """Return the POI's position on the plan by a rotation minus its known position, (2,) in metres."""
         seen = self.center + sight.distance_m * (rotation @ sight.ray_in_monitor)[:2]
         return np.asarray(seen - sight.on_plan)
 
     def _start(self) -> Array:
-        """Return the rotation with the vertical as given or assumed and the first POIs' mean turn (C 4.3.3-4.3.7)."""
+        """Return the rotation with the given or assumed vertical and the mean heading of the POIs (C 4.3.3-4.3.7)."""
         upright = rotation_between(self.phone_from_monitor.T @ self.down_in_phone, np.array([0.0, 0.0, -1.0]))
         turn = 0j
         for sight in self.sights:
@@ -203,7 +260,7 @@ class _Problem:
         residuals: list[float] = []
         rows: list[Array] = []
         for sight in self.sights:
-            sigma = PLAN_SIGMA_M + PLAN_SIGMA_SHARE * sight.distance_m
+            sigma = OPTIONS.plan_sigma_m + OPTIONS.plan_sigma_ratio * sight.distance_m
             arm = sight.distance_m * (rotation @ sight.ray_in_monitor)
             by_turn = -skew(arm)
             offset = self.offset(rotation, sight)
@@ -213,7 +270,7 @@ class _Problem:
                 residuals.append((arm[2] - sight.height_offset_m) / sigma)
                 rows.append(by_turn[2] / sigma)
         for axis_in_phone, sigma in self._level_axes():
-            # An axis across the vertical is level: its height in the plan's axes is zero.
+            # An axis at a right angle to the vertical is level: its z in plan axes is zero.
             axis = rotation @ self.phone_from_monitor.T @ axis_in_phone
             residuals.append(axis[2] / sigma)
             rows.append(-skew(axis)[2] / sigma)
@@ -239,16 +296,18 @@ def _vertical(sights: Sequence[PoiSight], has_gravity: bool) -> Vertical:
 
 
 def common_scale(sights: Sequence[PoiSight]) -> tuple[float, float, Array]:
-    """Return the common scale, one sigma of its logarithm, and each POI's difference from it (C eq. 4.2.7)."""
+    """Return the common scale, the standard deviation of its logarithm, and each POI's error (C eq. 4.2.7)."""
     logs = np.log([sight.distance_m / sight.length for sight in sights])
-    return _common_scale(logs, np.array([np.hypot(sight.log_sigma, PLAN_SIGMA_SHARE) for sight in sights]))
+    return _common_scale(
+        logs, np.array([np.hypot(sight.log_sigma, OPTIONS.plan_sigma_ratio) for sight in sights])
+    )
 
 
 def _common_scale(logs: Array, sigmas: Array) -> tuple[float, float, Array]:
-    """Return what scales with logarithms (n,) and one sigma of each, (n,), amount to, as `common_scale` does."""
+    """Return the same as `common_scale` for the logarithms (n,) of scales and their standard deviations (n,)."""
     center = _weighted_median(logs, 1.0 / sigmas**2)
-    for _ in range(STEPS):
-        weights = 1.0 / (sigmas**2 * (1.0 + ((logs - center) / (ROBUST_SIGMAS * sigmas)) ** 2))
+    for _ in range(OPTIONS.max_steps):
+        weights = 1.0 / (sigmas**2 * (1.0 + ((logs - center) / (OPTIONS.loss_scale_sigmas * sigmas)) ** 2))
         center = float(weights @ logs / weights.sum())
     return float(np.exp(center)), float(1.0 / np.sqrt(np.sum(1.0 / sigmas**2))), logs - center
 

@@ -1,4 +1,4 @@
-"""Bundle adjustment of a few views of one camera: all poses and points that fit all pixels best."""
+"""Bundle adjustment: the poses of a few views of one camera, and the points, of least reprojection error."""
 
 from __future__ import annotations
 
@@ -9,27 +9,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.geometry.reprojection import perturbed
+from app.geometry.reprojection import PIXEL_NOISE, perturbed
 from app.geometry.se3 import Pose
+from app.limits import limit
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-# The noise of a pixel, and how far off a pixel's say falls to half.
-SIGMA_PX, LOSS_SCALE_PX = 1.0, 2.0
-# What a point behind its camera costs: more than any pixel error, yet finite so that steps can be compared.
-BEHIND_CAMERA_PX = 1e3
-# A step that lowers the sum by less than this share changes no answer.
-SMALLEST_GAIN = 1e-4
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BundleOptions:
+    """The Levenberg-Marquardt steps of a bundle adjustment."""
+
+    max_steps: int = limit(
+        8,
+        "Steps of a bundle adjustment, rejected ones included.",
+        chosen="By hand: tracking starts near the minimum.",
+    )
+    min_gain_ratio: float = limit(
+        1e-4,
+        "The adjustment ends when a step lowers the cost by less than this ratio.",
+        chosen="By hand: a smaller gain changes the poses by far less than their noise.",
+    )
+    behind_camera_px: float = limit(
+        1e3,
+        "Residual of a point behind its camera.",
+        chosen="By hand: more than any reprojection error, and finite so that the costs of steps can be compared.",
+    )
+    initial_damping: float = limit(
+        1e-4,
+        "Damping of the first step, relative to the diagonal of the normal equations.",
+        chosen="By hand: nearly a Gauss-Newton step.",
+    )
+    min_damping: float = limit(
+        1e-8,
+        "Lower bound of the damping.",
+        chosen="By hand: no damping, up to rounding.",
+    )
+    max_damping: float = limit(
+        1e4,
+        "The adjustment ends when no step up to this damping lowers the cost.",
+        chosen="By hand: such a step hardly moves anything.",
+    )
 
 
-@dataclass(frozen=True, slots=True)
+OPTIONS = BundleOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Bundle:
-    """Observations of points by views: observation i is `pixels[i]` (m, 2) of point `rows[i]` (m,) in view
-    `views[i]` (m,), each pair of them once. `is_fixed` (k,) marks views whose poses stay. `prior` (p, 3) is where
-    points are known to be, in world metres, to within `prior_sigma_m` (p,); infinite for points not known.
-    `has_lens` (k,) marks views through the camera's own lens, all by default: pixels of others are given as this camera
-    would have them."""
+    """Observations of points by views.
+
+    Observation i is `pixels[i]` (m, 2) of point `rows[i]` (m,) in view `views[i]` (m,); no pair of point and view
+    occurs twice. `is_fixed` (k,) marks views whose poses are kept. `prior` (p, 3) are the known positions of points
+    in world metres, `prior_sigma_m` (p,) their standard deviations, infinite for points that are not known.
+    `has_lens` (k,) marks the views that were taken through the lens of `camera`, by default all; the pixels of the
+    other views must have been converted to this camera.
+    """
 
     camera: Camera
     views: Rows
@@ -45,18 +81,18 @@ def adjust_bundle(
     bundle: Bundle,
     poses: Sequence[Pose],
     points_in_world: Array,
-    max_steps: int = 8,
+    max_steps: int = OPTIONS.max_steps,
 ) -> tuple[list[Pose], Array]:
     """Return the `world_from_camera` of all views and the points (p, 3) of least reprojection error.
 
-    Minimizes the sum of Cauchy losses of the pixels' errors and of the squared distances from the priors, each by
-    its sigma: the sum of C eq. 5.1.2 over several frames, with the points free. Levenberg-Marquardt, the points
-    eliminated (Schur complement). Without priors at least two views must be fixed, or the scale is free. Source:
-    Triggs et al., Bundle Adjustment, section 6.1.
+    Minimizes the sum of the Cauchy losses of the reprojection errors and of the squared distances from the priors,
+    each divided by its standard deviation: C eq. 5.1.2 summed over several frames, with the points as unknowns.
+    Levenberg-Marquardt with the points eliminated (Schur complement). Without priors at least two views must be
+    fixed; otherwise the scale is undetermined. Source: Triggs et al., Bundle Adjustment, section 6.1.
     """
     problem = _Problem(bundle)
     state = list(poses), np.array(points_in_world, dtype=np.float64)
-    cost, damping = problem.cost(*state), 1e-4
+    cost, damping = problem.cost(*state), OPTIONS.initial_damping
     equations = problem.equations(*state)
     for _ in range(max_steps):
         step = equations.solve(damping)
@@ -64,13 +100,13 @@ def adjust_bundle(
         candidate_cost = problem.cost(*candidate)
         if not candidate_cost < cost:
             damping *= 10.0
-            if damping > 1e4:
+            if damping > OPTIONS.max_damping:
                 break
             continue
         gain, state, cost = cost - candidate_cost, candidate, candidate_cost
-        if gain < SMALLEST_GAIN * cost:
+        if gain < OPTIONS.min_gain_ratio * cost:
             break
-        damping = max(0.1 * damping, 1e-8)
+        damping = max(0.1 * damping, OPTIONS.min_damping)
         equations = problem.equations(*state)
     return state
 
@@ -80,15 +116,15 @@ def lens_in_bundle(
     poses: Sequence[Pose],
     points_in_world: Array,
 ) -> tuple[float, float]:
-    """Return how much larger an adjusted bundle would have its camera's radial coefficient k1, and the information
-    (one over the variance) that its pixels have of it, all poses and points free to follow.
+    """Return the change of the camera's radial coefficient k1 that fits an adjusted bundle best, and its information.
 
-    One Gauss-Newton step with poses and points eliminated. For a camera whose distortion is k1 alone.
+    One Gauss-Newton step for k1, with poses and points as further unknowns that are eliminated. The information is
+    the inverse of the variance of k1. Only for a camera whose distortion is k1 alone.
     """
     problem, state = _Problem(bundle), (list(poses), np.asarray(points_in_world))
     equations = problem.equations(*state)
     by_lens = problem.by_lens(*state)
-    # How poses and points follow the lens is the step that its columns, as gradients, would have.
+    # The change of poses and points with k1: their equations, solved with the lens's column as the gradient.
     pose_steps, point_steps = replace(
         equations, pose_gradient=by_lens.poses, point_gradient=by_lens.points
     ).solve(1e-6)
@@ -103,7 +139,7 @@ def lens_in_bundle(
 
 @dataclass(frozen=True, slots=True)
 class _ByLens:
-    """The lens in the normal equations: with poses (k, 6), points (p, 3) and itself, and its gradient."""
+    """The lens's column of the normal equations, with poses (k, 6), points (p, 3) and itself, and its gradient."""
 
     poses: Array
     points: Array
@@ -111,9 +147,9 @@ class _ByLens:
     gradient: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Equations:
-    """Normal equations in blocks: poses (k, 6, 6), points (p, 3, 3), and between them (p, k, 6, 3)."""
+    """Normal equations in blocks: poses (k, 6, 6), points (p, 3, 3), and points with poses (p, k, 6, 3)."""
 
     poses: Array
     points: Array
@@ -154,7 +190,7 @@ class _Problem:
 
     def cost(self, poses: list[Pose], points: Array) -> float:
         errors = np.sum(self._residuals(poses, points)[0] ** 2, axis=1)
-        scale = (LOSS_SCALE_PX / SIGMA_PX) ** 2
+        scale = (PIXEL_NOISE.loss_scale_px / PIXEL_NOISE.sigma_px) ** 2
         away = (points - self.bundle.prior) / self.bundle.prior_sigma_m[:, None]
         return float(scale * np.sum(np.log1p(errors / scale)) + np.sum(away**2))
 
@@ -168,67 +204,69 @@ class _Problem:
         return moved, points + point_steps
 
     def _residuals(self, poses: list[Pose], points: Array) -> tuple[Array, Array, Array, Array]:
-        """Return residuals (m, 2) in sigmas, and points in their cameras, world rotations, offsets from centres."""
+        """Return residuals (m, 2) in standard deviations, the points in camera axes (m, 3), the rotations (m, 3, 3) of
+        the views, and the points minus the camera centres (m, 3)."""
         bundle = self.bundle
         rotations = np.stack([pose.rotation for pose in poses])[bundle.views]
         centres = np.stack([pose.translation for pose in poses])[bundle.views]
         offsets = points[bundle.rows] - centres
         in_camera = np.einsum("mji,mj->mi", rotations, offsets)
-        residuals = (bundle.camera.project(in_camera) - bundle.pixels) / SIGMA_PX
+        residuals = (bundle.camera.project(in_camera) - bundle.pixels) / PIXEL_NOISE.sigma_px
         return (
-            np.where(np.isfinite(residuals), residuals, BEHIND_CAMERA_PX / SIGMA_PX),
+            np.where(np.isfinite(residuals), residuals, OPTIONS.behind_camera_px / PIXEL_NOISE.sigma_px),
             in_camera,
             rotations,
             offsets,
         )
 
     def _linearized(self, poses: list[Pose], points: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return residuals (m, 2), points in their cameras (m, 3), derivatives by pose (m, 2, 6) and point (m, 2, 3),
+        """Return residuals (m, 2), points in camera axes (m, 3), derivatives by pose (m, 2, 6) and by point (m, 2, 3),
         and weights (m,)."""
         residuals, in_camera, rotations, offsets = self._residuals(poses, points)
         by_point = self.bundle.camera.projection_jacobian(in_camera)
-        by_point = by_point @ rotations.transpose(0, 2, 1) / SIGMA_PX
+        by_point = by_point @ rotations.transpose(0, 2, 1) / PIXEL_NOISE.sigma_px
         by_point[~np.isfinite(by_point).all(axis=(1, 2))] = 0.0
         by_pose = np.concatenate([np.cross(by_point, offsets[:, None, :]), -by_point], axis=2)
-        scale = (LOSS_SCALE_PX / SIGMA_PX) ** 2
+        scale = (PIXEL_NOISE.loss_scale_px / PIXEL_NOISE.sigma_px) ** 2
         return residuals, in_camera, by_pose, by_point, 1.0 / (1.0 + np.sum(residuals**2, axis=1) / scale)
 
     def by_lens(self, poses: list[Pose], points: Array) -> _ByLens:
         bundle = self.bundle
-        residuals, in_camera, by_pose, by_point, say = self._linearized(poses, points)
+        residuals, in_camera, by_pose, by_point, weights = self._linearized(poses, points)
         plane = in_camera[:, :2] / np.maximum(in_camera[:, 2:], 1e-9)
-        focal = np.array(bundle.camera.params[:2]) / SIGMA_PX
-        column = focal * plane * np.sum(plane**2, axis=1)[:, None] * say[:, None]
-        # Points that are out of view say nothing, as in `equations`.
+        focal = np.array(bundle.camera.params[:2]) / PIXEL_NOISE.sigma_px
+        column = focal * plane * np.sum(plane**2, axis=1)[:, None] * weights[:, None]
+        # Points that are out of view have no influence, as in `equations`.
         column[~by_point.any(axis=(1, 2))] = 0.0
         if bundle.has_lens is not None:
             column[~bundle.has_lens[bundle.views]] = 0.0
         return _ByLens(
-            _summed(np.einsum("mij,mi->mj", by_pose, column), bundle.views, len(poses)),
-            _summed(np.einsum("mij,mi->mj", by_point, column), bundle.rows, len(points)),
-            float(np.sum(column**2 / np.maximum(say, 1e-12)[:, None])),
-            float(np.sum(column * residuals)),
+            poses=_summed(np.einsum("mij,mi->mj", by_pose, column), bundle.views, len(poses)),
+            points=_summed(np.einsum("mij,mi->mj", by_point, column), bundle.rows, len(points)),
+            own=float(np.sum(column**2 / np.maximum(weights, 1e-12)[:, None])),
+            gradient=float(np.sum(column * residuals)),
         )
 
     def equations(self, poses: list[Pose], points: Array) -> _Equations:
         bundle = self.bundle
         k, p = len(poses), len(points)
-        residuals, _, by_pose, by_point, say = self._linearized(poses, points)
-        pose_t, point_t = by_pose.transpose(0, 2, 1) * say[:, None, None], by_point.transpose(0, 2, 1)
-        point_t = point_t * say[:, None, None]
-        confidence = 1.0 / bundle.prior_sigma_m**2
-        points_block = _summed(point_t @ by_point, bundle.rows, p) + confidence[:, None, None] * np.eye(3)
+        residuals, _, by_pose, by_point, weights = self._linearized(poses, points)
+        pose_t = by_pose.transpose(0, 2, 1) * weights[:, None, None]
+        point_t = by_point.transpose(0, 2, 1) * weights[:, None, None]
+        information = 1.0 / bundle.prior_sigma_m**2
+        points_block = _summed(point_t @ by_point, bundle.rows, p) + information[:, None, None] * np.eye(3)
         between = np.zeros((p, k, 6, 3))
         between[bundle.rows, bundle.views] = pose_t @ by_point
         between[:, bundle.is_fixed] = 0.0
         away = points - bundle.prior
+        by_points = _summed((point_t @ residuals[:, :, None])[:, :, 0], bundle.rows, p)
         return _Equations(
-            _summed(pose_t @ by_pose, bundle.views, k),
-            points_block,
-            between,
-            _summed((pose_t @ residuals[:, :, None])[:, :, 0], bundle.views, k),
-            _summed((point_t @ residuals[:, :, None])[:, :, 0], bundle.rows, p) + confidence[:, None] * away,
-            bundle.is_fixed,
+            poses=_summed(pose_t @ by_pose, bundle.views, k),
+            points=points_block,
+            between=between,
+            pose_gradient=_summed((pose_t @ residuals[:, :, None])[:, :, 0], bundle.views, k),
+            point_gradient=by_points + information[:, None] * away,
+            is_fixed=bundle.is_fixed,
         )
 
 

@@ -10,29 +10,88 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.errors import InvalidCameraError
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# model -> number of parameters: fx fy cx cy, then the distortion coefficients in COLMAP's order.
+# Number of parameters of each model: fx fy cx cy, then the distortion coefficients in COLMAP's order.
 # OPENCV: k1 k2 p1 p2. FULL_OPENCV: k1 k2 p1 p2 k3 k4 k5 k6. OPENCV_FISHEYE: k1 k2 k3 k4 (equidistant).
 MODEL_PARAMETERS = {"PINHOLE": 4, "OPENCV": 8, "FULL_OPENCV": 12, "OPENCV_FISHEYE": 8}
 
-# No lens that takes a photograph is outside: 150 degrees of view at one end, 5 degrees at the other.
-MIN_FOCAL_PER_WIDTH, MAX_FOCAL_PER_WIDTH = 0.134, 11.45
-# A sensor crop can move the principal point, but not out of the middle part of the picture.
-MAX_PRINCIPAL_POINT_OFFSET = 0.35
-# The focal length, in pixels, of the first Kinect's colour camera: limits in pixels are meant for pictures of this one.
+# Limits in pixels are stated for this focal length, that of the first Kinect's colour camera.
 REFERENCE_FOCAL_PX = 525.0
-# Nearer than this, in the unit of the points, is not in front of a camera.
+# A point with a smaller z, in the unit of the points, is not in front of a camera.
 MIN_DEPTH = 1e-9
-# The tangent of 84 degrees off the axis: how far out a lens model is searched for a fold.
-MAX_TANGENT = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraOptions:
+    """Which intrinsics are plausible, and how a lens model is inverted."""
+
+    min_focal_ratio: float = limit(
+        0.134,
+        "Least focal length over the longer side of the image.",
+        chosen="By hand: 150 degrees of view; no lens that takes photographs has more.",
+    )
+    max_focal_ratio: float = limit(
+        11.45,
+        "Largest focal length over the longer side of the image.",
+        chosen="By hand: 5 degrees of view; no lens that takes photographs has less.",
+    )
+    max_pixel_aspect_ratio: float = limit(
+        2.0,
+        "Largest ratio of fx to fy, and of fy to fx.",
+        chosen="By hand: the pixels of real cameras are nearly square.",
+    )
+    max_principal_point_offset_ratio: float = limit(
+        0.35,
+        "Largest distance of the principal point from the image centre, relative to the image's size.",
+        chosen="By hand: cropping moves the principal point, but not out of the middle part of the image.",
+    )
+    max_distortion: float = limit(
+        50.0,
+        "Largest absolute value of a distortion coefficient.",
+        chosen="By hand: above that of any real lens, and above what can be undistorted in a stable way.",
+    )
+    max_aspect_difference_ratio: float = limit(
+        0.02,
+        "Largest relative difference of aspect ratios at which one image is a resampled copy of the other.",
+        chosen="By hand: the rounding of sizes stays below it.",
+    )
+    undistortion_iterations: int = limit(
+        50,
+        "Largest number of iterations when a point is undistorted.",
+        chosen="By hand: strong distortion converges slowly.",
+    )
+    undistortion_tolerance: float = limit(
+        1e-10,
+        "Undistortion ends when the image-plane error is below this.",
+        chosen="By hand: far below a pixel.",
+    )
+    max_fold_tangent: float = limit(
+        10.0,
+        "A lens model is searched for a fold up to this tangent of the angle from the optical axis.",
+        chosen="By hand: 84 degrees.",
+    )
+    fold_samples: int = limit(
+        5000,
+        "Samples of the radius in the search for a fold.",
+        chosen="By hand: a step of 0.002 in the tangent.",
+    )
+    fisheye_fold_samples: int = limit(
+        2000,
+        "Samples of the angle in the search for the fold of a fisheye model.",
+        chosen="By hand: a step of 0.05 degrees.",
+    )
+
+
+OPTIONS = CameraOptions()
 
 
 def tangent_of_px(pixels: float) -> float:
-    """Return the angle, as its tangent, that a length in pixels is at the focal length of reference.
+    """Return the angle, as its tangent, that a length in pixels is at the reference focal length.
 
-    A limit that is an angle holds for every picture: times its focal length it is pixels again.
+    A limit in this form is the same for all cameras; multiplied by a camera's focal length it is in pixels again.
     """
     return pixels / REFERENCE_FOCAL_PX
 
@@ -68,26 +127,27 @@ class Camera:
         fx, fy, cx, cy = self.params[:4]
         size = max(self.width, self.height)
         for name, focal in (("fx", fx), ("fy", fy)):
-            if not MIN_FOCAL_PER_WIDTH * size <= focal <= MAX_FOCAL_PER_WIDTH * size:
+            if not OPTIONS.min_focal_ratio * size <= focal <= OPTIONS.max_focal_ratio * size:
                 raise InvalidCameraError(
                     f"{name} = {focal:g} px can't belong to an image of {self.width} x {self.height} pixels: a lens "
                     "sees between 5 and 150 degrees. Give focal lengths in pixels of this very image."
                 )
-        if not 0.5 <= fx / fy <= 2.0:
+        if not 1.0 / OPTIONS.max_pixel_aspect_ratio <= fx / fy <= OPTIONS.max_pixel_aspect_ratio:
             raise InvalidCameraError(f"fx = {fx:g} and fy = {fy:g} differ by more than a factor of two.")
         offsets = abs(cx - self.width / 2) / self.width, abs(cy - self.height / 2) / self.height
-        if max(offsets) > MAX_PRINCIPAL_POINT_OFFSET:
+        if max(offsets) > OPTIONS.max_principal_point_offset_ratio:
             raise InvalidCameraError(
                 f"The principal point ({cx:g}, {cy:g}) is far from the centre of an image of "
                 f"{self.width} x {self.height} pixels."
             )
-        # Past any real lens, and past what undistortion can invert without wild numbers.
-        if any(abs(k) > 50 for k in self.params[4:]):
-            raise InvalidCameraError("A distortion coefficient above 50 belongs to no real lens.")
+        if any(abs(k) > OPTIONS.max_distortion for k in self.params[4:]):
+            raise InvalidCameraError(
+                f"A distortion coefficient above {OPTIONS.max_distortion:g} belongs to no real lens."
+            )
 
     @staticmethod
     def from_values(values: ArrayLike, width: int, height: int) -> Camera:
-        """Return the camera of `fx fy cx cy [k1 k2 p1 p2 [k3]]`, its model chosen by the count."""
+        """Return the camera of `fx fy cx cy [k1 k2 p1 p2 [k3]]`; the number of values determines its model."""
         v = [float(x) for x in np.asarray(values, dtype=np.float64).reshape(-1)]
         if len(v) == 4:
             return Camera("PINHOLE", width, height, tuple(v))
@@ -112,12 +172,12 @@ class Camera:
 
     @property
     def principal_point_px(self) -> Array:
-        """The pixel (2,) that the optical axis goes through."""
+        """The pixel (2,) on the optical axis."""
         return np.array(self.params[2:4])
 
     @property
     def distortion(self) -> Array:
-        """The coefficients in OpenCV's order (none, 4 or 8 of them)."""
+        """The distortion coefficients in OpenCV's order: none, 4 or 8."""
         return np.array(self.params[4:], dtype=np.float64)
 
     @property
@@ -126,17 +186,17 @@ class Camera:
         return self.model == "OPENCV_FISHEYE" or bool(np.any(self.distortion != 0))
 
     def scaled_to(self, width: int, height: int) -> Camera:
-        """Return the camera for the same picture resampled; raises for another aspect ratio."""
+        """Return the camera of the resampled image; raises `InvalidCameraError` for another aspect ratio."""
         if (width, height) == (self.width, self.height):
             return self
         sx, sy = width / self.width, height / self.height
-        if abs(sx / sy - 1) > 0.02:
+        if abs(sx / sy - 1) > OPTIONS.max_aspect_difference_ratio:
             raise InvalidCameraError(
                 f"The camera is for {self.width} x {self.height} pixels, the image has {width} x {height}: "
                 "another aspect ratio, so a crop, for which these intrinsics don't hold."
             )
         fx, fy, cx, cy = self.params[:4]
-        # With pixel centres on integers a resampled image is scaled about (-0.5, -0.5).
+        # The pixel centres are at integers, so the image's corner, which keeps its place, is at (-0.5, -0.5).
         scaled = (fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
         return Camera(self.model, width, height, (*scaled, *self.params[4:]))
 
@@ -149,22 +209,26 @@ class Camera:
         if self.model == "OPENCV_FISHEYE":
             out = cv2.fisheye.undistortPoints(points[:, None], self.K, self.distortion)
         else:
-            criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-10)
+            criteria = (
+                cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER,
+                OPTIONS.undistortion_iterations,
+                OPTIONS.undistortion_tolerance,
+            )
             out = cv2.undistortPointsIter(
                 points[:, None], self.K, self.distortion, np.eye(3), np.eye(3), criteria
             )
         return np.asarray(out[:, 0], dtype=np.float64)
 
     def undistort(self, points_px: ArrayLike) -> Array:
-        """Return the pixels (n, 2) that a pinhole with the same K would have seen for pixels (n, 2)."""
+        """Return the pixels (n, 2), for pixels (n, 2), of the pinhole camera with the same K."""
         fx, fy, cx, cy = self.params[:4]
         return np.asarray(self.normalize(points_px) * [fx, fy] + [cx, cy])
 
     def project(self, points_in_camera: ArrayLike) -> Array:
-        """Return the pixels (n, 2) of camera-frame points (n, 3); NaN if not in view.
+        """Return the pixels (n, 2) of camera-frame points (n, 3); NaN for points not in view.
 
-        Not in view is behind the camera, or so far aside that the lens model no longer holds. Source: A eq.
-        10, B eq. 7, C eq. 4.2.1.
+        A point is not in view when it is behind the camera, or so far from the optical axis that the lens model
+        folds back. Source: A eq. 10, B eq. 7, C eq. 4.2.1.
         """
         points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
         out = np.full((len(points), 2), np.nan)
@@ -178,7 +242,7 @@ class Camera:
         return out
 
     def projection_jacobian(self, points_in_camera: ArrayLike) -> Array:
-        """Return how the pixels of camera-frame points (n, 3) move with the points, (n, 2, 3) in px/m.
+        """Return the derivatives (n, 2, 3) of the pixels of camera-frame points (n, 3) by the points, in px/m.
 
         NaN for points not in view.
         """
@@ -190,9 +254,9 @@ class Camera:
         return out
 
     def _opencv_projection(self, points: Array) -> tuple[Array, Array]:
-        """Return the pixels (n, 2) of points (n, 3) in view and their derivatives by the point (2n, 3)."""
+        """Return the pixels (n, 2) of points (n, 3) in view, and their derivatives (2n, 3) by the points."""
         zero = np.zeros(3)
-        # OpenCV derives by its translation, which at the identity is the same as by the point itself.
+        # OpenCV gives the derivative by its translation; at the identity rotation that by the point is the same.
         if self.model == "OPENCV_FISHEYE":
             pixels, jacobian = cv2.fisheye.projectPoints(points[:, None], zero, zero, self.K, self.distortion)
             by_point = jacobian[:, 11:14]
@@ -202,7 +266,7 @@ class Camera:
         return np.asarray(pixels[:, 0], dtype=np.float64), np.asarray(by_point, dtype=np.float64)
 
     def _in_view(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points (n, 3) are in front and not so far aside that the lens folds them back."""
+        """Return which points (n, 3) are in front of the camera and within the fold of the lens model."""
         fold = _fold_radius(self.model, self.params[4:])
         with np.errstate(invalid="ignore"):
             front = points[:, 2] > MIN_DEPTH
@@ -228,24 +292,24 @@ class Camera:
 
 @lru_cache(maxsize=256)
 def _fold_radius(model: str, distortion: tuple[float, ...]) -> float:
-    """Return the distance from the axis, at z = 1, from which a lens model's radius shrinks again.
+    """Return the distance from the axis, at z = 1, at which the distorted radius of a lens model starts to decrease.
 
-    A fitted polynomial says nothing out there; taken at its word it would show things far outside the view in
-    the middle of the picture. Infinity for a model that never folds.
+    A fitted polynomial is not valid there: it would project points far outside the view into the image. Infinity for
+    a model that never folds.
     """
     if not any(distortion):
         return float("inf")
     if model == "OPENCV_FISHEYE":
-        angle = np.linspace(0.0, np.pi / 2, 2000)[:-1]
+        angle = np.linspace(0.0, np.pi / 2, OPTIONS.fisheye_fold_samples)[:-1]
         radius, distorted = np.tan(angle), angle * np.polyval([*distortion[::-1], 1.0], angle**2)
     else:
         k1, k2, k3, k4, k5, k6 = (*distortion[:2], *distortion[4:], 0.0, 0.0, 0.0, 0.0)[:6]
-        radius = np.linspace(0.0, MAX_TANGENT, 5000)
+        radius = np.linspace(0.0, OPTIONS.max_fold_tangent, OPTIONS.fold_samples)
         squared = radius**2
         divisor = np.polyval([k6, k5, k4, 1.0], squared)
         distorted = (
             radius * np.polyval([k3, k2, k1, 1.0], squared) / np.where(divisor > 1e-6, divisor, np.nan)
         )
-    # Written so that a NaN, past a pole of the rational model, counts as a fold.
+    # The negated comparison also counts a NaN, beyond a pole of the rational model, as a fold.
     folds = ~(np.diff(distorted) > 0)
     return float(radius[np.argmax(folds)]) if folds.any() else float("inf")

@@ -1,6 +1,8 @@
-"""How far a camera's pose may be off, from the geometry of the points it was computed from."""
+"""The covariance of a camera's pose that was fitted to points, by first-order error propagation."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,15 +12,31 @@ from app.geometry.camera import Camera
 from app.geometry.reprojection import project_from_world, reprojection_jacobian
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# A fit to few points explains their noise away; no feature is localized better than about a fifth of a pixel.
-MIN_SIGMA_PX = 0.2
-# The median absolute value of a standard normal variable, inverted.
+# A normal distribution's standard deviation over its median absolute deviation.
 SIGMA_PER_MAD = 1.4826
-# Above this the pose has a direction that the points don't see, up to rounding.
-MAX_CONDITION = 1e12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CovarianceOptions:
+    """Bounds of a covariance that comes from residuals."""
+
+    min_sigma_px: float = limit(
+        0.2,
+        "Lower bound of the standard deviation of a pixel coordinate that is estimated from residuals.",
+        chosen="By hand: the residuals of a fit to few points are too small, and no feature is located better.",
+    )
+    max_condition: float = limit(
+        1e12,
+        "Largest condition number of the normal equations; above it the points don't determine the pose.",
+        chosen="By hand: near the limit of double precision.",
+    )
+
+
+OPTIONS = CovarianceOptions()
 
 
 def pose_covariance(
@@ -35,13 +53,14 @@ def pose_covariance(
     """Return the covariance (6, 6) of a pose that fits pixels (n, 2) to world points (n, 3) by least squares.
 
     Order: rotation vector in world axes (rad, applied on the left: R = exp(w) R_estimate), then the camera
-    centre in world metres; see `app.geometry.reprojection.perturbed`. `sigma_px` is the noise of one pixel
-    coordinate, by default estimated from the residuals; `point_sigma_m`, (n,) or one number, the noise of one
-    world coordinate, as from depth. `focal_sigma` is the relative error that the focal length
-    had before it was fitted to the same points, which leaves less of them to hold the pose; infinity: it was not
-    known at all. Give inliers only. An error all points share, such as the map's own, is
-    not in it. Raises `DegenerateGeometryError` for points that leave the pose undetermined,
-    `InvalidInputError` for a bad number. Source: first-order error propagation.
+    centre in world metres; see `app.geometry.reprojection.perturbed`. All correspondences must be inliers.
+    `sigma_px` is the standard deviation of a pixel coordinate, by default estimated from the residuals;
+    `point_sigma_m`, (n,) or one number, that of a world coordinate. A focal length or a radial coefficient that was
+    fitted to the same points makes the pose less certain: `focal_sigma` is the relative standard deviation of the
+    focal length before that fit, `lens_sigma` that of the coefficient; 0 for a value that was not fitted, infinity
+    for one that was not known at all. Errors that all points share, such as the map's own, are not included. Raises
+    `DegenerateGeometryError` for points that leave the pose undetermined, `InvalidInputError` for a bad number.
+    Source: first-order error propagation.
     """
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
     jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
@@ -65,8 +84,11 @@ def pose_covariance(
 
 
 def _with_unknown(jacobian: Array, noise: Array, by_unknown: Array, sigma: float) -> tuple[Array, Array]:
-    """Add an unknown, with the derivatives (n, 2) by it, that was known to within sigma before: an observation of it,
-    put in pixels to weigh as much as the others."""
+    """Return the Jacobian (n + 1, 2, p + 1) and the noise (n + 1, 2, 2) with one more unknown that has a prior.
+
+    `by_unknown` (n, 2) are the derivatives by it, `sigma` is the standard deviation of the prior. The prior is an
+    additional observation, scaled to the noise of a typical pixel; an infinite sigma adds none.
+    """
     extra = np.zeros((len(jacobian), 2, 1))
     extra[: len(by_unknown), :, 0] = by_unknown
     jacobian = np.concatenate([jacobian, extra], axis=2)
@@ -79,10 +101,9 @@ def _with_unknown(jacobian: Array, noise: Array, by_unknown: Array, sigma: float
 
 
 def pose_accuracy(covariance: ArrayLike) -> tuple[float, float]:
-    """Return one sigma of position in metres and of orientation in degrees, from a covariance (6, 6).
+    """Return the standard deviations of position in metres and of orientation in degrees, by a covariance (6, 6).
 
-    Each is the square root of the trace of its block: the root mean square of the error's length, so at least
-    the sigma along any single axis.
+    Each is the square root of the trace of its block: the root mean square length of the error.
     """
     variances = np.diag(np.asarray(covariance, dtype=np.float64))
     rotation, position = np.sqrt(variances[:3].sum()), np.sqrt(variances[3:].sum())
@@ -90,20 +111,21 @@ def pose_accuracy(covariance: ArrayLike) -> tuple[float, float]:
 
 
 def sigma_px_from_residuals(residuals_px: ArrayLike) -> float:
-    """Return the noise of one pixel coordinate from the residuals (n, 2) of a six-parameter fit.
+    """Return the standard deviation of a pixel coordinate by the residuals (n, 2) of a fit with six parameters.
 
-    The median absolute value, scaled to a normal distribution and by the degrees of freedom; at least 0.2 px.
+    The median absolute deviation, scaled to a normal distribution and corrected for the degrees of freedom; at least
+    `OPTIONS.min_sigma_px`.
     """
     values = np.abs(np.asarray(residuals_px, dtype=np.float64).reshape(-1))
     freedom = np.sqrt(values.size / max(values.size - 6, 1))
-    return max(float(SIGMA_PER_MAD * np.median(values) * freedom), MIN_SIGMA_PX)
+    return max(float(SIGMA_PER_MAD * np.median(values) * freedom), OPTIONS.min_sigma_px)
 
 
 def _sigma_of_pixels(residuals: Array, point_noise: Array) -> float:
-    """Return the part of the residuals' noise that the points' own noise doesn't explain."""
+    """Return the standard deviation of the residuals (n, 2) that remains without the points' noise (n, 2, 2)."""
     total = sigma_px_from_residuals(residuals) ** 2
     explained = float(np.median(np.diagonal(point_noise, axis1=1, axis2=2)))
-    return float(np.sqrt(max(total - explained, MIN_SIGMA_PX**2)))
+    return float(np.sqrt(max(total - explained, OPTIONS.min_sigma_px**2)))
 
 
 def _variances(sigma: ArrayLike | None, count: int, name: str) -> Array:
@@ -115,13 +137,13 @@ def _variances(sigma: ArrayLike | None, count: int, name: str) -> Array:
 
 def _least_squares_covariance(jacobian: Array, noise: Array) -> Array:
     """Return (J'J)^-1 J'NJ (J'J)^-1 of a Jacobian (n, 2, p) and the points' noise N (n, 2, 2)."""
-    # Columns of unit length, so that the condition is one of geometry and not of metres against radians.
+    # With columns of unit length the condition number doesn't depend on the units of the unknowns.
     lengths = np.linalg.norm(jacobian, axis=(0, 1))
     scaled = jacobian / np.maximum(lengths, 1e-12)
     rows = scaled.reshape(-1, jacobian.shape[2])
     hessian = rows.T @ rows
     eigenvalues = np.linalg.eigvalsh(hessian)
-    if eigenvalues[0] * MAX_CONDITION < eigenvalues[-1]:
+    if eigenvalues[0] * OPTIONS.max_condition < eigenvalues[-1]:
         raise DegenerateGeometryError(
             "The points leave the pose undetermined: are they on one line or in one spot?"
         )

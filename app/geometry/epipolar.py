@@ -1,4 +1,4 @@
-"""What two pictures of one place say about each other: fundamental and essential matrices."""
+"""Two-view geometry: fundamental matrices, essential matrices and relative poses."""
 
 from __future__ import annotations
 
@@ -16,29 +16,90 @@ from app.geometry.pnp import poselib_camera
 from app.geometry.se3 import Pose, skew
 from app.geometry.triangulation import homogeneous, parallax_deg, pixel_depths
 from app.geometry.validation import finite_pairs, finite_points
+from app.limits import limit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FundamentalEstimator = Literal["magsac", "ransac"]
 
+# A linear estimate needs eight matches.
 MIN_FUNDAMENTAL_POINTS = 8
 FUNDAMENTAL_METHODS = {"magsac": cv2.USAC_MAGSAC, "ransac": cv2.FM_RANSAC}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpipolarOptions:
+    """Inlier limits and budgets of the two-view estimators, unless a caller gives others."""
+
+    fundamental_error_px: float = limit(
+        3.0,
+        "Largest distance of an inlier from its epipolar line, for a fundamental matrix.",
+        chosen="By hand: the same as OpenCV's default.",
+    )
+    fundamental_iterations: int = limit(
+        2000,
+        "Largest number of RANSAC samples for a fundamental matrix.",
+        chosen="By hand: bounds the time when most matches are wrong.",
+    )
+    relative_error_px: float = limit(
+        1.5,
+        "Largest epipolar error of an inlier of a relative pose.",
+        chosen="By hand: descriptor matches have a pixel or two of noise.",
+    )
+    relative_iterations: int = limit(
+        5000,
+        "Largest number of RANSAC samples for a relative pose.",
+        chosen="By hand: bounds the time when most matches are wrong.",
+    )
+    min_relative_iterations: int = limit(
+        100,
+        "Least number of RANSAC samples for a relative pose.",
+        chosen="By hand: a few good samples are compared even when the first one fits well.",
+    )
+    confidence: float = limit(
+        0.999,
+        "RANSAC ends when a sample without outliers was drawn with this probability.",
+        chosen="By hand: one failure in a thousand by chance.",
+    )
+    min_singular_ratio: float = limit(
+        1e-9,
+        "Least ratio of the eighth to the first singular value of the linear equations for an essential matrix.",
+        chosen="By hand: below it, up to rounding, the matches fit more than one matrix.",
+    )
+    min_second_singular_ratio: float = limit(
+        0.5,
+        "Least ratio of the second to the first singular value of an essential matrix; exactly 1 in theory.",
+        chosen="By hand: allows for noise.",
+    )
+    max_third_singular_ratio: float = limit(
+        0.1,
+        "Largest ratio of the third to the first singular value of an essential matrix; exactly 0 in theory.",
+        chosen="By hand: allows for noise.",
+    )
+    min_front_share: float = limit(
+        0.75,
+        "Least share of the matches that must lie in front of both cameras by the pose that is chosen.",
+        chosen="By hand: allows for points with little parallax.",
+    )
+
+
+OPTIONS = EpipolarOptions()
 
 
 def filter_by_fundamental_matrix(
     points_a_px: ArrayLike,
     points_b_px: ArrayLike,
     *,
-    max_error_px: float = 3.0,
-    confidence: float = 0.999,
-    max_iterations: int = 2000,
+    max_error_px: float = OPTIONS.fundamental_error_px,
+    confidence: float = OPTIONS.confidence,
+    max_iterations: int = OPTIONS.fundamental_iterations,
     seed: int = 0,
     estimator: FundamentalEstimator = "magsac",
 ) -> Mask:
-    """Return which matched pixels (n, 2), (n, 2) of two pictures lie on each other's epipolar lines.
+    """Return which matched pixels (n, 2), (n, 2) of two images lie on each other's epipolar lines.
 
-    The mask (n,) is all False for fewer than eight matches or when no matrix is found: nothing then speaks
-    for them. Raises `InvalidInputError` for numbers that are not finite. Source: A section 2.3.
+    The mask (n,) is all False for fewer than eight matches or when no matrix is found. Raises `InvalidInputError`
+    for numbers that are not finite. Source: A section 2.3.
     """
     a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
     none = np.zeros(len(a), dtype=bool)
@@ -56,11 +117,11 @@ def filter_by_fundamental_matrix(
 
 @dataclass(frozen=True, slots=True)
 class RelativePoseEstimate:
-    """The pose of one camera seen from another, up to scale, and the matches that agree with it.
+    """The relative pose of two cameras, up to scale, and the matches that agree with it.
 
-    `b_from_a` has a translation of length 1. `inlier_mask` (n,) marks matches within the error limit that
-    meet in front of both cameras; `parallax_deg` is the median angle between their rays: near zero the
-    cameras share one place and the translation means nothing.
+    `b_from_a` has a translation of length 1. `inlier_mask` (n,) marks the matches within the error limit whose
+    points are in front of both cameras. `parallax_deg` is the median angle between their rays: near zero both
+    cameras have one centre, and the translation is meaningless.
     """
 
     b_from_a: Pose
@@ -74,13 +135,13 @@ def estimate_relative_pose(
     camera_a: Camera,
     camera_b: Camera,
     *,
-    max_error_px: float = 1.5,
-    max_iterations: int = 5000,
+    max_error_px: float = OPTIONS.relative_error_px,
+    max_iterations: int = OPTIONS.relative_iterations,
     seed: int = 0,
 ) -> RelativePoseEstimate | None:
-    """Return the relative pose that most matched pixels (n, 2), (n, 2) agree on, or None if there is none.
+    """Return the relative pose with the most inliers among matched pixels (n, 2), (n, 2), or None if there is none.
 
-    Locally optimized RANSAC over five-point samples and a robust refinement, with each camera's own model.
+    Locally optimized RANSAC with five-point samples and a robust refinement, with each camera's own model.
     None for fewer than eight matches or eight inliers. Raises `InvalidInputError` for numbers that are not
     finite. Source: C eq. 4.2.1-4.2.4 by PoseLib.
     """
@@ -90,7 +151,7 @@ def estimate_relative_pose(
     ransac = {
         "max_epipolar_error": max_error_px,
         "max_iterations": max_iterations,
-        "min_iterations": 100,
+        "min_iterations": OPTIONS.min_relative_iterations,
         "seed": seed,
     }
     found, info = poselib.estimate_relative_pose(
@@ -108,14 +169,14 @@ def estimate_relative_pose_svd(
     camera_a: Camera,
     camera_b: Camera,
     *,
-    max_error_px: float = 1.5,
-    confidence: float = 0.999,
+    max_error_px: float = OPTIONS.relative_error_px,
+    confidence: float = OPTIONS.confidence,
     seed: int = 0,
 ) -> RelativePoseEstimate | None:
-    """Return the relative pose of matched pixels (n, 2), (n, 2) as the thesis finds it, or None.
+    """Return the relative pose of matched pixels (n, 2), (n, 2) by the thesis's method, or None.
 
-    Essential matrix by RANSAC on normalized coordinates, which lets the two K differ, then SVD and
-    cheirality. None and raises as in `estimate_relative_pose`. Source: C eq. 4.2.1-4.2.4 and section 4.2.2.
+    Essential matrix by RANSAC on normalized coordinates, so that the two K may differ, then SVD and cheirality.
+    Returns None and raises errors as `estimate_relative_pose`. Source: C eq. 4.2.1-4.2.4 and section 4.2.2.
     """
     a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
     if len(a) < MIN_FUNDAMENTAL_POINTS:
@@ -138,10 +199,10 @@ def estimate_relative_pose_svd(
 def essential_from_points(normalized_a: ArrayLike, normalized_b: ArrayLike) -> Array:
     """Return the essential matrix (3, 3) of matches in image-plane coordinates (n, 2), (n, 2).
 
-    Linear least squares of b^T E a = 0 over at least eight matches, all taken as true, then the nearest
-    matrix with two equal singular values. Each side is K^-1 x of its own camera. Raises
-    `DegenerateGeometryError` for fewer than eight or badly placed points. Source: C eq. 4.2.4; Hartley's
-    eight-point algorithm.
+    Linear least squares of b^T E a = 0 over at least eight matches, all of them inliers, then the nearest matrix
+    with two equal singular values. The coordinates are K^-1 x of the match's own camera. Raises
+    `DegenerateGeometryError` for fewer than eight points, or points that don't determine the matrix. Source: C eq.
+    4.2.4; Hartley's eight-point algorithm.
     """
     a, b = finite_pairs(normalized_a, 2, "image-plane points", normalized_b, 2, "image-plane points")
     if len(a) < MIN_FUNDAMENTAL_POINTS:
@@ -149,7 +210,7 @@ def essential_from_points(normalized_a: ArrayLike, normalized_b: ArrayLike) -> A
     to_unit_a, to_unit_b = _conditioner(a), _conditioner(b)
     rays_a, rays_b = homogeneous(a) @ to_unit_a.T, homogeneous(b) @ to_unit_b.T
     _, singular, vt = np.linalg.svd((rays_b[:, :, None] * rays_a[:, None, :]).reshape(-1, 9))
-    if singular[7] < 1e-9 * singular[0]:
+    if singular[7] < OPTIONS.min_singular_ratio * singular[0]:
         raise DegenerateGeometryError(
             "The matches fit many essential matrices: are they on one plane or line?"
         )
@@ -164,51 +225,53 @@ def essential_from_pose(b_from_a: Pose) -> Array:
 
 
 def decompose_essential(E: ArrayLike) -> list[Pose]:
-    """Return the four `b_from_a`, with translations of length 1, that an essential matrix (3, 3) leaves open.
+    """Return the four `b_from_a`, with translations of length 1, that have a given essential matrix (3, 3).
 
-    Raises `DegenerateGeometryError` for a matrix that is far from having two equal singular values and a
-    zero. Source: C section 4.2.2; Hartley and Zisserman, result 9.19.
+    Raises `DegenerateGeometryError` for a matrix whose singular values are far from two equal ones and a zero.
+    Source: C section 4.2.2; Hartley and Zisserman, result 9.19.
     """
     u, values, vt = np.linalg.svd(finite_points(E, 3, "essential matrix rows"))
-    if values[1] < 0.5 * values[0] or values[2] > 0.1 * values[0]:
+    second, third = OPTIONS.min_second_singular_ratio, OPTIONS.max_third_singular_ratio
+    if values[1] < second * values[0] or values[2] > third * values[0]:
         raise DegenerateGeometryError("The matrix is not an essential matrix.")
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    # An essential matrix has no sign, so neither has the determinant of its factors.
+    # The sign of an essential matrix is arbitrary, and so is the sign of its factors' determinant.
     rotations = [r * np.sign(np.linalg.det(r)) for r in (u @ quarter @ vt, u @ quarter.T @ vt)]
     return [Pose(r, t) for r in rotations for t in (u[:, 2], -u[:, 2])]
 
 
 def relative_pose_from_essential(E: ArrayLike, normalized_a: ArrayLike, normalized_b: ArrayLike) -> Pose:
-    """Return the `b_from_a`, of the four, that puts most matches (n, 2), (n, 2) in front of both cameras.
+    """Return the `b_from_a`, of the four, for which most matches (n, 2), (n, 2) are in front of both cameras.
 
-    Raises `DegenerateGeometryError` when fewer than three quarters are, or a second pose has as many: then
-    the matches don't tell (no parallax, or no essential matrix). Source: C section 4.2.2, cheirality.
+    Raises `DegenerateGeometryError` when fewer than `OPTIONS.min_front_share` of them are, or when two poses have
+    equally many: then the matches don't determine the pose (no parallax, or not an essential matrix). Source: C
+    section 4.2.2, cheirality.
     """
     poses = decompose_essential(E)
     counts = [int(np.count_nonzero(in_front_of_both(normalized_a, normalized_b, pose))) for pose in poses]
     order = np.argsort(counts)
     best, second = counts[order[-1]], counts[order[-2]]
-    if best < 0.75 * len(np.asarray(normalized_a)) or best == second:
+    if best < OPTIONS.min_front_share * len(np.asarray(normalized_a)) or best == second:
         raise DegenerateGeometryError("The matches don't tell on which side of the cameras they lie.")
     return poses[int(order[-1])]
 
 
 def in_front_of_both(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a: Pose) -> Mask:
-    """Return which matches (n, 2), (n, 2) in image-plane coordinates meet in front of both cameras, (n,)."""
+    """Return whether the points (n,) of image-plane matches (n, 2), (n, 2) are in front of both cameras."""
     s1, s2 = pixel_depths(normalized_a, normalized_b, b_from_a)
     with np.errstate(invalid="ignore"):
         return np.asarray((s1 > 0) & (s2 > 0))
 
 
 def sampson_errors(E: ArrayLike, normalized_a: ArrayLike, normalized_b: ArrayLike) -> Array:
-    """Return how far (n,) matches (n, 2), (n, 2) are from b^T E a = 0, to first order, in their unit."""
+    """Return the Sampson errors (n,) of matches (n, 2), (n, 2): the first-order distance from b^T E a = 0."""
     matrix = np.asarray(E, dtype=np.float64)
     a, b = homogeneous(normalized_a), homogeneous(normalized_b)
     return np.asarray(np.abs(np.sum(b * (a @ matrix.T), axis=1)) / sampson_slopes(matrix, a, b))
 
 
 def sampson_slopes(E: Array, rays_a: Array, rays_b: Array) -> Array:
-    """Return how fast (n,) b^T E a changes with both image-plane points of matched rays (n, 3), (n, 3)."""
+    """Return the norm (n,) of the gradient of b^T E a by the image-plane points of matched rays (n, 3), (n, 3)."""
     line_b, line_a = rays_a @ E.T, rays_b @ E
     squared = np.sum(line_a[:, :2] ** 2, axis=1) + np.sum(line_b[:, :2] ** 2, axis=1)
     return np.asarray(np.maximum(np.sqrt(squared), 1e-15))
@@ -217,7 +280,7 @@ def sampson_slopes(E: Array, rays_a: Array, rays_b: Array) -> Array:
 def relative_estimate(
     a: Array, b: Array, camera_a: Camera, camera_b: Camera, b_from_a: Pose, max_error_px: float
 ) -> RelativePoseEstimate | None:
-    """Return a pose with the matched pixels (n, 2), (n, 2) that agree with it, or None when fewer than eight do."""
+    """Return a pose with its inliers among matched pixels (n, 2), (n, 2), or None when it has fewer than eight."""
     rays_a, rays_b = camera_a.normalize(a), camera_b.normalize(b)
     errors = sampson_errors(essential_from_pose(b_from_a), rays_a, rays_b)
     near = errors * _mean_focal_px(camera_a, camera_b) <= max_error_px
@@ -234,7 +297,7 @@ def _mean_focal_px(camera_a: Camera, camera_b: Camera) -> float:
 
 
 def _conditioner(points: Array) -> Array:
-    """Return the matrix (3, 3) that moves points (n, 2) to mean 0 and mean distance sqrt(2)."""
+    """Return the matrix (3, 3) that brings points (n, 2) to mean 0 and mean distance sqrt(2) (Hartley)."""
     mean = points.mean(axis=0)
     spread = float(np.mean(np.linalg.norm(points - mean, axis=1)))
     if spread < 1e-9:

@@ -1,4 +1,4 @@
-"""Longitude and latitude to metres around an origin."""
+"""Conversion of longitude and latitude to metres east and north of an origin."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# WGS 84: half the equator's diameter in metres, and the square of the first eccentricity.
+# The ellipsoid of WGS 84: its semi-major axis and the square of its first eccentricity.
 SEMI_MAJOR_AXIS_M = 6_378_137.0
 ECCENTRICITY_SQUARED = 6.694379990141e-3
 
@@ -15,8 +15,8 @@ ECCENTRICITY_SQUARED = 6.694379990141e-3
 def east_north_from_geodetic(points_deg: ArrayLike, origin_deg: ArrayLike) -> Array:
     """Return metres east and north (n, 2) of an origin for longitudes and latitudes (n, 2) in degrees.
 
-    The plane touches the WGS 84 ellipsoid at the origin; heights are zero. Within 10 km distances are true to
-    about a millimetre a kilometre. Source: geodetic to earth-centred to local coordinates, textbook.
+    The plane is tangent to the WGS 84 ellipsoid at the origin; heights are zero. Within 10 km the error of a distance
+    is about a millimetre per kilometre. Source: geodetic to earth-centred to local coordinates, textbook.
     """
     points = np.radians(np.asarray(points_deg, dtype=np.float64).reshape(-1, 2))
     origin = np.radians(np.asarray(origin_deg, dtype=np.float64).reshape(1, 2))

@@ -1,7 +1,8 @@
-"""Lines on the plan, and the point nearest to several of them: where a user stands who is seen along each."""
+"""Lines on the plan, and the point nearest to several of them: the user's position (B eq. 14-16)."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -9,11 +10,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.errors import DegenerateGeometryError
 from app.geometry.validation import finite_points, finite_vector
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# The sine of the angle, about 0.06 degrees, below which two lines count as parallel.
-MIN_CROSSING_SINE = 1e-3
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineOptions:
+    """When two lines are parallel."""
+
+    min_crossing_sine: float = limit(
+        1e-3,
+        "Two lines whose angle has a smaller sine than this are parallel.",
+        chosen="By hand: 0.06 degrees, at which the position of the crossing is meaningless.",
+    )
+
+
+OPTIONS = LineOptions()
 
 
 def line_through(first: ArrayLike, second: ArrayLike) -> Array:
@@ -38,14 +51,14 @@ def distances_to_lines(point: ArrayLike, lines: ArrayLike) -> Array:
 def point_nearest_to_lines(lines: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """Return the point (2,) with the least sum of distances to lines (n, 3), times weights (n,).
 
-    The sum is convex and bends only on the lines, so a least value lies where two of them cross: the exact
-    answer is the best crossing, or the middle of those that tie. Raises `DegenerateGeometryError` when no two
+    The sum is convex and linear between the lines, so it has a minimum where two lines cross: the result is the best
+    crossing, or the mean of those that are equally good. Raises `DegenerateGeometryError` when no two
     lines cross. Source: B eq. 15.
     """
     unit = _unit_lines(lines)
-    share = np.ones(len(unit)) if weights is None else finite_vector(weights, len(unit), "weights")
+    factors = np.ones(len(unit)) if weights is None else finite_vector(weights, len(unit), "weights")
     crossings = _crossings(unit)
-    sums = np.abs(crossings @ unit[:, :2].T + unit[:, 2]) @ share
+    sums = np.abs(crossings @ unit[:, :2].T + unit[:, 2]) @ factors
     best = float(sums.min())
     return np.asarray(crossings[sums <= best + 1e-9 * (1.0 + best)].mean(axis=0))
 
@@ -53,11 +66,11 @@ def point_nearest_to_lines(lines: ArrayLike, weights: ArrayLike | None = None) -
 def point_least_squares_to_lines(lines: ArrayLike) -> Array:
     """Return the point (2,) with the least sum of squared distances to lines (n, 3).
 
-    One wrong line moves it, unlike `point_nearest_to_lines`. Raises `DegenerateGeometryError` when no two
-    lines cross.
+    Unlike `point_nearest_to_lines` it is not robust: one wrong line moves it. Raises `DegenerateGeometryError` when
+    no two lines cross.
     """
     unit = _unit_lines(lines)
-    if len(unit) < 2 or np.linalg.svd(unit[:, :2], compute_uv=False)[1] < MIN_CROSSING_SINE:
+    if len(unit) < 2 or np.linalg.svd(unit[:, :2], compute_uv=False)[1] < OPTIONS.min_crossing_sine:
         raise DegenerateGeometryError("The lines are parallel: no point is nearest.")
     return np.asarray(np.linalg.lstsq(unit[:, :2], -unit[:, 2], rcond=None)[0])
 
@@ -73,9 +86,9 @@ def _unit_lines(lines: ArrayLike) -> Array:
 def _crossings(unit: Array) -> Array:
     pairs = np.array(list(combinations(range(len(unit)), 2)), dtype=int).reshape(-1, 2)
     first, second = unit[pairs[:, 0]], unit[pairs[:, 1]]
-    # As homogeneous coordinates the crossing is the cross product, and its last number the sine of the angle.
+    # In homogeneous coordinates the crossing is the cross product; its last coordinate is the sine of the angle.
     meet = np.cross(first, second)
-    meet = meet[np.abs(meet[:, 2]) > MIN_CROSSING_SINE]
+    meet = meet[np.abs(meet[:, 2]) > OPTIONS.min_crossing_sine]
     if len(meet) == 0:
         raise DegenerateGeometryError("The lines are parallel: no point is nearest.")
     return np.asarray(meet[:, :2] / meet[:, 2:])

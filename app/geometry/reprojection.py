@@ -1,18 +1,40 @@
-"""Where a posed camera should see world points, and how that moves with the pose."""
+"""Reprojection: the pixels of world points by a pose, their errors and their derivatives."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_vector
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelNoiseOptions:
+    """The noise of a matched feature's pixel, for all estimators that minimize reprojection errors."""
+
+    sigma_px: float = limit(
+        1.0,
+        "Standard deviation of the pixel of a matched feature.",
+        chosen="By hand: descriptor matches have a pixel or two of noise.",
+    )
+    loss_scale_px: float = limit(
+        2.0,
+        "Reprojection error at which a match's weight falls to half (Cauchy loss).",
+        chosen="By hand: twice the noise of a good feature.",
+    )
+
+
+PIXEL_NOISE = PixelNoiseOptions()
+
+
 def project_from_world(points_in_world: ArrayLike, camera: Camera, world_from_camera: Pose) -> Array:
-    """Return the pixels (n, 2) of world points (n, 3); NaN if not in view (A eq. 10, C eq. 5.1.1)."""
+    """Return the pixels (n, 2) of world points (n, 3); NaN where not in view (A eq. 10, C eq. 5.1.1)."""
     return camera.project(world_from_camera.inverse().apply(points_in_world))
 
 
@@ -21,7 +43,7 @@ def reprojection_errors_px(
 ) -> Array:
     """Return the distances (n,) in pixels of points (n, 2) from the projections of world points (n, 3).
 
-    A point that is not in front of the camera is infinitely far. This is the norm under A eq. 11 and C eq.
+    The error of a point that is not in view is infinite. These are the norms in the sums of A eq. 11 and C eq.
     5.1.2.
     """
     offsets = project_from_world(points_in_world, camera, world_from_camera) - np.asarray(points_px)
@@ -32,10 +54,10 @@ def reprojection_errors_px(
 def reprojection_jacobian(
     points_in_world: ArrayLike, camera: Camera, world_from_camera: Pose
 ) -> tuple[Array, Array]:
-    """Return how the pixels of points (n, 3) move with the pose (n, 2, 6) and the points (n, 2, 3).
+    """Return the derivatives of the pixels of points (n, 3) by the pose (n, 2, 6) and by the points (n, 2, 3).
 
     The six columns are the perturbation that `perturbed` applies: a rotation vector in world axes (px/rad),
-    then the camera centre in world metres (px/m). NaN for points not in front of the camera.
+    then the camera centre in world metres (px/m). NaN for points not in view.
     """
     points = np.asarray(points_in_world, dtype=np.float64)
     camera_from_world = world_from_camera.inverse()
@@ -48,7 +70,7 @@ def reprojection_jacobian(
 
 
 def perturbed(world_from_camera: Pose, step: ArrayLike) -> Pose:
-    """Return the pose turned about its centre by step[:3] (rad, world axes), moved by step[3:] (m)."""
+    """Return the pose rotated about its centre by step[:3] (rad, world axes) and moved by step[3:] (m)."""
     delta = np.asarray(step, dtype=np.float64)
     rotation = rotation_from_vector(delta[:3]) @ world_from_camera.rotation
     return Pose(rotation, world_from_camera.translation + delta[3:])

@@ -1,4 +1,4 @@
-"""Rigid transforms: `Pose` and the rotations it stands on."""
+"""Rigid transforms: `Pose`, and functions of rotations."""
 
 from __future__ import annotations
 
@@ -8,11 +8,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.errors import InvalidPoseError
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# A rotation matrix typed with 3 decimals is off by about 1e-3; what is further off is no rounded rotation.
-MAX_ROTATION_DEVIATION = 0.05
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseOptions:
+    """What is accepted as a rotation matrix."""
+
+    max_rotation_deviation: float = limit(
+        0.05,
+        "Largest difference of an element of a given rotation matrix from the nearest rotation.",
+        chosen="By hand: far above the error of numbers that were typed with three decimals, about 0.001.",
+    )
+
+
+OPTIONS = PoseOptions()
 
 
 def project_to_so3(matrix: ArrayLike) -> Array:
@@ -40,8 +52,7 @@ def rotation_from_quaternion(x: float, y: float, z: float, w: float) -> Array:
 
 def quaternion_from_rotation(R: Array) -> Array:
     """Return the unit quaternion (4,) `x y z w` of a rotation (3, 3), with w >= 0 (inverse of A eq. 8)."""
-    # The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix: no branch on the trace, no
-    # cancellation.
+    # The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix is accurate for all rotations.
     k = (
         np.array(
             [
@@ -58,7 +69,7 @@ def quaternion_from_rotation(R: Array) -> Array:
 
 
 def rotation_from_vector(vector: ArrayLike) -> Array:
-    """Return the rotation (3, 3) that turns by |vector| radians about `vector` (3,) (Rodrigues' formula)."""
+    """Return the rotation (3, 3) by |vector| radians about `vector` (3,) (Rodrigues' formula)."""
     v = np.asarray(vector, dtype=np.float64)
     angle_rad = float(np.linalg.norm(v))
     if angle_rad < 1e-12:
@@ -68,7 +79,7 @@ def rotation_from_vector(vector: ArrayLike) -> Array:
 
 
 def vector_from_rotation(R: Array) -> Array:
-    """Return the vector (3,), at most pi long, of a rotation; undoes `rotation_from_vector`."""
+    """Return the rotation vector (3,), at most pi long, of a rotation (3, 3): inverse of `rotation_from_vector`."""
     q = quaternion_from_rotation(R)
     sin_half = float(np.linalg.norm(q[:3]))
     if sin_half < 1e-12:
@@ -77,7 +88,7 @@ def vector_from_rotation(R: Array) -> Array:
 
 
 def rotation_between(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the smallest rotation (3, 3) that turns direction `a` (3,) into direction `b` (3,)."""
+    """Return the smallest rotation (3, 3) that maps direction `a` (3,) to direction `b` (3,)."""
     u = np.asarray(a, dtype=np.float64) / np.linalg.norm(a)
     v = np.asarray(b, dtype=np.float64) / np.linalg.norm(b)
     axis = np.cross(u, v)
@@ -97,7 +108,7 @@ def skew(v: ArrayLike) -> Array:
 
 
 def rotation_angle_deg(R: Array) -> float:
-    """Return the angle in degrees, 0 to 180, by which a rotation (3, 3) turns."""
+    """Return the angle of a rotation (3, 3) in degrees, 0 to 180."""
     sin = 0.5 * float(np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]))
     return float(np.degrees(np.arctan2(sin, 0.5 * (np.trace(R) - 1.0))))
 
@@ -106,8 +117,8 @@ def rotation_angle_deg(R: Array) -> float:
 class Pose:
     """A rigid transform `target_from_source`: x_target = rotation @ x_source + translation (metres).
 
-    The constructor projects the rotation to SO(3), since files hold rounded ones, and raises
-    `InvalidPoseError` for numbers that are not finite or a matrix that is no rotation even roughly. Name each
+    The constructor projects the rotation to SO(3), because files contain rounded numbers, and raises
+    `InvalidPoseError` for numbers that are not finite or a matrix that is far from any rotation. Name each
     variable after its frames: `world_from_camera @ camera_from_body` is `world_from_body`.
     """
 
@@ -122,7 +133,7 @@ class Pose:
         if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
             raise InvalidPoseError("A pose holds numbers that are not finite.")
         projected = project_to_so3(rotation)
-        if np.abs(projected - rotation).max() > MAX_ROTATION_DEVIATION:
+        if np.abs(projected - rotation).max() > OPTIONS.max_rotation_deviation:
             raise InvalidPoseError("The rotation part of the pose is not a rotation matrix.")
         projected.setflags(write=False)
         translation = translation.copy()
@@ -132,7 +143,7 @@ class Pose:
 
     @staticmethod
     def identity() -> Pose:
-        """Return the transform that changes nothing."""
+        """Return the identity."""
         return Pose(np.eye(3), np.zeros(3))
 
     @staticmethod
@@ -168,11 +179,11 @@ class Pose:
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
     def __matmul__(self, other: Pose) -> Pose:
-        """Chain: `a_from_b @ b_from_c` is `a_from_c`."""
+        """Return the composition: `a_from_b @ b_from_c` is `a_from_c`."""
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def apply(self, points_in_source: ArrayLike) -> Array:
-        """Move points (..., 3) from the source frame to the target frame (A eq. 9)."""
+        """Return the points (..., 3) in the target frame of points (..., 3) in the source frame (A eq. 9)."""
         return np.asarray(np.asarray(points_in_source, dtype=np.float64) @ self.rotation.T + self.translation)
 
 

@@ -1,6 +1,8 @@
-"""Points from two views whose relative pose is known, and the metric scale a known distance gives."""
+"""Points from two views whose relative pose is known, and the metric scale by a known distance."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,15 +12,27 @@ from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs, finite_vector
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# Rays nearer to parallel than this meet anywhere: at one pixel of noise the depth is off by half.
-MIN_PARALLAX_DEG = 0.2
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriangulationOptions:
+    """When two rays determine a point."""
+
+    min_parallax_deg: float = limit(
+        0.2,
+        "Least angle between two rays that determine a point.",
+        chosen="By hand: at this angle an error of one pixel changes the depth by about half.",
+    )
+
+
+OPTIONS = TriangulationOptions()
 
 
 def homogeneous(normalized: ArrayLike) -> Array:
-    """Return the rays (n, 3), z = 1, of undistorted image-plane coordinates (n, 2)."""
+    """Return the rays (n, 3), with z = 1, of undistorted image-plane coordinates (n, 2)."""
     points = np.asarray(normalized, dtype=np.float64).reshape(-1, 2)
     return np.hstack([points, np.ones((len(points), 1))])
 
@@ -29,9 +43,9 @@ def unit_rays(rays: Array) -> Array:
 
 
 def parallax_deg(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a: Pose) -> Array:
-    """Return the angles (n,) between rays that meet, of image-plane coordinates (n, 2), (n, 2).
+    """Return the angles (n,) in degrees between the rays of matches, image-plane coordinates (n, 2), (n, 2).
 
-    What the rotation between the cameras does to the directions is taken out.
+    The angles are those at the points: the rotation between the cameras is removed.
     """
     a, b = homogeneous(normalized_a) @ b_from_a.rotation.T, homogeneous(normalized_b)
     return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))))
@@ -40,10 +54,9 @@ def parallax_deg(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a: Pos
 def pixel_depths(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a: Pose) -> tuple[Array, Array]:
     """Return s1 and s2, the z-depths (n,), (n,) in both cameras, in the unit of `b_from_a`.
 
-    Takes undistorted image-plane coordinates (n, 2), (n, 2), K^-1 x. Each depth solves its linear equation by
-    least squares. NaN where the rays are parallel; below zero where they meet behind a camera. Source: C eq.
-    4.2.3 and 4.2.5-4.2.6, with the ray of a turned by R in 4.2.6: without it the term in s1 stays unless R is
-    the identity.
+    Takes undistorted image-plane coordinates (n, 2), (n, 2), K^-1 x. Each depth is the least-squares solution of its
+    linear equation. NaN for parallel rays; negative for a point behind a camera. Source: C eq. 4.2.3 and 4.2.5-4.2.6,
+    but in 4.2.6 the ray of a is rotated by R; without that the term with s1 vanishes only if R is the identity.
     """
     a, b = finite_pairs(normalized_a, 2, "image-plane points", normalized_b, 2, "image-plane points")
     turned, seen = homogeneous(a) @ b_from_a.rotation.T, homogeneous(b)
@@ -60,13 +73,13 @@ def triangulate(
     camera_b: Camera,
     b_from_a: Pose,
     *,
-    min_parallax_deg: float = MIN_PARALLAX_DEG,
+    min_parallax_deg: float = OPTIONS.min_parallax_deg,
 ) -> Array:
     """Return the points (n, 3) of matched pixels, in the frame of camera a and unit of `b_from_a`.
 
-    Linear (DLT) on undistorted rays of pixels (n, 2), (n, 2). NaN for a point whose rays are too near to
-    parallel or that would lie behind a camera. Raises `DegenerateGeometryError` when the cameras share one
-    centre, `InvalidInputError` for numbers that are not finite. Source: Hartley and Zisserman, section 12.2.
+    Linear (DLT) on the undistorted rays of pixels (n, 2), (n, 2). NaN for a point whose rays are nearly parallel, or
+    that would be behind a camera. Raises `DegenerateGeometryError` when both cameras have the same centre,
+    `InvalidInputError` for numbers that are not finite. Source: Hartley and Zisserman, section 12.2.
     """
     a_px, b_px = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
     if np.linalg.norm(b_from_a.translation) < 1e-9:
@@ -83,12 +96,12 @@ def triangulate(
 
 
 def metric_scale(distance_m: float, depth: float, normalized: ArrayLike) -> float:
-    """Return r, the metres per unit of a relative pose, from a known distance of monitoring camera and POI.
+    """Return r, the metres per unit of a relative pose, by the known distance of monitoring camera and POI.
 
     `depth` is the POI's depth s2 along z in the monitoring camera and `normalized` (2,) its image-plane
-    coordinates there. Raises `DegenerateGeometryError` unless both lengths are positive. Source: C eq. 4.2.7;
-    the source divides by s2 itself, but l runs along the ray, which off the optical axis is longer than the
-    depth.
+    coordinates there. Raises `DegenerateGeometryError` unless both lengths are positive. Source: C eq. 4.2.7. The
+    source divides by s2 itself, but l is measured along the ray, which is longer than the depth except on the
+    optical axis.
     """
     x, y = finite_vector(normalized, 2, "image-plane point")
     length = depth * float(np.sqrt(x * x + y * y + 1.0))
@@ -98,7 +111,7 @@ def metric_scale(distance_m: float, depth: float, normalized: ArrayLike) -> floa
 
 
 def _solve_rowwise(factors: Array, values: Array) -> Array:
-    """Return s (n,) with s * factors (n, 3) nearest to values (n, 3); NaN where the factors vanish."""
+    """Return s (n,) for which s * factors (n, 3) is nearest to values (n, 3); NaN where the factors are zero."""
     squared = np.sum(factors**2, axis=1)
     solvable = squared > 1e-20
     s = np.full(len(factors), np.nan)

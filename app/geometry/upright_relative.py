@@ -1,4 +1,4 @@
-"""The relative pose of two cameras whose verticals are known: three matches are a sample, and planes mislead less."""
+"""The relative pose of two cameras whose verticals are known, by RANSAC with three-point samples."""
 
 from __future__ import annotations
 
@@ -16,33 +16,75 @@ from app.geometry.epipolar import (
     relative_estimate,
     sampson_slopes,
 )
+from app.geometry.epipolar import OPTIONS as EPIPOLAR
 from app.geometry.se3 import Pose, rotation_between, rotation_from_vector, skew
 from app.geometry.triangulation import homogeneous, unit_rays
 from app.geometry.validation import finite_pairs
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
+# The solver of PoseLib has its vertical along y.
 DOWN = np.array([0.0, 1.0, 0.0])
-# A sample's pose is off by the errors of three matches and of the verticals. So many of the best are refined in a few
-# steps, and the best of these to the end.
-SAMPLE_SLACK, REFINED, FIRST_STEPS, STEPS = 2.0, 3, 3, 5
-# So many matches, evenly spread over all, rank the samples.
-RANKING_MATCHES = 250
-# One sigma of a match, as a share of the largest error; one further off than that error counts for nothing.
-SIGMA_SHARE = 0.35
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UprightOptions:
+    """How samples are ranked, and how the best of them are refined."""
+
+    samples: int = limit(
+        300,
+        "RANSAC samples of three matches.",
+        chosen="By hand: a sample of three matches is free of outliers much more often than one of five.",
+    )
+    sample_error_ratio: float = limit(
+        2.0,
+        "Error at which a match supports a sample's pose no more, over the largest error of an inlier.",
+        chosen="By hand: a sample's pose has the errors of its three matches and of the verticals.",
+    )
+    refined_poses: int = limit(
+        3,
+        "Poses with most support that are refined.",
+        chosen="By hand: the support of a sample ranks poses only roughly.",
+    )
+    first_steps: int = limit(
+        3,
+        "Gauss-Newton steps for each of these poses, after which the best one is chosen.",
+        chosen="By hand: meant to be enough to compare them.",
+    )
+    final_steps: int = limit(
+        5,
+        "Further Gauss-Newton steps for the best pose.",
+        chosen="By hand: meant to be enough to converge.",
+    )
+    ranking_matches: int = limit(
+        250,
+        "Matches, evenly spread over all, that are used to rank samples.",
+        chosen="By hand, for speed: the rank of a sample needs fewer matches than its refinement.",
+    )
+    sigma_ratio: float = limit(
+        0.35,
+        "Standard deviation of a match's error over the largest error of an inlier.",
+        chosen="By hand: the inlier limit is about three standard deviations.",
+    )
+
+
+OPTIONS = UprightOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class KnownVerticals:
-    """Down in the axes of two cameras, (3,) each, and one sigma, in radians, of the angle between them."""
+    """Down in the axes of two cameras, (3,) each, and the standard deviation, in radians, of the angle between them."""
 
     in_a: Array
     in_b: Array
     sigma_rad: float
 
     def information(self) -> Array:
-        """Return what they say of a relative rotation, (3, 3), as an inverse covariance of its vector in b's axes:
-        nothing of turns about the vertical."""
+        """Return the inverse covariance (3, 3) that the verticals give a relative rotation's vector in b's axes.
+
+        It is zero for rotations about the vertical, which the verticals don't determine.
+        """
         return np.asarray((np.eye(3) - np.outer(self.in_b, self.in_b)) / self.sigma_rad**2)
 
 
@@ -53,15 +95,16 @@ def estimate_upright_relative_pose(
     camera_b: Camera,
     verticals: KnownVerticals,
     *,
-    max_error_px: float = 1.5,
-    samples: int = 300,
+    max_error_px: float = EPIPOLAR.relative_error_px,
+    samples: int = OPTIONS.samples,
     seed: int = 0,
 ) -> RelativePoseEstimate | None:
-    """Return the relative pose that most matched pixels (n, 2), (n, 2) and the verticals agree on, or None.
+    """Return the relative pose that fits matched pixels (n, 2), (n, 2) and the verticals best, or None.
 
-    A wall leaves two poses, and nearly a family of them, that its matches can't tell apart; most of these tilt one
-    camera against the other. RANSAC over three matches with exact verticals, then a robust least-squares fit in which
-    the verticals have their sigma. None for fewer than eight matches or inliers. Raises `InvalidInputError` for
+    The matches on a single wall fit two relative poses, and nearly a family of them; in most of these one camera is
+    tilted against the other, so the verticals exclude them. RANSAC with samples of three matches and exact verticals,
+    then a robust least-squares fit in which the verticals have their standard deviation. None for fewer than eight
+    matches or inliers. Raises `InvalidInputError` for
     numbers that are not finite. Source: Fraundorfer et al., "A minimal case solution to the calibrated relative pose
     problem for the case of two known orientation angles", 2010, the solver by PoseLib; C eq. 4.2.1-4.2.4.
     """
@@ -73,13 +116,14 @@ def estimate_upright_relative_pose(
     rotations, translations = _sampled(rays_a, rays_b, verticals, samples, seed)
     if not len(rotations):
         return None
-    some = slice(None, None, -(-len(a) // RANKING_MATCHES))
-    support = _support(rays_a[some], rays_b[some], rotations, translations, SAMPLE_SLACK * max_error)
+    some = slice(None, None, -(-len(a) // OPTIONS.ranking_matches))
+    sample_error = OPTIONS.sample_error_ratio * max_error
+    support = _support(rays_a[some], rays_b[some], rotations, translations, sample_error)
     problem = _Problem(rays_a, rays_b, verticals, max_error)
-    rows = np.argsort(-support, kind="stable")[:REFINED]
-    first = [problem.refined(rotations[row], translations[row], FIRST_STEPS) for row in rows]
+    rows = np.argsort(-support, kind="stable")[: OPTIONS.refined_poses]
+    first = [problem.refined(rotations[row], translations[row], OPTIONS.first_steps) for row in rows]
     _, rotation, translation = min(first, key=lambda found: found[0])
-    _, rotation, translation = problem.refined(rotation, translation, STEPS)
+    _, rotation, translation = problem.refined(rotation, translation, OPTIONS.final_steps)
     pose = _facing(rays_a, rays_b, rotation, translation)
     return relative_estimate(a, b, camera_a, camera_b, pose, max_error_px)
 
@@ -87,7 +131,7 @@ def estimate_upright_relative_pose(
 def _sampled(
     rays_a: Array, rays_b: Array, verticals: KnownVerticals, samples: int, seed: int
 ) -> tuple[Array, Array]:
-    """Return the rotations (k, 3, 3) and directions (k, 3) of all poses that three matches each leave."""
+    """Return the rotations (k, 3, 3) and directions (k, 3) of all relative poses that fit a sample exactly."""
     level_a, level_b = rotation_between(verticals.in_a, DOWN), rotation_between(verticals.in_b, DOWN)
     units_a, units_b = unit_rays(rays_a) @ level_a.T, unit_rays(rays_b) @ level_b.T
     rows = np.random.default_rng(seed).integers(0, len(rays_a), (samples, 3))
@@ -108,16 +152,17 @@ def _sampled(
 
 
 def _about_the_vertical(angles_rad: Array) -> Array:
-    """Return the rotations (k, 3, 3) about `DOWN` by some angles (k,)."""
+    """Return the rotations (k, 3, 3) about `DOWN` by angles (k,)."""
     cos, sin, none = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))
     rows = [[cos, none, sin], [none, none + 1.0, none], [-sin, none, cos]]
     return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _support(rays_a: Array, rays_b: Array, rotations: Array, translations: Array, max_error: float) -> Array:
-    """Return how well the matches support each pose, (k,): one for a match in place, less to none at `max_error`.
+    """Return the support (k,) of each pose: the sum over matches of 1 at no error, falling to 0 at `max_error`.
 
-    The error is the angle between b's ray and the epipolar plane of a's, from matrix products alone.
+    The error is the sine of the angle between b's ray and the epipolar plane of a's ray; matrix products compute it
+    for all poses and matches at once.
     """
     unit_a, unit_b = unit_rays(rays_a).astype(np.float32), unit_rays(rays_b).astype(np.float32)
     essential = np.cross(translations[:, :, None], rotations, axis=1).astype(np.float32)
@@ -130,7 +175,7 @@ def _support(rays_a: Array, rays_b: Array, rotations: Array, translations: Array
 
 
 def _facing(rays_a: Array, rays_b: Array, rotation: Array, translation: Array) -> Pose:
-    """Return the pose, of the two that differ in the translation's sign, that puts most matches before the cameras."""
+    """Return the pose with the sign of the translation for which most matches are in front of both cameras."""
     poses = [Pose(rotation, sign * translation) for sign in (1.0, -1.0)]
     fronts = [np.count_nonzero(in_front_of_both(rays_a[:, :2], rays_b[:, :2], pose)) for pose in poses]
     return poses[int(np.argmax(fronts))]
@@ -138,7 +183,7 @@ def _facing(rays_a: Array, rays_b: Array, rotation: Array, translation: Array) -
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Matched rays (n, 3), (n, 3), the verticals, and the error from which a match counts for nothing."""
+    """Matched rays (n, 3), (n, 3), the verticals, and the error above which a match has no weight."""
 
     rays_a: Array
     rays_b: Array
@@ -146,7 +191,10 @@ class _Problem:
     max_error: float
 
     def refined(self, rotation: Array, translation: Array, steps: int) -> tuple[float, Array, Array]:
-        """Return the least robust cost around a pose, and the pose there: Gauss-Newton, the verticals as a prior."""
+        """Return the least robust cost near a pose, and the rotation and translation there.
+
+        Gauss-Newton with the verticals as a prior.
+        """
         best = np.inf, rotation, translation
         for _ in range(steps):
             cost, hessian, gradient, axes = self._system(rotation, translation)
@@ -160,17 +208,19 @@ class _Problem:
         return (cost, rotation, translation) if cost < best[0] else best
 
     def _system(self, rotation: Array, translation: Array) -> tuple[float, Array, Array, Array]:
-        """Return the cost, the normal equations (5, 5), (5,) for a rotation vector and two turns of the translation,
-        and the axes (2, 3) along which it is turned."""
+        """Return the cost, the normal equations (5, 5), (5,), and two axes (2, 3) perpendicular to the translation.
+
+        The unknowns are a rotation vector and the change of the translation along the two axes.
+        """
         axes = np.linalg.svd(translation[None])[2][1:]
         turned = self.rays_a @ rotation.T
         slopes = sampson_slopes(skew(translation) @ rotation, self.rays_a, self.rays_b)
-        slopes *= SIGMA_SHARE * self.max_error
-        across = _cross(turned, self.rays_b)
-        errors = across @ translation / slopes
+        slopes *= OPTIONS.sigma_ratio * self.max_error
+        normals = _cross(turned, self.rays_b)
+        errors = normals @ translation / slopes
         by_turn = _cross(turned, self.rays_b @ skew(translation).T) * -1.0
-        jacobian = np.concatenate([by_turn, across @ axes.T], axis=1) / slopes[:, None]
-        weights = np.where(np.abs(errors) < 1.0 / SIGMA_SHARE, 1.0 / (1.0 + errors**2), 0.0)
+        jacobian = np.concatenate([by_turn, normals @ axes.T], axis=1) / slopes[:, None]
+        weights = np.where(np.abs(errors) < 1.0 / OPTIONS.sigma_ratio, 1.0 / (1.0 + errors**2), 0.0)
         weighted = jacobian * weights[:, None]
         hessian, gradient = weighted.T @ jacobian, weighted.T @ errors
         down, sigma = rotation @ self.verticals.in_a, self.verticals.sigma_rad
@@ -178,12 +228,12 @@ class _Problem:
         by_tilt = (np.outer(down, self.verticals.in_b) - down @ self.verticals.in_b * np.eye(3)) / sigma
         hessian[:3, :3] += by_tilt.T @ by_tilt
         gradient[:3] += by_tilt.T @ tilt
-        cost = float(np.log1p(np.minimum(errors**2, SIGMA_SHARE**-2)).sum() + tilt @ tilt)
+        cost = float(np.log1p(np.minimum(errors**2, OPTIONS.sigma_ratio**-2)).sum() + tilt @ tilt)
         return cost, hessian, gradient, axes
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products (n, 3) of rows, several times as fast as NumPy's general one."""
+    """Return the cross products (n, 3) of rows, several times as fast as `numpy.cross`."""
     x, y, z = a.T
     u, v, w = b.T
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)

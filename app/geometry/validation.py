@@ -1,4 +1,4 @@
-"""Checks of the arrays that enter geometry, so that no solver meets a NaN."""
+"""Checks of the arrays that the functions of geometry take, so that no solver gets a NaN."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def unit_vector(values: ArrayLike, size: int, name: str) -> Array:
 def finite_pairs(
     a: ArrayLike, a_columns: int, a_name: str, b: ArrayLike, b_columns: int, b_name: str
 ) -> tuple[Array, Array]:
-    """Return two sets of points of one count; raises `InvalidInputError` naming them otherwise."""
+    """Return two arrays of equally many points; raises `InvalidInputError` naming them otherwise."""
     first, second = finite_points(a, a_columns, a_name), finite_points(b, b_columns, b_name)
     if len(first) != len(second):
         raise InvalidInputError(f"{len(first)} {a_name} can't correspond to {len(second)} {b_name}.")

@@ -1,4 +1,4 @@
-"""Local features as values, and the protocol of what finds them."""
+"""Local features, and the protocol of their extractors."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class LocalFeatures:
 
 
 class LocalFeatureExtractor(Protocol):
-    """What finds and describes keypoints.
+    """Finds and describes keypoints.
 
-    `name` is what a map records, `ratio` its matching threshold, `min_inliers` well above what images of
-    places that are not in a map reach by chance (docs/features.md).
+    A map records the `name`. `ratio` is the threshold of the ratio test. `min_inliers` is the least number of inliers
+    of a pose, above what images of places that are not in a map reach by chance (docs/features.md).
     """
 
     name: str

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidInputError
+from app.limits import limit
 from app.vision.images import Rgb
 from app.vision.local_features import MODELS_DIR
 from app.vision.onnx_session import model_sha256, open_session
@@ -16,15 +18,38 @@ from app.vision.onnx_session import model_sha256, open_session
 DEFAULT_MODEL = MODELS_DIR / "global_descriptor.onnx"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GlobalDescriptorOptions:
+    """The size of the images that are described."""
+
+    width_px: int = limit(
+        320,
+        "Width to which an image is resized.",
+        chosen="By hand: the model was made for 320 x 240 pixels (app/models/global_descriptor.md).",
+    )
+    height_px: int = limit(
+        240,
+        "Height to which an image is resized.",
+        chosen="By hand: the model was made for 320 x 240 pixels (app/models/global_descriptor.md).",
+    )
+
+
+OPTIONS = GlobalDescriptorOptions()
+
+
 class GlobalDescriptor:
     """Describes images by an ONNX model: (1, 3, height, width) float32 RGB, (x - 127) / 128, to (1, d).
 
-    Any model of that form can be used; `sha256` is its identity and `size` its d. Raises `InvalidInputError`
-    for a file that is missing or of another form.
+    Any model with these inputs and outputs can be used; `sha256` identifies it and `size` is its d. Raises
+    `InvalidInputError` for a file that is missing or is not such a model.
     """
 
     def __init__(
-        self, path: Path = DEFAULT_MODEL, width: int = 320, height: int = 240, threads: int = 1
+        self,
+        path: Path = DEFAULT_MODEL,
+        width: int = OPTIONS.width_px,
+        height: int = OPTIONS.height_px,
+        threads: int = 1,
     ) -> None:
         if not path.is_file():
             raise InvalidInputError(f"There is no global descriptor model at {path}.")
@@ -34,7 +59,7 @@ class GlobalDescriptor:
             self._session = open_session(path, threads)
             self._input = self._session.get_inputs()[0].name
             self.size = len(self.describe(np.zeros((height, width, 3), np.uint8)))
-        except Exception as error:  # those of ONNX Runtime have no class in common
+        except Exception as error:  # ONNX Runtime's exceptions have no common base class
             raise InvalidInputError(
                 f"{path} is not a model that describes {width} x {height} images."
             ) from error
@@ -49,7 +74,7 @@ class GlobalDescriptor:
 
     def _upright_size(self, rgb: Rgb) -> tuple[int, int]:
         width, height = self._size_px
-        # A portrait picture keeps its proportions where the model takes any size.
+        # A portrait picture keeps its aspect ratio if the model's input size is not fixed.
         if rgb.shape[0] > rgb.shape[1] and not isinstance(self._session.get_inputs()[0].shape[2], int):
             return height, width
         return width, height

@@ -1,4 +1,4 @@
-"""Retrieval of the keyframes that look most like a query: exact L2 search by FAISS (A eq. 4)."""
+"""Retrieval of the keyframes most similar to a query: exact L2 search by FAISS (A eq. 4)."""
 
 from __future__ import annotations
 

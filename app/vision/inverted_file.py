@@ -1,30 +1,60 @@
-"""Which of a few pictures shows what a query shows: visual words whose every occurrence keeps its descriptor."""
+"""Which of several pictures shows the same as a query, by an inverted file of visual words with descriptors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.limits import limit
 from app.vision.vocabulary import Binary, Vocabulary, Words
 
 Scores = NDArray[np.float64]
 
-# So many of a query's features, evenly spread over them, are looked up, each under so many of its nearest words.
-MAX_FEATURES, LOOKED_UP = 500, 5
-# Descriptors that share a word are of the same thing only when they differ in fewer than this share of their bits; how
-# fast a vote fades with that share.
-MAX_SHARE, FADING = 110.0 / 486.0, 50.0 / 486.0
+# The bits of an A-KAZE descriptor.
+AKAZE_BITS = 486.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InvertedFileOptions:
+    """Which features of a query vote for which pictures."""
+
+    max_features: int = limit(
+        500,
+        "Features of a query that vote, evenly spread over all of them.",
+        chosen="By hand: bounds the time.",
+    )
+    words_per_feature: int = limit(
+        5,
+        "Nearest words under which a feature of a query is looked up.",
+        chosen="By hand: noise often moves a descriptor to a neighbouring word.",
+    )
+    max_differing_bits: float = limit(
+        110.0,
+        "A feature of a picture gets a vote when its descriptor differs in fewer bits, of A-KAZE's 486.",
+        chosen="By hand; `roomfix evaluate-anchors` counts how often the right picture is first (docs/anchors.md).",
+    )
+    vote_scale_bits: float = limit(
+        50.0,
+        "Scale of the Gaussian by which a vote decreases with the differing bits, of A-KAZE's 486.",
+        chosen="By hand; `roomfix evaluate-anchors` counts how often the right picture is first (docs/anchors.md).",
+    )
+
+
+OPTIONS = InvertedFileOptions()
+MAX_DIFFERING_SHARE = OPTIONS.max_differing_bits / AKAZE_BITS
+VOTE_SCALE_SHARE = OPTIONS.vote_scale_bits / AKAZE_BITS
 
 
 class InvertedFile:
-    """A list of occurrences for each word, over some pictures.
+    """A list of features for each word, over several pictures.
 
-    Words alone are too coarse to tell one poster from the next: an occurrence votes only when its whole descriptor is
-    near the query's. Sources: Jegou et al., "Hamming embedding and weak geometric consistency for large scale image
-    search", 2008, here with the descriptors themselves as signatures; for what is repeated within a picture and over
-    pictures, Jegou et al., "On the burstiness of visual elements", 2009.
+    A word is too coarse to distinguish one poster from another, so a feature gets a vote only when its whole
+    descriptor is near the query's. Sources: Jegou et al., "Hamming embedding and weak geometric consistency for large
+    scale image search", 2008, with the descriptors themselves as signatures; for features that are repeated within a
+    picture and over pictures, Jegou et al., "On the burstiness of visual elements", 2009.
     """
 
     def __init__(self, vocabulary: Vocabulary, pictures: Sequence[tuple[Words, Binary]]) -> None:
@@ -40,29 +70,29 @@ class InvertedFile:
         self._ends = np.searchsorted(words[order], np.arange(len(vocabulary.words) + 1))
 
     def scores(self, descriptors: Binary) -> Scores:
-        """Return how much a query with these descriptors (n, bytes) looks like each picture, (p,)."""
+        """Return the similarity (p,) of each picture to a query with descriptors (n, bytes)."""
         if len(descriptors) == 0 or len(self._owners) == 0:
             return np.zeros(self._pictures)
-        descriptors = descriptors[:: -(-len(descriptors) // MAX_FEATURES)]
-        features, entries, weights = self._met(descriptors)
+        descriptors = descriptors[:: -(-len(descriptors) // OPTIONS.max_features)]
+        features, entries, weights = self._candidates(descriptors)
         differing = self._descriptors[entries] ^ _in_long_words(descriptors)[features]
         shares = np.bitwise_count(differing).sum(axis=1, dtype=np.int64) / self._bits
-        near = shares < MAX_SHARE
+        near = shares < MAX_DIFFERING_SHARE
         votes = np.zeros((len(descriptors), self._pictures))
-        # One occurrence a picture is enough: a tiled wall repeats what it has.
+        # A feature votes once for a picture, however often the picture repeats it, as a tiled wall does.
         np.maximum.at(
             votes,
             (features[near], self._owners[entries[near]]),
-            weights[near] * np.exp(-((shares[near] / FADING) ** 2)),
+            weights[near] * np.exp(-((shares[near] / VOTE_SCALE_SHARE) ** 2)),
         )
-        # What looks like many pictures says little of which it is.
+        # A feature that is found in many pictures distinguishes little between them.
         totals = np.maximum(votes.sum(axis=1, keepdims=True), 1e-12)
         return np.asarray((votes**2 / totals).sum(axis=0))
 
-    def _met(self, descriptors: Binary) -> tuple[NDArray[np.intp], NDArray[np.intp], Scores]:
-        """Return what the query's features meet under their words: rows (m,) of features and of occurrences, and the
-        words' weights (m,)."""
-        words = self._vocabulary.nearest(descriptors, LOOKED_UP)
+    def _candidates(self, descriptors: Binary) -> tuple[NDArray[np.intp], NDArray[np.intp], Scores]:
+        """Return the pairs of features that share a word: the rows (m,) of the query's features and of the pictures'
+        features, and the words' weights (m,)."""
+        words = self._vocabulary.nearest(descriptors, OPTIONS.words_per_feature)
         features = np.repeat(np.arange(len(words)), words.shape[1])
         flat = words.reshape(-1)
         starts, counts = self._ends[flat], self._ends[flat + 1] - self._ends[flat]
@@ -73,6 +103,6 @@ class InvertedFile:
 
 
 def _in_long_words(descriptors: Binary) -> NDArray[np.uint64]:
-    """Return descriptors (n, bytes) as numbers of 64 bits (n, w), which are compared eight bytes at a time."""
+    """Return descriptors (n, bytes) as 64-bit integers (n, w), which are compared eight bytes at a time."""
     padded = np.pad(descriptors, ((0, 0), (0, -descriptors.shape[1] % 8)))
     return np.ascontiguousarray(padded).view(np.uint64)

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.se3 import Pose
+from app.limits import limit
 
 
 @dataclass(frozen=True, slots=True)
 class PowerLaw:
-    """matches(x) = a x^b: how many matches are left at a difference x between two camera poses."""
+    """The number of matches at a difference x between two camera poses: matches(x) = a x^b."""
 
     a: float
     b: float
@@ -22,14 +23,29 @@ class PowerLaw:
         return np.asarray(self.a * np.asarray(difference, dtype=np.float64) ** self.b)
 
     def inverse(self, matches: float) -> float:
-        """Return the difference at which `matches` matches are left."""
+        """Return the difference at which the number of matches is `matches`."""
         return float((matches / self.a) ** (1.0 / self.b))
 
 
-# The curves that the paper fitted on TUM scenes.
+# The curves that the RGB-D database paper fitted to scenes of TUM.
 POSITION_CURVE = PowerLaw(19.43, -0.5435)
 ATTITUDE_CURVE = PowerLaw(8.846, -0.8503)
-WANTED_MATCHES = 50.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyframeOptions:
+    """How many matches neighbouring keyframes should have."""
+
+    wanted_matches: float = limit(
+        50.0,
+        "Matches of two frames at the pose thresholds, unless a build states another number.",
+        chosen="The RGB-D database paper's value. `roomfix evaluate SCAN` with calibrated thresholds compares 50 with "
+        "100 (docs/calibration.md).",
+    )
+
+
+OPTIONS = KeyframeOptions()
+WANTED_MATCHES = OPTIONS.wanted_matches
 
 
 def matches_by_position_difference(difference_m: ArrayLike) -> NDArray[np.float64]:
@@ -44,7 +60,7 @@ def matches_by_attitude_difference(difference_rad: ArrayLike) -> NDArray[np.floa
 
 @dataclass(frozen=True, slots=True)
 class PoseThresholds:
-    """A frame is close to a keyframe when both differences are below these."""
+    """A frame is close to a keyframe when the differences of position and attitude are both below these."""
 
     position_m: float
     attitude_rad: float
@@ -53,15 +69,14 @@ class PoseThresholds:
 def thresholds_for_matches(
     wanted: float = WANTED_MATCHES, position: PowerLaw = POSITION_CURVE, attitude: PowerLaw = ATTITUDE_CURVE
 ) -> PoseThresholds:
-    """Return the pose differences at which `wanted` matches are left: 0.1757 m, 0.1304 rad for 50 (A eq. 3)."""
+    """Return the pose differences at which two frames have `wanted` matches: 0.1757 m, 0.1304 rad for 50 (A eq. 3)."""
     return PoseThresholds(position.inverse(wanted), attitude.inverse(wanted))
 
 
 def select_by_pose(world_from_camera: Sequence[Pose], thresholds: PoseThresholds) -> list[int]:
-    """Return the frames that become keyframes (A 2.1): those with no earlier keyframe close in both respects.
+    """Return the frames that become keyframes (A 2.1): those to which no earlier keyframe is close.
 
-    The first frame joins. The paper compares with the last keyframe first to save time; the result is the same,
-    since a frame joins only when it is close to none.
+    The first frame joins. The paper compares with the last keyframe first, to save time; the result is the same.
     """
     if not world_from_camera:
         return []

@@ -1,8 +1,9 @@
-"""Methods of local features by name: ORB, RootSIFT, A-KAZE, XFeat, and SURF where its library is."""
+"""Extractors of local features by name: RootSIFT, ORB, A-KAZE, XFeat, and SURF where mahotas is installed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidInputError
+from app.limits import limit
 from app.vision.features import Descriptors, LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, shrink
 from app.vision.onnx_session import open_session
@@ -18,39 +20,165 @@ from app.vision.xfeat import decode
 
 MODELS_DIR = Path(__file__).parent.parent / "models"
 
-# RootSIFT numbers are square roots of shares, nearly all below 0.5: one byte keeps them to 0.2 %.
+# The elements of RootSIFT are at most 1 and nearly all below 0.5: one byte is enough for them.
 ROOT_SIFT_SCALE = 512.0
-SIFT_FEATURES, SIFT_SIDE_PX, SIFT_CONTRAST = 2000, 400, 0.04
-# For a picture that is looked at once: a wide lens shows at 1280 pixels what a phone's shows at 640.
-FINE_FEATURES, FINE_SIDE_PX = 8000, 1280
-FAINT_SIDE_PX = 300
 ORB_FEATURES = {"orb": 1000, "orb-2000": 2000}
-# Binary features work on images of at most this size.
-MAX_SIDE_PX = 960
-# Those of anchors on larger ones: what a ceiling camera sees of a hall is small in its picture.
-FULL_SIDE_PX = 1280
+FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat", "surf")
+RATIO_CHOSEN = "By hand: the geometric checks reject the false matches that pass it."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SiftOptions:
+    """RootSIFT, as `sift` and `sift-full`."""
+
+    ratio: float = limit(
+        0.85,
+        "Largest distance of the best match over that of the second best.",
+        chosen=RATIO_CHOSEN,
+    )
+    min_inliers: int = limit(
+        12,
+        "Least number of inliers of a pose.",
+        chosen="`roomfix evaluate SCAN --absent OTHER_PLACES`: other places reach 8 (docs/features.md).",
+    )
+    max_features: int = limit(
+        2000,
+        "Largest number of features of a picture.",
+        chosen="By hand: pictures of rooms have fewer at the default size.",
+    )
+    max_side_px: int = limit(
+        400,
+        "Length to which a picture's longer side is reduced for `sift`; OpenCV then doubles it.",
+        chosen="`roomfix evaluate` and `roomfix benchmark`: most accurate and fastest of six (docs/features.md).",
+    )
+    full_side_px: int = limit(
+        960,
+        "Length to which a picture's longer side is reduced for `sift-full`.",
+        chosen="By hand; `roomfix evaluate` compares it with 400 (docs/features.md).",
+    )
+    contrast: float = limit(
+        0.04,
+        "OpenCV's contrast threshold for keypoints.",
+        chosen="By hand: the same as OpenCV's default.",
+    )
+    low_contrast: float = limit(
+        0.02,
+        "Contrast threshold for faint pictures and for pictures that are searched more thoroughly.",
+        chosen="By hand: half the default.",
+    )
+    faint_side_px: int = limit(
+        300,
+        "Length to which a faint picture's longer side is reduced.",
+        chosen="By hand: at a coarser scale there is less noise.",
+    )
+    fine_features: int = limit(
+        8000,
+        "Largest number of features of a picture that is searched more thoroughly.",
+        chosen="By hand: such a picture is searched once, so it may take longer.",
+    )
+    fine_side_px: int = limit(
+        1280,
+        "Length to which the longer side of a picture that is searched more thoroughly is reduced.",
+        chosen="By hand: a wide lens shows as much detail at 1280 pixels as a phone's at 640.",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrbOptions:
+    """ORB, as `orb` and `orb-2000`."""
+
+    ratio: float = limit(
+        0.85,
+        "Largest distance of the best match over that of the second best.",
+        chosen=RATIO_CHOSEN,
+    )
+    min_inliers: int = limit(
+        40,
+        "Least number of inliers of a pose.",
+        chosen="`roomfix evaluate SCAN --absent OTHER_PLACES`: other places reach 20 (docs/features.md).",
+    )
+    max_side_px: int = limit(
+        960,
+        "Length to which a picture's longer side is reduced for binary features.",
+        chosen="By hand: bounds the time.",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AkazeOptions:
+    """A-KAZE."""
+
+    ratio: float = limit(
+        0.85,
+        "Largest distance of the best match over that of the second best.",
+        chosen=RATIO_CHOSEN,
+    )
+    min_inliers: int = limit(
+        16,
+        "Least number of inliers of a pose.",
+        chosen="`roomfix evaluate SCAN --absent OTHER_PLACES`: above what other places reach (docs/features.md).",
+    )
+    large_side_px: int = limit(
+        1280,
+        "Length to which the longer side of an anchor's picture is reduced.",
+        chosen="By hand: things in a hall are small in the picture of a ceiling camera.",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class XFeatOptions:
+    """XFeat."""
+
+    ratio: float = limit(
+        1.0,
+        "Largest distance of the best match over that of the second best; 1 is no ratio test.",
+        chosen="By hand: XFeat's authors match by mutual nearest neighbours.",
+    )
+    min_inliers: int = limit(
+        100,
+        "Least number of inliers of a pose.",
+        chosen="`roomfix evaluate SCAN --absent OTHER_PLACES`: above what other places reach (docs/features.md).",
+    )
+    max_features: int = limit(
+        1000,
+        "Largest number of features of a picture.",
+        chosen="By hand: bounds the time of matching.",
+    )
+    max_side_px: int = limit(
+        640,
+        "Length to which a picture's longer side is reduced.",
+        chosen="By hand: bounds the time of the network.",
+    )
+
+
+SIFT = SiftOptions()
+ORB = OrbOptions()
+AKAZE = AkazeOptions()
+XFEAT = XFeatOptions()
+SIFT_FEATURES = SIFT.max_features
+SIFT_SIDE_PX = SIFT.max_side_px
+FULL_SIDE_PX = AKAZE.large_side_px
 
 
 class RootSift:
-    """SIFT with Hellinger-normalised descriptors, quantised to bytes.
+    """SIFT with Hellinger-normalized descriptors, quantized to bytes.
 
-    `max_side_px` is the size at which it works. OpenCV's SIFT doubles its input first, so that 400 px is a
-    first octave of 800 px: as many useful keypoints as the full 640 px at two fifths of the time
-    (measured: docs/features.md).
+    The longer side of a picture is reduced to `max_side_px`. OpenCV's SIFT doubles its input first, so 400 px give a
+    first octave of 800 px.
     """
 
     binary = False
-    ratio = 0.85
-    min_inliers = 12
+    ratio = SIFT.ratio
+    min_inliers = SIFT.min_inliers
     descriptor_size = 128
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
     def __init__(
         self,
-        max_features: int = SIFT_FEATURES,
-        max_side_px: int = SIFT_SIDE_PX,
+        max_features: int = SIFT.max_features,
+        max_side_px: int = SIFT.max_side_px,
         name: str = "sift",
-        contrast: float = SIFT_CONTRAST,
+        contrast: float = SIFT.contrast,
     ) -> None:
         self.name = name
         self._contrast = contrast
@@ -60,33 +188,33 @@ class RootSift:
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
         small, scale = shrink(gray, self._max_side_px)
-        # A detector object is not safe to share between threads, and costs nothing to make.
+        # A detector object must not be shared between threads; making one takes no time.
         sift = cv2.SIFT.create(self._max_features, contrastThreshold=self._contrast)
         keypoints, descriptors = sift.detectAndCompute(small, None)
         if not len(keypoints):
-            return _none(self)
+            return _no_features(self)
         sums = np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
         rooted = np.sqrt(descriptors / sums) * ROOT_SIFT_SCALE
         quantised = np.minimum(np.rint(rooted), 255).astype(np.uint8)
         return LocalFeatures(_points(keypoints, scale), quantised)
 
     def for_faint_images(self) -> LocalFeatureExtractor | None:
-        """Return the same at a coarser scale, down to half the contrast."""
-        if self._contrast < SIFT_CONTRAST:
+        """Return RootSIFT at a coarser scale with a lower contrast threshold, None if this one has that already."""
+        if self._contrast < SIFT.contrast:
             return None
-        return RootSift(self._max_features, FAINT_SIDE_PX, self.name, 0.5 * SIFT_CONTRAST)
+        return RootSift(self._max_features, SIFT.faint_side_px, self.name, SIFT.low_contrast)
 
 
 class Orb:
     """ORB: 256-bit descriptors of oriented FAST corners (the RGB-D paper's features)."""
 
     binary = True
-    ratio = 0.85
-    min_inliers = 40
+    ratio = ORB.ratio
+    min_inliers = ORB.min_inliers
     descriptor_size = 32
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
-    def __init__(self, max_features: int = 1000, name: str = "orb") -> None:
+    def __init__(self, max_features: int = ORB_FEATURES["orb"], name: str = "orb") -> None:
         self.name = name
         self._max_features = max_features
 
@@ -103,13 +231,13 @@ class Akaze:
     """A-KAZE with its 486-bit M-LDB descriptors (the monitoring-camera thesis's features)."""
 
     binary = True
-    ratio = 0.85
-    min_inliers = 16
+    ratio = AKAZE.ratio
+    min_inliers = AKAZE.min_inliers
     descriptor_size = 61
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.uint8
 
     def __init__(
-        self, max_side_px: int = MAX_SIDE_PX, max_features: int | None = None, name: str = "akaze"
+        self, max_side_px: int = ORB.max_side_px, max_features: int | None = None, name: str = "akaze"
     ) -> None:
         self.name = name
         self._max_side_px = max_side_px
@@ -126,16 +254,20 @@ class Akaze:
 
 
 class XFeat:
-    """XFeat's learned 64-number descriptors by ONNX Runtime; wants upright images."""
+    """XFeat's learned descriptors of 64 numbers, by ONNX Runtime; for upright images."""
 
     binary = False
-    ratio = 1.0
-    min_inliers = 100
+    ratio = XFEAT.ratio
+    min_inliers = XFEAT.min_inliers
     descriptor_size = 64
     descriptor_dtype: type[np.uint8] | type[np.float32] = np.float32
 
     def __init__(
-        self, max_features: int = 1000, max_side_px: int = 640, threads: int = 1, name: str = "xfeat"
+        self,
+        max_features: int = XFEAT.max_features,
+        max_side_px: int = XFEAT.max_side_px,
+        threads: int = 1,
+        name: str = "xfeat",
     ) -> None:
         self.name = name
         self._session = open_session(MODELS_DIR / "xfeat.onnx", threads)
@@ -145,7 +277,7 @@ class XFeat:
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
         small, scale = shrink(gray, self._max_side_px)
-        # The network takes multiples of 32: crop the remainder rather than stretch the picture.
+        # The network takes multiples of 32: the remainder is cropped, because stretching would distort the picture.
         height, width = (max(32, side // 32 * 32) for side in small.shape)
         image = small[:height, :width].astype(np.float32)[None, None] / 255.0
         outputs = self._session.run(["features", "keypoints", "reliability"], {"image": image})
@@ -162,7 +294,7 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
     if name == "sift":
         return RootSift()
     if name == "sift-full":
-        return RootSift(max_side_px=960, name=name)
+        return RootSift(max_side_px=SIFT.full_side_px, name=name)
     if name in ORB_FEATURES:
         return Orb(ORB_FEATURES[name], name)
     if name == "akaze":
@@ -170,7 +302,7 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
     if name == "xfeat":
         return XFeat(threads=threads)
     if check_features(name) == "surf":
-        # It is an extra, and builds on the types above.
+        # Its library is optional.
         from app.vision.surf import Surf
 
         return Surf()
@@ -178,19 +310,18 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
 
 
 def create_fine_extractor(name: str) -> LocalFeatureExtractor:
-    """Return an extractor of the same descriptors that takes its time: more features, found in a larger picture."""
+    """Return a slower extractor of the same descriptors, which finds more features in a larger picture."""
     if name in ("sift", "sift-full"):
-        return RootSift(FINE_FEATURES, FINE_SIDE_PX, name, 0.5 * SIFT_CONTRAST)
+        return RootSift(SIFT.fine_features, SIFT.fine_side_px, name, SIFT.low_contrast)
     if name == "akaze":
-        return Akaze(FULL_SIDE_PX, FINE_FEATURES)
-    return XFeat(FINE_FEATURES // 2, FINE_SIDE_PX) if name == "xfeat" else create_extractor(name)
-
-
-FEATURE_NAMES = ("sift", "sift-full", "orb", "orb-2000", "akaze", "xfeat", "surf")
+        return Akaze(AKAZE.large_side_px, SIFT.fine_features)
+    if name == "xfeat":
+        return XFeat(SIFT.fine_features // 2, SIFT.fine_side_px)
+    return create_extractor(name)
 
 
 def check_features(name: str) -> str:
-    """Return the name of features that can be computed here; raises `InvalidInputError` when a library is missing."""
+    """Return the name of features; raises `InvalidInputError` when the library that computes them is missing."""
     if name == "surf" and find_spec("mahotas") is None:
         raise InvalidInputError(
             "Features 'surf' need the library mahotas, which is not installed: install roomfix[surf], or use sift."
@@ -199,12 +330,12 @@ def check_features(name: str) -> str:
 
 
 def _binary_features(
-    detector: cv2.Feature2D, gray: Gray, extractor: LocalFeatureExtractor, max_side_px: int = MAX_SIDE_PX
+    detector: cv2.Feature2D, gray: Gray, extractor: LocalFeatureExtractor, max_side_px: int = ORB.max_side_px
 ) -> LocalFeatures:
     small, scale = shrink(gray, max_side_px)
     keypoints, descriptors = detector.detectAndCompute(small, None)
     if not len(keypoints):
-        return _none(extractor)
+        return _no_features(extractor)
     return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
 
 
@@ -213,7 +344,7 @@ def _points(keypoints: Sequence[cv2.KeyPoint], scale: float) -> NDArray[np.float
     return np.asarray((points + 0.5) / scale - 0.5, dtype=np.float32)
 
 
-def _none(extractor: LocalFeatureExtractor) -> LocalFeatures:
+def _no_features(extractor: LocalFeatureExtractor) -> LocalFeatures:
     shape = (0, extractor.descriptor_size)
     none: Descriptors = np.zeros(shape, np.uint8)
     if extractor.descriptor_dtype is np.float32:

@@ -13,9 +13,9 @@ Unit = NDArray[np.float32]
 
 
 def to_unit_vectors(descriptors: Descriptors | NDArray[np.float16], binary: bool) -> Unit:
-    """Return descriptors (n, d) as float32 rows of unit length, whose scalar product ranks like the distance.
+    """Return descriptors (n, d) as float32 rows of unit length: a larger scalar product is a smaller distance.
 
-    Bits become +1 and -1: with b bits the product is 1 - 2 Hamming / b, so that 2 - 2 s is 4 Hamming / b.
+    Bits become +1 and -1: for b bits the scalar product s is 1 - 2 Hamming / b, so 2 - 2 s is 4 Hamming / b.
     """
     if binary:
         signs = np.unpackbits(np.asarray(descriptors, dtype=np.uint8), axis=1).astype(np.float32)
@@ -33,8 +33,9 @@ def match_unit_vectors(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
     """Match rows of `a` (n, d) to rows of `b` (m, d): mutual nearest neighbours that pass the ratio test.
 
-    Returns rows of `a`, rows of `b`, and distance over second distance (small: distinctive). The ratio is of
-    Euclidean distances, or of Hamming distances for `binary` ones (B eq. 3-4); `ratio` 1 keeps all mutual ones.
+    Returns rows of `a`, rows of `b`, and the ratio of the distance to the second smallest distance (small for a
+    distinctive match). Distances are Euclidean, or Hamming for `binary` descriptors (B eq. 3-4). With `ratio` 1 all
+    mutual nearest neighbours are kept.
     """
     if len(a) == 0 or len(b) < 2:
         return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.float32)

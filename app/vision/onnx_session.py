@@ -1,4 +1,4 @@
-"""ONNX Runtime sessions with capped threads, and the identity of a model file."""
+"""ONNX Runtime sessions with a limited number of threads, and the identity of a model file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def open_session(path: Path, threads: int = 1) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    # A pool that spins between calls takes the core that the matcher needs.
+    # Threads that wait actively between calls would occupy the core that matching needs.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 3
     return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
@@ -22,5 +22,5 @@ def open_session(path: Path, threads: int = 1) -> ort.InferenceSession:
 
 @lru_cache(maxsize=16)
 def model_sha256(path: Path) -> str:
-    """Return the SHA-256 of a model file: what a map records, so that two models never share an index."""
+    """Return the SHA-256 of a model file. A map records it, so that descriptors of two models are never mixed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,9 +1,9 @@
 """The main cameras of common phones, by the names that EXIF gives them.
 
-`phone_cameras.csv` holds published figures: the focal length that a photo's EXIF gives for the main camera, and its
-35 mm equivalent. They are rounded to whole millimetres and makers measure along the diagonal or the width as they
-like, so they are good to about 5 %: enough to start a search, not to trust. A model that ends in `*` stands for
-all that begin so (Samsung adds a letter by region).
+`phone_cameras.csv` holds published values: the focal length of the main camera in a photo's EXIF, and its 35 mm
+equivalent. The latter is rounded to whole millimetres, and some makers measure it along the diagonal, others along the
+width, so its error is about 5 %: enough to start a search. A model name that ends in `*` stands for all models that
+begin with it (Samsung adds a letter for the region).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fitting matches = a x^b to measured pairs of frames (A 2.1, eq. 1-3)."""
+"""Fit of matches = a x^b to measured pairs of frames (A 2.1, eq. 1-3)."""
 
 from __future__ import annotations
 
@@ -10,27 +10,58 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from app.errors import DegenerateGeometryError
+from app.limits import limit
 from app.vision.keyframes import PowerLaw
 
 Array = NDArray[np.float64]
 Reached = Literal["within", "beyond", "below"]
 
-# Matches fall with the difference; a curve that rises is none.
-EXPONENT_BOUNDS = (-12.0, -1e-3)
-# Counts scatter by about a factor e^0.3 around a curve; what is further off counts linearly, not squared.
-SCATTER = 0.3
-# Real counts level off at small differences and fall off a cliff at large ones: a power law holds between the
-# crossing divided by this and multiplied by this.
-WINDOW = 3.0
-MIN_IN_WINDOW = 12
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerLawOptions:
+    """How a curve is fitted."""
+
+    min_exponent: float = limit(
+        -12.0,
+        "Least exponent of a curve.",
+        chosen="By hand: far below those of real scans (docs/calibration.md).",
+    )
+    max_exponent: float = limit(
+        -1e-3,
+        "Largest exponent of a curve.",
+        chosen="By hand: the number of matches decreases with the difference.",
+    )
+    start_exponent: float = limit(
+        -0.7,
+        "Exponent from which the fit starts.",
+        chosen="By hand: between the exponents of the RGB-D database paper, -0.54 and -0.85.",
+    )
+    scatter_log: float = limit(
+        0.3,
+        "Scale of the soft-L1 loss of a count's logarithm: beyond it the loss grows only linearly.",
+        chosen="By hand: counts usually differ from a curve by a factor of about e^0.3.",
+    )
+    window_ratio: float = limit(
+        3.0,
+        "A curve is fitted to the differences within this factor of the crossing.",
+        chosen="By hand: further away real counts don't follow a power law (docs/calibration.md, Fit).",
+    )
+    min_window_pairs: int = limit(
+        12,
+        "Least number of pairs of frames that a curve is fitted to.",
+        chosen="By hand: enough for two parameters and some outliers.",
+    )
+
+
+OPTIONS = PowerLawOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """The difference at which a curve leaves the wanted matches, held inside the range of the data.
+    """The difference at which a curve has the wanted number of matches, inside the range of the data.
 
-    `within`: the curve reaches the wanted number inside the range. `beyond`: more are left even at the largest
-    difference, which is the value. `below`: fewer are left even at the smallest one, which is the value.
+    `reached` is `within` when the curve has that number inside the range. It is `beyond` when the curve has more even
+    at the largest difference, and `below` when it has fewer even at the smallest; the value is then that difference.
     """
 
     value: float
@@ -39,7 +70,7 @@ class Threshold:
 
 @dataclass(frozen=True, slots=True)
 class LocalFit:
-    """A curve and the differences [low, high] that it was fitted to."""
+    """A curve and the range [low, high] of the differences that it was fitted to."""
 
     curve: PowerLaw
     low: float
@@ -49,9 +80,9 @@ class LocalFit:
 def fit_power_law(differences: ArrayLike, matches: ArrayLike) -> PowerLaw:
     """Return the robust fit of matches = a x^b, a > 0 > b, to differences (n,) above 0 and counts (n,).
 
-    The residual is of the logarithms, with a soft-L1 loss: a factor weighs the same everywhere, and a pair with
-    hardly a match, which looks at something else, doesn't pull. Least squares of the counts themselves fits the
-    many matches of near pairs and is off by any factor where the few dozen of interest are.
+    The residuals are differences of logarithms, with a soft-L1 loss: a factor has the same weight everywhere, and a
+    pair with hardly any match, whose frames show different things, has little influence. Least squares on the counts
+    would fit the many matches of near pairs, and may be wrong by any factor around the few dozen of interest.
 
     Raises `DegenerateGeometryError` for fewer than two different differences.
     """
@@ -62,18 +93,17 @@ def fit_power_law(differences: ArrayLike, matches: ArrayLike) -> PowerLaw:
     if len(np.unique(x)) < 2:
         raise DegenerateGeometryError("A curve needs pairs of frames at two different distances at least.")
     log_x = np.log(x)
-    # Around their mean the two parameters don't depend on each other.
+    # With differences relative to their mean the two parameters are not correlated.
     centre = float(np.mean(log_x))
 
     def residuals(parameters: Array) -> Array:
         level, b = parameters
-        return np.asarray((level + b * (log_x - centre) - y) / SCATTER)
+        return np.asarray((level + b * (log_x - centre) - y) / OPTIONS.scatter_log)
 
-    low, high = EXPONENT_BOUNDS
     fit = least_squares(
         residuals,
-        x0=np.array([float(np.median(y)), -0.7]),
-        bounds=(np.array([-np.inf, low]), np.array([np.inf, high])),
+        x0=np.array([float(np.median(y)), OPTIONS.start_exponent]),
+        bounds=(np.array([-np.inf, OPTIONS.min_exponent]), np.array([np.inf, OPTIONS.max_exponent])),
         loss="soft_l1",
     )
     level, b = (float(value) for value in fit.x)
@@ -81,10 +111,10 @@ def fit_power_law(differences: ArrayLike, matches: ArrayLike) -> PowerLaw:
 
 
 def crossing(differences: ArrayLike, matches: ArrayLike, wanted: float) -> float:
-    """Return the difference that best parts the pairs with `wanted` matches or more from those with fewer.
+    """Return the difference that best separates the pairs with at least `wanted` matches from those with fewer.
 
-    It needs no model and no bins: the number of pairs on the wrong side is the least. An end of the data when
-    all are on one side.
+    It has the fewest pairs on the wrong side, which needs no model and no bins. An end of the data when all pairs are
+    on one side.
     """
     order = np.argsort(np.asarray(differences, dtype=np.float64), kind="stable")
     x = np.asarray(differences, dtype=np.float64)[order]
@@ -96,20 +126,20 @@ def crossing(differences: ArrayLike, matches: ArrayLike, wanted: float) -> float
 
 
 def fit_near(differences: ArrayLike, matches: ArrayLike, wanted: float) -> LocalFit:
-    """Return the fit to the pairs around the crossing of `wanted` matches, where the curve is read (A eq. 3).
+    """Return the fit to the pairs around the crossing of `wanted` matches, where the curve is evaluated (A eq. 3).
 
-    Where fewer than `MIN_IN_WINDOW` pairs are within a factor of `WINDOW`, the nearest ones are taken.
-    Raises `DegenerateGeometryError` like `fit_power_law`.
+    The pairs are those within a factor of `OPTIONS.window_ratio`, or the `OPTIONS.min_window_pairs` nearest ones if
+    these are more. Raises `DegenerateGeometryError` like `fit_power_law`.
     """
     x, y = np.asarray(differences, dtype=np.float64), np.asarray(matches, dtype=np.float64)
-    off = np.abs(np.log(x / crossing(x, y, wanted)))
-    reach = max(float(np.log(WINDOW)), float(np.sort(off)[min(MIN_IN_WINDOW, len(x)) - 1]))
-    near = off <= reach
+    distances = np.abs(np.log(x / crossing(x, y, wanted)))
+    nearest = float(np.sort(distances)[min(OPTIONS.min_window_pairs, len(x)) - 1])
+    near = distances <= max(float(np.log(OPTIONS.window_ratio)), nearest)
     return LocalFit(fit_power_law(x[near], y[near]), float(x[near].min()), float(x[near].max()))
 
 
 def rmse(curve: PowerLaw, differences: ArrayLike, matches: ArrayLike) -> float | None:
-    """Return the root mean square error of a curve in matches; None without data."""
+    """Return the root mean square error of a curve, in matches; None without data."""
     counts = np.asarray(matches, dtype=np.float64)
     if counts.size == 0:
         return None
@@ -117,7 +147,7 @@ def rmse(curve: PowerLaw, differences: ArrayLike, matches: ArrayLike) -> float |
 
 
 def threshold_within(curve: PowerLaw, wanted: float, low: float, high: float) -> Threshold:
-    """Return where the curve leaves `wanted` matches (A eq. 3), not outside the data's range [low, high]."""
+    """Return the difference at which the curve has `wanted` matches (A eq. 3), within the data's range [low, high]."""
     if float(curve(high)) > wanted:
         return Threshold(high, "beyond")
     if float(curve(low)) < wanted:

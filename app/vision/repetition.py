@@ -1,4 +1,4 @@
-"""How far off a map's features have a look-alike elsewhere: the ratio test, extended to the whole map."""
+"""The most similar feature at another place of the map, for a ratio test over the whole map."""
 
 from __future__ import annotations
 
@@ -8,23 +8,76 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
+from app.limits import limit
 from app.vision.features import Descriptors
 from app.vision.matching import to_unit_vectors
 
-# Points further apart than this, heights counting three times, are different things.
-ELSEWHERE_M, HEIGHT_WEIGHT = 4.0, 3.0
-# A thing is described once by every keyframe that sees it: so many neighbours are looked through to get past it.
-NEIGHBOURS = 64
-# Cells of the inverted file, in square roots of the number of features, and how many are searched.
-CELLS, MAX_CELLS, PROBES = 2.0, 2048, 2
-TRAINING_PER_CELL, TRAINING_ROUNDS = 40, 6
-CHUNK = 20_000
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceOptions:
+    """When two points, or two keyframes, are at different places of a map."""
+
+    radius_m: float = limit(
+        4.0,
+        "Two points or keyframes further apart than this are at different places.",
+        chosen="By hand: the depth of a room.",
+    )
+    height_weight: float = limit(
+        3.0,
+        "Weight of a difference of height in this distance, relative to a difference along the floor.",
+        chosen="By hand: a storey of 3 m is beyond the radius, so that the next floor is another place.",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RepetitionOptions:
+    """The approximate search for the most similar feature at another place."""
+
+    neighbours: int = limit(
+        64,
+        "Most similar features that are searched for one at another place.",
+        chosen="By hand: every keyframe that sees a thing has a feature of it, so the first ones are at one place.",
+    )
+    cells_ratio: float = limit(
+        2.0,
+        "Cells of the inverted file over the square root of the number of features.",
+        chosen="By hand: a usual choice for inverted files.",
+    )
+    max_cells: int = limit(
+        2048,
+        "Largest number of cells of the inverted file.",
+        chosen="By hand: bounds the time of its training.",
+    )
+    searched_cells: int = limit(
+        2,
+        "Cells of the inverted file that are searched for each feature.",
+        chosen="By hand: the nearest neighbour is seldom in another cell.",
+    )
+    training_features_per_cell: int = limit(
+        40,
+        "Features per cell that the inverted file is trained on.",
+        chosen="By hand: FAISS recommends at least 39.",
+    )
+    training_steps: int = limit(
+        6,
+        "k-means iterations of the inverted file's training.",
+        chosen="By hand: bounds the time.",
+    )
+    chunk_features: int = limit(
+        20_000,
+        "Features that are searched at once.",
+        chosen="By hand: bounds the memory.",
+    )
+
+
+PLACE = PlaceOptions()
+OPTIONS = RepetitionOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Repetition:
-    """For each feature (n,): the distance of unit descriptors to the most similar feature at another place, and
-    the row of that feature (-1: not found, the distance is a lower bound)."""
+    """For each feature (n,): the distance of its unit descriptor to the most similar feature at another place, and the
+    row of that feature. The row is -1 when none was found; the distance is then a lower bound."""
 
     distance: NDArray[np.float32]
     row: NDArray[np.int64]
@@ -36,20 +89,21 @@ def find_repetition(
     points_in_world: NDArray[np.float32],
     among: NDArray[np.int64],
 ) -> Repetition:
-    """Return how far features (n, d) at world points (n, 3) are from looking like something elsewhere: like one of
-    those in the rows `among` (m,).
+    """Return the most similar feature at another place for features (n, d) at world points (n, 3).
 
-    Approximate: an inverted file finds nearly all. Where all of the nearest 64 are at the same place the distance
-    is that of the last of them, which the true one can't be below.
+    Only the features in the rows `among` (m,) are searched. The search is approximate: an inverted file finds nearly
+    all neighbours. When all of the nearest `OPTIONS.neighbours` are at the same place, the distance is that of the last
+    of them, a lower bound of the true one.
     """
     if len(descriptors) < 2 or len(among) == 0:
         return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
     unit = to_unit_vectors(descriptors, binary)
     index = _inverted_file(unit[among])
-    scaled = points_in_world * np.array([1.0, 1.0, HEIGHT_WEIGHT], np.float32)
+    scaled = points_in_world * np.array([1.0, 1.0, PLACE.height_weight], np.float32)
+    size = OPTIONS.chunk_features
     parts = [
-        _search(index, unit[i : i + CHUNK], scaled[i : i + CHUNK], scaled[among])
-        for i in range(0, len(unit), CHUNK)
+        _search(index, unit[i : i + size], scaled[i : i + size], scaled[among])
+        for i in range(0, len(unit), size)
     ]
     found = np.concatenate([p.row for p in parts])
     rows = np.where(found < 0, -1, among[np.maximum(found, 0)])
@@ -58,15 +112,15 @@ def find_repetition(
 
 def _inverted_file(unit: NDArray[np.float32]) -> faiss.Index:
     count, size = unit.shape
-    cells = int(np.clip(CELLS * np.sqrt(count), 1, min(MAX_CELLS, count)))
+    cells = int(np.clip(OPTIONS.cells_ratio * np.sqrt(count), 1, min(OPTIONS.max_cells, count)))
     index = faiss.IndexIVFScalarQuantizer(
         faiss.IndexFlatL2(size), size, cells, faiss.ScalarQuantizer.QT_fp16, faiss.METRIC_L2
     )
-    index.cp.niter, index.cp.min_points_per_centroid = TRAINING_ROUNDS, 1
-    rows = np.random.default_rng(0).permutation(count)[: cells * TRAINING_PER_CELL]
+    index.cp.niter, index.cp.min_points_per_centroid = OPTIONS.training_steps, 1
+    rows = np.random.default_rng(0).permutation(count)[: cells * OPTIONS.training_features_per_cell]
     index.train(unit[np.sort(rows)])
     index.add(unit)
-    index.nprobe = PROBES
+    index.nprobe = OPTIONS.searched_cells
     return index
 
 
@@ -76,15 +130,15 @@ def _search(
     points: NDArray[np.float32],
     all_points: NDArray[np.float32],
 ) -> Repetition:
-    squared, rows = index.search(unit, NEIGHBOURS)
+    squared, rows = index.search(unit, OPTIONS.neighbours)
     found = rows >= 0
     offsets = all_points[np.maximum(rows, 0)] - points[:, None]
-    elsewhere = found & (np.einsum("nki,nki->nk", offsets, offsets) > ELSEWHERE_M**2)
-    # Neighbours come nearest first.
+    elsewhere = found & (np.einsum("nki,nki->nk", offsets, offsets) > PLACE.radius_m**2)
+    # Neighbours are sorted, nearest first.
     first = elsewhere.argmax(axis=1)
     known = elsewhere.any(axis=1)
     every = np.arange(len(unit))
-    # The last neighbour bounds what was not looked at, if anything was left out.
+    # The features that were not returned are at least as far away as the last neighbour.
     bound = np.where(found.all(axis=1), squared[:, -1], np.inf)
     nearest = np.where(known, squared[every, first], bound)
     row = np.where(known, rows[every, first], -1)

@@ -1,4 +1,4 @@
-"""Visual words for binary descriptors, and what each of them tells."""
+"""Visual words for binary descriptors, and their inverse document frequencies."""
 
 from __future__ import annotations
 
@@ -10,18 +10,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidInputError
+from app.limits import limit
 
 DEFAULT_VOCABULARY = Path(__file__).parent.parent / "models" / "akaze_vocabulary.npz"
-ROUNDS = 12
 
 Binary = NDArray[np.uint8]
 Words = NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VocabularyOptions:
+    """How a vocabulary is trained."""
+
+    training_steps: int = limit(
+        12,
+        "Iterations of the clustering.",
+        chosen="By hand: meant to be enough to converge.",
+    )
+
+
+OPTIONS = VocabularyOptions()
+
+
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """Words (w, bytes), binary descriptors themselves, and how much each tells, (w,): its inverse document
-    frequency. The text-retrieval analogy of Sivic and Zisserman; words of bits as in DBoW."""
+    """Visual words (w, bytes), which are binary descriptors, and their inverse document frequencies (w,).
+
+    Sources: Sivic and Zisserman, "Video Google", 2003; binary words as in DBoW.
+    """
 
     words: Binary
     idf: NDArray[np.float32]
@@ -54,9 +70,9 @@ class Vocabulary:
 def train_vocabulary(pictures: list[Binary], size: int, seed: int = 0) -> Vocabulary:
     """Return a vocabulary of up to `size` words for the descriptors (n, bytes) of many pictures.
 
-    k-majority: descriptors go to their nearest word, and each bit of a word becomes what most of its descriptors
-    have there. Source: Grana et al., "A fast approach for integrating ORB descriptors in the bag of words model",
-    2013.
+    k-majority: each descriptor belongs to its nearest word, and each bit of a word becomes the majority of that bit
+    in its descriptors. Source: Grana et al., "A fast approach for integrating ORB descriptors in the bag of words
+    model", 2013.
     """
     everything = np.unique(np.concatenate(pictures), axis=0)
     if len(everything) < 2:
@@ -64,7 +80,7 @@ def train_vocabulary(pictures: list[Binary], size: int, seed: int = 0) -> Vocabu
     rng = np.random.default_rng(seed)
     words = everything[rng.choice(len(everything), min(size, len(everything)), replace=False)]
     bits = np.unpackbits(everything, axis=1).astype(np.float32)
-    for _ in range(ROUNDS):
+    for _ in range(OPTIONS.training_steps):
         rows, distances = _nearest(words, everything)
         nearest = rows[:, 0]
         words = _majorities(bits, nearest, words)
@@ -85,7 +101,7 @@ def _nearest(words: Binary, descriptors: Binary, count: int = 1) -> tuple[Words,
 
 
 def _majorities(bits: NDArray[np.float32], nearest: NDArray[np.int64], words: Binary) -> Binary:
-    """Return each word as the majority, bit by bit, of the descriptors that are nearest to it."""
+    """Return each word as the majority, bit by bit, of the descriptors that belong to it."""
     counts = np.bincount(nearest, minlength=len(words))
     order = np.argsort(nearest, kind="stable")
     ends = np.cumsum(counts)
@@ -99,7 +115,7 @@ def _majorities(bits: NDArray[np.float32], nearest: NDArray[np.int64], words: Bi
 def _reseeded(
     words: Binary, nearest: NDArray[np.int64], everything: Binary, distances: NDArray[np.int32]
 ) -> Binary:
-    """Return the words, those that nothing is near to replaced by the descriptors worst described."""
+    """Return the words; those without descriptors are replaced by the descriptors furthest from their words."""
     empty = np.flatnonzero(np.bincount(nearest, minlength=len(words)) == 0)
     moved = words.copy()
     moved[empty] = everything[np.argsort(-distances, kind="stable")[: len(empty)]]

@@ -4,32 +4,60 @@ NumPy, SciPy and OpenCV only. `export_xfeat.py` checks it against the PyTorch re
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from app.limits import limit
+
+# The network has one descriptor and one reliability for each cell of this size.
 CELL_PX = 8
-NMS_PX = 5
-CUBIC_A = -0.75  # the coefficient PyTorch uses for bicubic sampling
+# The coefficient of PyTorch's bicubic sampling.
+CUBIC_A = -0.75
 
 Floats = NDArray[np.float32]
 Pixels = NDArray[np.int64]
 Weights = Callable[[Floats], Floats]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecodingOptions:
+    """Which pixels of XFeat's heatmap are keypoints."""
+
+    max_features: int = limit(
+        4096,
+        "Keypoints with the highest scores that are kept.",
+        chosen="The published XFeat's value.",
+    )
+    min_probability: float = limit(
+        0.05,
+        "Least probability of a keypoint.",
+        chosen="The published XFeat's value.",
+    )
+    suppression_px: int = limit(
+        5,
+        "Side of the square in which a keypoint is the maximum.",
+        chosen="The published XFeat's value.",
+    )
+
+
+OPTIONS = DecodingOptions()
+
+
 def decode(
     features: Floats,
     keypoints: Floats,
     reliability: Floats,
-    top_k: int = 4096,
-    threshold: float = 0.05,
+    top_k: int = OPTIONS.max_features,
+    threshold: float = OPTIONS.min_probability,
 ) -> tuple[Floats, Floats, Floats]:
-    """Keypoints (N, 2) as u, v in pixels of the network's input, scores (N,), unit descriptors (N, 64).
+    """Return keypoints (N, 2) as u, v in pixels of the network's input, scores (N,), unit descriptors (N, 64).
 
     Takes the outputs of the network for one image: features (1, 64, H/8, W/8) of unit length per cell,
-    keypoint heatmap (1, 1, H, W), reliability (1, 1, H/8, W/8). Ordered by descending score.
+    keypoint heatmap (1, 1, H, W), reliability (1, 1, H/8, W/8). Sorted by descending score.
     """
     heatmap = keypoints[0, 0]
     v_px, u_px = _local_maxima(heatmap, threshold)
@@ -44,11 +72,11 @@ def decode(
 
 
 def _local_maxima(heatmap: Floats, threshold: float) -> tuple[Pixels, Pixels]:
-    """Rows and columns of the pixels above `threshold` that are the maximum of the 5x5 around them.
+    """Return rows and columns of the pixels above `threshold` that are the maximum of the square around them.
 
-    The last row and column and pixel (0, 0) are left out, for the reference gives them no score.
+    The last row, the last column and pixel (0, 0) are excluded, as in the reference, which gives them no score.
     """
-    highest = cv2.dilate(heatmap, np.ones((NMS_PX, NMS_PX), np.uint8))
+    highest = cv2.dilate(heatmap, np.ones((OPTIONS.suppression_px, OPTIONS.suppression_px), np.uint8))
     found = cv2.compare(heatmap, np.maximum(highest, np.float32(threshold)), cv2.CMP_GE)
     found[-1], found[:, -1], found[0, 0] = 0, 0, 0
     rows, columns = np.divmod(np.flatnonzero(found), heatmap.shape[1])
@@ -57,7 +85,7 @@ def _local_maxima(heatmap: Floats, threshold: float) -> tuple[Pixels, Pixels]:
 
 
 def _best(scores: Floats, top_k: int) -> NDArray[np.int64]:
-    """Indices of the `top_k` highest positive scores, highest first."""
+    """Return the indices of the `top_k` highest positive scores, highest first."""
     candidates = np.flatnonzero(scores > 0)
     if len(candidates) > top_k:
         candidates = candidates[np.argpartition(-scores[candidates], top_k)[:top_k]]
@@ -65,12 +93,12 @@ def _best(scores: Floats, top_k: int) -> NDArray[np.int64]:
 
 
 def _linear_weights(fraction: Floats) -> Floats:
-    """Weights (N, 2) of the cells at 0 and +1 for a position `fraction` of a cell past the first."""
+    """Return the weights (N, 2) of the cells at 0 and +1 for a position `fraction` (N,) of a cell after the first."""
     return np.stack([1 - fraction, fraction], axis=1)
 
 
 def _cubic_weights(fraction: Floats) -> Floats:
-    """Weights (N, 4) of the cells at -1, 0, +1 and +2 for a position `fraction` of a cell past cell 0."""
+    """Return the weights (N, 4) of the cells -1, 0, +1, +2 for a position `fraction` (N,) of a cell after cell 0."""
     near = np.stack([fraction, 1 - fraction], axis=1)
     far = near + 1
     near_weights = ((CUBIC_A + 2) * near - (CUBIC_A + 3)) * near**2 + 1
@@ -79,10 +107,10 @@ def _cubic_weights(fraction: Floats) -> Floats:
 
 
 def _sampler(u_px: Pixels, v_px: Pixels, image_shape: tuple[int, ...], weigh: Weights) -> csr_array:
-    """The matrix (N, cells) that samples a map of 8x8-pixel cells at the given pixels.
+    """Return the matrix (N, cells) that samples a map of cells of 8x8 pixels at the given pixels.
 
-    Pixel p of n lies at p / (n - 1) * n / 8 - 1/2 cells, the reference's mixture of both corner conventions;
-    cells outside the map count as zero.
+    Pixel p of n is at p / (n - 1) * n / 8 - 1/2 cells: like the reference, which mixes the two conventions for the
+    corners of images. Cells outside the map are zero.
     """
     height, width = (size // CELL_PX for size in image_shape)
     columns, column_weights = _taps(u_px, image_shape[1], weigh)
@@ -94,7 +122,7 @@ def _sampler(u_px: Pixels, v_px: Pixels, image_shape: tuple[int, ...], weigh: We
 
 
 def _taps(position_px: Pixels, size_px: int, weigh: Weights) -> tuple[NDArray[np.int32], Floats]:
-    """Cells (N, 2 or 4) that a position along one axis touches, and their weights; outside ones get zero."""
+    """Return the cells (N, 2 or 4) around positions along one axis, and their weights, 0 outside the map."""
     cells = size_px // CELL_PX
     position = (position_px * (cells / (size_px - 1)) - 0.5).astype(np.float32)
     first = np.floor(position)

@@ -26,7 +26,14 @@ def sight(point: list[float], *, error: float = 0.0, known_height: bool = False)
     ray = MONITOR.rotation.T @ offset / distance
     length = distance / UNIT * float(np.exp(error))
     height = float(offset[2]) if known_height else None
-    return PoiSight(ray, np.array(point[:2]), distance, length, 0.05, height)
+    return PoiSight(
+        ray_in_monitor=ray,
+        on_plan=np.array(point[:2]),
+        distance_m=distance,
+        length=length,
+        log_sigma=0.05,
+        height_offset_m=height,
+    )
 
 
 def relative(phone: Pose) -> Pose:

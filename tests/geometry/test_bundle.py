@@ -35,7 +35,16 @@ def scene(camera: Camera, seed: int) -> tuple[list[Pose], np.ndarray, Bundle]:
     views, rows = np.nonzero(seen)
     fixed = np.arange(VIEWS) < 2
     none = np.full(POINTS, np.inf)
-    return poses, points, Bundle(camera, views, rows, pixels[views, rows], fixed, points, none)
+    bundle = Bundle(
+        camera=camera,
+        views=views,
+        rows=rows,
+        pixels=pixels[views, rows],
+        is_fixed=fixed,
+        prior=points,
+        prior_sigma_m=none,
+    )
+    return poses, points, bundle
 
 
 def disturbed(poses: list[Pose], points: np.ndarray, seed: int) -> tuple[list[Pose], np.ndarray]:
@@ -65,9 +74,7 @@ def test_wrong_pixels_hardly_move_the_poses() -> None:
     pixels = bundle.pixels.copy()
     wrong = rng.uniform(size=len(pixels)) < 0.05
     pixels[wrong] += rng.uniform(-60, 60, (int(wrong.sum()), 2))
-    spoilt = Bundle(
-        bundle.camera, bundle.views, bundle.rows, pixels, bundle.is_fixed, bundle.prior, bundle.prior_sigma_m
-    )
+    spoilt = replace(bundle, pixels=pixels)
     found, _ = adjust_bundle(spoilt, *disturbed(poses, points, 11), max_steps=30)
     assert max(position_difference_m(a, b) for a, b in zip(found, poses, strict=True)) < 0.01
 
@@ -75,9 +82,7 @@ def test_wrong_pixels_hardly_move_the_poses() -> None:
 def test_points_that_are_known_hold_the_scale_without_fixed_views() -> None:
     poses, points, bundle = scene(CAMERAS[0], 3)
     known = np.where(np.arange(POINTS) < 20, 0.001, np.inf)
-    free = Bundle(
-        bundle.camera, bundle.views, bundle.rows, bundle.pixels, np.zeros(VIEWS, dtype=bool), points, known
-    )
+    free = replace(bundle, is_fixed=np.zeros(VIEWS, dtype=bool), prior_sigma_m=known)
     start, away = disturbed(poses, points, 12)
     away[:20] = points[:20]
     found, _ = adjust_bundle(free, start, away, max_steps=40)
@@ -113,9 +118,12 @@ def test_views_through_another_lens_say_nothing_of_it() -> None:
 def test_a_bundle_of_one_view_shows_no_lens() -> None:
     poses, points, bundle = scene(CAMERAS[0], 5)
     first = bundle.views == 0
-    alone = Bundle(
-        bundle.camera, bundle.views[first], bundle.rows[first], bundle.pixels[first], np.zeros(1, dtype=bool),
-        points, bundle.prior_sigma_m,
-    )  # fmt: skip
+    alone = replace(
+        bundle,
+        views=bundle.views[first],
+        rows=bundle.rows[first],
+        pixels=bundle.pixels[first],
+        is_fixed=np.zeros(1, dtype=bool),
+    )
     _, information = lens_in_bundle(alone, poses[:1], points)
     assert information < 0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.geometry.depth_response import MIN_POINTS, DepthResponse, fit_depth_response
+from app.geometry.depth_response import OPTIONS, DepthResponse, fit_depth_response
 
 Array = NDArray[np.float64]
 TRUE = (0.97, 0.015, -0.02, 0.01)
@@ -43,10 +43,10 @@ def test_noise_and_edges_of_objects_hardly_move_it() -> None:
 
 
 def test_few_or_uncertain_depths_leave_the_sensor_alone() -> None:
-    shown_m, image_plane, depth_m = scene(MIN_POINTS - 1)
+    shown_m, image_plane, depth_m = scene(OPTIONS.min_points - 1)
     assert fit_depth_response(shown_m, image_plane, depth_m, np.full(len(shown_m), 1e-3)) == DepthResponse()
-    shown_m, image_plane, depth_m = scene(MIN_POINTS)
-    vague = fit_depth_response(shown_m, image_plane, depth_m, np.full(MIN_POINTS, 10.0))
+    shown_m, image_plane, depth_m = scene(OPTIONS.min_points)
+    vague = fit_depth_response(shown_m, image_plane, depth_m, np.full(OPTIONS.min_points, 10.0))
     assert vague.coefficients == pytest.approx(DepthResponse().coefficients, abs=1e-3)
     assert fit_depth_response(np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0)) == DepthResponse()
 

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.focal import (
-    MAX_FOCAL,
-    MIN_FOCAL,
+    OPTIONS,
     ApproximateCamera,
     find_camera,
     pinhole,
@@ -63,10 +62,11 @@ def test_noise_moves_it_little(seed: int) -> None:
     assert camera.focal_px == pytest.approx(500.0, rel=0.06)
 
 
-@pytest.mark.parametrize("ratio", [0.7 * MIN_FOCAL, 1.6 * MAX_FOCAL])
+@pytest.mark.parametrize("ratio", [0.7 * OPTIONS.min_focal_ratio, 1.6 * OPTIONS.max_focal_ratio])
 def test_a_lens_that_no_phone_has_is_not_taken_for_the_nearest_one(ratio: float) -> None:
     camera = search_camera(*matches(ratio * WIDTH, outlier_ratio=0.0), WIDTH, HEIGHT, MAX_ERROR, 20)
-    assert camera is None or not MIN_FOCAL * 1.1 < camera.focal_px / WIDTH < MAX_FOCAL / 1.1
+    low, high = OPTIONS.min_focal_ratio, OPTIONS.max_focal_ratio
+    assert camera is None or not low * 1.1 < camera.focal_px / WIDTH < high / 1.1
 
 
 def test_without_enough_matches_there_is_none() -> None:

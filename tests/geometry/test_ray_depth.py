@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.geometry.ray_depth import (
-    DEPTH_PRIOR_SIGMA,
+    OPTIONS,
     Observations,
     RefinedDepth,
     median_by_row,
@@ -80,7 +80,7 @@ def test_views_with_parallax_take_a_sensors_bias_out(views: int, bias: float) ->
 @pytest.mark.parametrize("baseline_m", [0.05, 0.15, 0.4])
 def test_sensor_and_views_are_weighed_by_their_information(baseline_m: float) -> None:
     true_m, refined = refine([[baseline_m, 0.0, 0.0]])
-    prior, total = DEPTH_PRIOR_SIGMA**-2, (refined.depth_m / refined.sigma_m) ** 2
+    prior, total = OPTIONS.prior_sigma_ratio**-2, (refined.depth_m / refined.sigma_m) ** 2
     # The optimum of a quadratic between the sensor's logarithm of the depth and that of the views.
     assert np.allclose(np.log(refined.depth_m / true_m), np.log(BIAS) * prior / total, rtol=0.1, atol=2e-4)
 
@@ -94,14 +94,14 @@ def test_a_correct_sensor_is_left_alone() -> None:
 def test_without_parallax_the_sensor_holds() -> None:
     true_m, refined = refine([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     assert np.allclose(refined.depth_m, BIAS * true_m, rtol=1e-6)
-    assert np.allclose(refined.sigma_m, DEPTH_PRIOR_SIGMA * refined.depth_m)
+    assert np.allclose(refined.sigma_m, OPTIONS.prior_sigma_ratio * refined.depth_m)
 
 
 def test_more_parallax_means_less_uncertainty() -> None:
     medians = []
     for baseline_m in (0.02, 0.1, 0.5):
         true_m, refined = refine([[baseline_m, 0.0, 0.0]], noise_px=0.5)
-        assert (refined.sigma_m <= DEPTH_PRIOR_SIGMA * refined.depth_m * (1 + 1e-9)).all()
+        assert (refined.sigma_m <= OPTIONS.prior_sigma_ratio * refined.depth_m * (1 + 1e-9)).all()
         medians.append(float(np.median(refined.sigma_m / true_m)))
     assert medians[0] > 1.1 * medians[1] > 2 * medians[2]
 
@@ -120,7 +120,7 @@ def test_points_that_no_view_sees_keep_their_depth() -> None:
     )
     refined = refine_depth_along_rays(np.array([[0.0, 0.0, 1.0]]), np.zeros(3), np.array([2.0]), nothing)
     assert refined.depth_m == pytest.approx([2.0])
-    assert refined.sigma_m == pytest.approx([2.0 * DEPTH_PRIOR_SIGMA])
+    assert refined.sigma_m == pytest.approx([2.0 * OPTIONS.prior_sigma_ratio])
     assert np.isnan(refined.error_px).all()
     assert refined.views.tolist() == [0]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.vision.repetition import ELSEWHERE_M, find_repetition
+from app.vision.repetition import PLACE, find_repetition
 
 COUNT = 300
 
@@ -42,7 +42,7 @@ def test_the_next_floor_is_elsewhere() -> None:
     every = np.arange(len(twice))
     assert np.median(find_repetition(twice, False, above, every).distance) < 0.01
     assert np.median(find_repetition(twice, False, beside, every).distance) > 0.1
-    assert ELSEWHERE_M > 3.0
+    assert PLACE.radius_m > 3.0
 
 
 @pytest.mark.parametrize("count", [0, 1, 5])

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.geometry.ray_depth import DEPTH_PRIOR_SIGMA, Observations, refine_depth_along_rays
+from app.geometry.ray_depth import OPTIONS as RAY_DEPTH
+from app.geometry.ray_depth import Observations, refine_depth_along_rays
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.vision.features import LocalFeatures
@@ -127,7 +128,8 @@ def points_from_depth(view: View, camera: Camera) -> MapPoints:
     valid = view.depth_m > 0
     features = view.features.take(valid)
     in_camera = camera.unproject(features.keypoints_px, view.depth_m[valid])
-    points, sigma_m = view.world_from_camera.apply(in_camera), DEPTH_PRIOR_SIGMA * in_camera[:, 2]
+    points = view.world_from_camera.apply(in_camera)
+    sigma_m = RAY_DEPTH.prior_sigma_ratio * in_camera[:, 2]
     return MapPoints(features, points, sigma_m, np.zeros(len(features), np.intp))
 
 

@@ -12,6 +12,7 @@ from app.engine.maps.artifact import MapArtifact
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.vision.index import GlobalIndex
+from app.vision.repetition import PLACE
 
 EVALUATED = "roomfix evaluate and evaluate-demo; docs/features.md."
 
@@ -23,20 +24,10 @@ class RetrievalOptions:
     pool_keyframes: int = limit(
         200, "Ranks that are searched for other places that look alike.", chosen=EVALUATED
     )
-    place_radius_m: float = limit(
-        4.0,
-        "Keyframes farther apart than this show different places.",
-        chosen="By hand: the depth of a room.",
-    )
     place_cosine: float = limit(
         0.5,
         "Keyframes whose optical axes have a smaller cosine than this show different places.",
         chosen="By hand: 60 degrees, the field of view of a phone.",
-    )
-    height_weight: float = limit(
-        3.0,
-        "Heights count this many times as much as lengths along the floor, so that the next storey is another place.",
-        chosen="By hand: a storey of 3 m is beyond place_radius_m.",
     )
     spot_radius_m: float = limit(
         1.5, "Of keyframes that look alike, one within this radius is enough.", chosen=EVALUATED
@@ -118,8 +109,8 @@ class Retrieval:
         twins = [twin for keyframe in keyframes for twin in self.look_alikes(keyframe, count)]
         return twins if allowed is None else [twin for twin in twins if twin in set(allowed.tolist())]
 
-    def _shown(self, row: int, chosen: list[int], radius_m: float = OPTIONS.place_radius_m) -> bool:
-        offsets = (self._positions[chosen] - self._positions[row]) * [1.0, 1.0, OPTIONS.height_weight]
+    def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE.radius_m) -> bool:
+        offsets = (self._positions[chosen] - self._positions[row]) * [1.0, 1.0, PLACE.height_weight]
         near = np.linalg.norm(offsets, axis=1) < radius_m
         alike = self._axes[chosen] @ self._axes[row] > OPTIONS.place_cosine
         return bool(np.any(near & alike))

@@ -51,7 +51,16 @@ def fix(vertical: Vertical, instability_sigma_m: float = 0.0, **changes: Any) ->
     """Return a fix that is accepted, with some of its evidence changed."""
     still = Pose(np.eye(3), np.zeros(3))
     none = np.zeros(0)
-    solution = AnchorSolution(still, still, 1.0, 0.05, np.zeros((3, 3)), none, none, vertical)
+    solution = AnchorSolution(
+        plan_from_phone=still,
+        plan_from_monitor=still,
+        metres_per_unit=1.0,
+        log_scale_sigma=0.05,
+        plan_from_monitor_covariance=np.zeros((3, 3)),
+        poi_errors_m=none,
+        scale_errors=none,
+        vertical=vertical,
+    )
     evidence = replace(
         AnchorEvidence(
             matches=800,
@@ -97,7 +106,14 @@ def test_a_pose_that_verticals_hold_needs_fewer_matches_and_steadier_halves() ->
 
 def test_a_poi_hardly_seen_says_nothing_against_another() -> None:
     clear, faint = (
-        PoiSight(np.array([0.0, 0.0, 1.0]), np.zeros(2), 3.0, 1.0, sigma) for sigma in (0.07, 0.3)
+        PoiSight(
+            ray_in_monitor=np.array([0.0, 0.0, 1.0]),
+            on_plan=np.zeros(2),
+            distance_m=3.0,
+            length=1.0,
+            log_sigma=sigma,
+        )
+        for sigma in (0.07, 0.3)
     )
     assert reliable([(clear, 80), (faint, 4)]) == [(clear, 80)]
     assert reliable([(faint, 4)]) == [(faint, 4)]

@@ -135,14 +135,14 @@ class Window:
         chosen, keep = np.searchsorted(self.ids, used), np.isin(seen, used)
         views = np.repeat(np.arange(len(all_views)), [len(view.ids) for view in all_views])[keep]
         bundle = Bundle(
-            camera,
-            views.astype(np.intp),
-            np.searchsorted(used, seen[keep]).astype(np.intp),
-            np.concatenate([view.pixels for view in all_views])[keep],
-            np.arange(len(all_views)) < held,
-            self.prior[chosen],
-            self.prior_sigma_m[chosen],
-            self._has_lens(camera, len(all_views)),
+            camera=camera,
+            views=views.astype(np.intp),
+            rows=np.searchsorted(used, seen[keep]).astype(np.intp),
+            pixels=np.concatenate([view.pixels for view in all_views])[keep],
+            is_fixed=np.arange(len(all_views)) < held,
+            prior=self.prior[chosen],
+            prior_sigma_m=self.prior_sigma_m[chosen],
+            has_lens=self._has_lens(camera, len(all_views)),
         )
         poses = [view.frame_from_camera for view in all_views]
         adjusted, self.points_in_frame[chosen] = adjust_bundle(bundle, poses, self.points_in_frame[chosen])

@@ -1,0 +1,281 @@
+"""How values are built: by name when they have many fields, and one constant a line."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from tests.source_tree import modules_of
+
+MAX_POSITIONAL = 5
+# Rule -> modules, or rooms of modules, that don't follow it yet.
+PENDING: dict[str, set[str]] = {
+    "calls": {
+        "app.api",
+        "app.engine.anchors",
+        "app.engine.mapping",
+        "app.engine.maps",
+        "app.engine.navigation",
+        "app.engine.query",
+        "app.engine.tracking",
+        "app.main",
+        "app.services",
+        "app.storage",
+        "bench.anchors",
+        "bench.baselines",
+        "bench.commands",
+        "bench.evaluation",
+        "bench.keyframes",
+        "bench.recordings",
+        "bench.render",
+        "bench.reports",
+        "bench.simulation",
+        "bench.tests",
+        "bench.tracking",
+        "bench.venue",
+    },
+    "keyword-only": {
+        "app.api",
+        "app.engine.anchors",
+        "app.engine.floors",
+        "app.engine.mapping",
+        "app.engine.maps",
+        "app.engine.navigation",
+        "app.engine.query",
+        "app.engine.tracking",
+        "app.importers",
+        "app.services",
+        "app.storage",
+        "app.vision.exif",
+        "bench.anchors",
+        "bench.evaluation",
+        "bench.keyframes",
+        "bench.recordings",
+        "bench.render",
+        "bench.simulation",
+        "bench.tracking",
+        "bench.venue",
+    },
+    "constants": {
+        "app.api",
+        "app.commands",
+        "app.engine.anchors",
+        "app.engine.floors",
+        "app.engine.mapping",
+        "app.engine.navigation",
+        "app.engine.query",
+        "app.engine.tracking",
+        "app.services",
+        "app.vision.exif",
+        "bench.anchors",
+        "bench.baselines",
+        "bench.commands",
+        "bench.evaluation",
+        "bench.keyframes",
+        "bench.recordings",
+        "bench.render",
+        "bench.reports",
+        "bench.simulation",
+        "bench.tracking",
+        "bench.venue",
+    },
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DataClass:
+    """A dataclass in the source: the number of its fields, and whether it takes them by keyword only."""
+
+    fields: int
+    is_keyword_only: bool
+
+
+@dataclass(slots=True)
+class Source:
+    """A module: its syntax tree, and the full names of what its names stand for."""
+
+    name: str
+    tree: ast.Module
+    names: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.ImportFrom):
+                self.names |= {each.asname or each.name: f"{node.module}.{each.name}" for each in node.names}
+            elif isinstance(node, ast.Import):
+                self.names |= {each.asname: each.name for each in node.names if each.asname}
+            elif isinstance(node, ast.ClassDef):
+                self.names[node.name] = f"{self.name}.{node.name}"
+
+    def full_name(self, node: ast.expr) -> str:
+        """Return the full name that an expression such as `Pose` or `se3.Pose` stands for, empty for any other."""
+        if isinstance(node, ast.Name):
+            return self.names.get(node.id, node.id)
+        if isinstance(node, ast.Attribute) and (base := self.full_name(node.value)):
+            return f"{base}.{node.attr}"
+        return ""
+
+
+def sources() -> list[Source]:
+    modules = {**modules_of("app"), **modules_of("bench")}
+    return [
+        Source(name, ast.parse(module.path.read_text(encoding="utf-8"))) for name, module in modules.items()
+    ]
+
+
+def decorator_of(source: Source, node: ast.ClassDef) -> ast.expr | None:
+    """Return the dataclass decorator of a class, or None."""
+    for each in node.decorator_list:
+        if source.full_name(each.func if isinstance(each, ast.Call) else each) == "dataclasses.dataclass":
+            return each
+    return None
+
+
+def dataclasses_of(all_sources: list[Source]) -> dict[str, DataClass]:
+    """Return all dataclasses by their full names; inherited fields are counted."""
+    own: dict[str, tuple[int, bool, list[str]]] = {}
+    for source in all_sources:
+        for node in ast.walk(source.tree):
+            if not isinstance(node, ast.ClassDef) or (decorator := decorator_of(source, node)) is None:
+                continue
+            keywords = decorator.keywords if isinstance(decorator, ast.Call) else []
+            count = sum(
+                isinstance(each, ast.AnnAssign) and "ClassVar" not in ast.unparse(each.annotation)
+                for each in node.body
+            )
+            by_keyword = any(each.arg == "kw_only" and ast.unparse(each.value) == "True" for each in keywords)
+            bases = [source.full_name(each) for each in node.bases]
+            own[f"{source.name}.{node.name}"] = count, by_keyword, bases
+
+    def fields_of(name: str) -> int:
+        count, _, bases = own.get(name, (0, False, []))
+        return count + sum(fields_of(base) for base in bases)
+
+    return {name: DataClass(fields_of(name), by_keyword) for name, (_, by_keyword, _) in own.items()}
+
+
+def long_calls(source: Source, classes: dict[str, DataClass]) -> Iterator[str]:
+    """Yield the calls of dataclasses with more than five positional values."""
+    for node in ast.walk(source.tree):
+        if isinstance(node, ast.Call) and len(node.args) > MAX_POSITIONAL:
+            name = source.full_name(node.func)
+            if name in classes:
+                yield f"{source.name}:{node.lineno}: {name}"
+
+
+def joined_constants(source: Source) -> Iterator[str]:
+    """Yield the assignments of several values to several names at the top of a module, as in `A, B = 1, 2`."""
+    for node in source.tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
+            for each in node.targets:
+                if isinstance(each, ast.Tuple):
+                    yield f"{source.name}:{node.lineno}: {ast.unparse(each)}"
+
+
+def is_pending(rule: str, module: str) -> bool:
+    return any(f"{module}.".startswith(f"{each}.") for each in PENDING[rule])
+
+
+SOURCES = sources()
+CLASSES = dataclasses_of(SOURCES)
+
+
+def test_no_call_of_a_dataclass_has_more_than_five_positional_values() -> None:
+    wrong = [
+        call for each in SOURCES if not is_pending("calls", each.name) for call in long_calls(each, CLASSES)
+    ]
+    assert not wrong
+
+
+def test_dataclasses_of_six_or_more_fields_are_keyword_only() -> None:
+    wrong = [
+        name
+        for name, each in CLASSES.items()
+        if each.fields > MAX_POSITIONAL and not each.is_keyword_only and not is_pending("keyword-only", name)
+    ]
+    assert not wrong
+
+
+def test_each_constant_has_a_line_of_its_own() -> None:
+    wrong = [
+        line for each in SOURCES if not is_pending("constants", each.name) for line in joined_constants(each)
+    ]
+    assert not wrong
+
+
+def test_what_is_pending_exists() -> None:
+    names = {each.name for each in SOURCES}
+    pending = set().union(*PENDING.values())
+    assert {each for each in pending if not any(f"{name}.".startswith(f"{each}.") for name in names)} == set()
+
+
+SAMPLE = """
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import ClassVar
+
+from other import Elsewhere, plain
+
+LOW, HIGH = 1, 2
+SINGLE = (1, 2)
+FOUND, LEFT = plain()
+
+
+@dataclass(frozen=True)
+class Base:
+    a: int
+    b: int
+    c: int
+    kind: ClassVar[str] = ""
+
+
+@dataclasses.dataclass
+class Long(Base):
+    d: int
+    e: int
+    f: int
+
+
+@dataclass(kw_only=True)
+class Named(Base):
+    d: int
+    e: int
+    f: int
+
+
+class Plain:
+    pass
+
+
+Long(1, 2, 3, 4, 5, 6)
+Long(1, 2, 3, 4, 5, f=6)
+Plain(1, 2, 3, 4, 5, 6)
+Elsewhere(1, 2, 3, 4, 5, 6)
+plain(1, 2, 3, 4, 5, 6)
+"""
+
+
+def test_the_checks_see_what_they_should() -> None:
+    sample = Source("sample", ast.parse(SAMPLE))
+    other = Source(
+        "other", ast.parse("from dataclasses import dataclass\n@dataclass\nclass Elsewhere:\n    a: int")
+    )
+    classes = dataclasses_of([sample, other])
+    assert classes == {
+        "sample.Base": DataClass(3, False),
+        "sample.Long": DataClass(6, False),
+        "sample.Named": DataClass(6, True),
+        "other.Elsewhere": DataClass(1, False),
+    }
+    lines = SAMPLE.splitlines()
+    calls = [lines.index(f"{name}(1, 2, 3, 4, 5, 6)") + 1 for name in ("Long", "Elsewhere")]
+    assert list(long_calls(sample, classes)) == [
+        f"sample:{calls[0]}: sample.Long",
+        f"sample:{calls[1]}: other.Elsewhere",
+    ]
+    assert list(joined_constants(sample)) == [f"sample:{lines.index('LOW, HIGH = 1, 2') + 1}: (LOW, HIGH)"]
+    assert CLASSES["app.geometry.bundle.Bundle"].is_keyword_only
+    assert len(CLASSES) > 100
