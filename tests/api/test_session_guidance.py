@@ -117,7 +117,8 @@ def test_who_leaves_the_route_gets_a_new_one(house: Server, video: list[View]) -
     moved = collection(
         landmark("window", 1.6, 1.3), landmark("gate", 9.0, 1.3), link((1.6, 1.3), (9.0, 1.3), id="out")
     )
-    way = cast(FastAPI, cast(TestClient, house.client).app).state.roomfix.services.sessions._live[session].way
+    sessions = cast(FastAPI, cast(TestClient, house.client).app).state.roomfix.services.sessions
+    way = sessions._live.get(session).way
     far = [type(p)(p.floor, p.x + 20.0, p.y, p.along_m) for p in way.route.points]
     way.route = type(way.route)(
         way.route.start,
