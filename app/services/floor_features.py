@@ -6,14 +6,13 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.engine.floors.checks import listed
 from app.engine.floors.collection import parse_features, parse_json, read_collection
 from app.engine.floors.floor import Floor
-from app.engine.floors.geometry import short
 from app.engine.floors.model import Area, FloorFeatures
 from app.engine.floors.places import PlaceIndex, areas_named
 from app.engine.floors.plan_point import PlanPoint
 from app.engine.floors.reading import GeoJson
+from app.engine.floors.sentences import listed, short
 from app.engine.navigation.network import check_walkable
 from app.errors import NotFoundError
 from app.limits import limit
@@ -30,7 +29,7 @@ class FeatureCacheOptions:
     floors: int = limit(
         256,
         "Floors whose features are kept in memory, those used last.",
-        chosen="By hand: more floors than the buildings of one server have, at a few megabytes for a large one.",
+        chosen="By hand: more floors than most servers have, at a few megabytes for a large one.",
     )
 
 

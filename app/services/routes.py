@@ -25,7 +25,7 @@ class NetworkCacheOptions:
     venues: int = limit(
         16,
         "Venues whose walking network is kept in memory, those used last.",
-        chosen="By hand: a network is built anew in well under a second, so few need to be kept.",
+        chosen="By hand: the network of a few floors is built anew in less than a tenth of a second.",
     )
 
 

@@ -47,7 +47,7 @@ def place_on_floor(floors: Sequence[Floor], floor_id: str, plan_from_phone: Pose
         pose = world_pose(PlanTransform(floor.plan_from_world), plan_from_phone)
         if not floor.z_min_m - HEIGHT_SLACK_M <= pose.translation[2] <= floor.z_max_m + HEIGHT_SLACK_M:
             return None
-    return AnchorPlace(floor, PlanPoint(x, y, heading_deg, u_px, v_px), pose)
+    return AnchorPlace(floor, PlanPoint(x=x, y=y, heading_deg=heading_deg, u_px=u_px, v_px=v_px), pose)
 
 
 def world_pose(plan_from_world: PlanTransform, plan_from_camera: Pose) -> Pose:
