@@ -227,7 +227,8 @@ class _Search:
         steps_m = np.linalg.norm(np.diff(edge.line, axis=0), axis=1)
         if steps_m.sum() < OPTIONS.min_drawn_m:
             return []
-        return list(zip(edge.line[1:], np.cumsum(steps_m) / steps_m.sum(), strict=True))
+        fractions: list[float] = (np.cumsum(steps_m) / steps_m.sum()).tolist()
+        return list(zip(edge.line[1:], fractions, strict=True))
 
     def _point(self, node: Node, along_m: float) -> RoutePoint:
         x, y = self._own[node] if node in self._own else self._network.position(node)
