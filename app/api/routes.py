@@ -9,8 +9,8 @@ from pydantic import BaseModel, Field
 
 from app.api.deps import State, VenueId, require
 from app.api.schemas import problems
-from app.engine.floors.geometry import short
 from app.engine.floors.model import LinkMode
+from app.engine.floors.sentences import short
 from app.engine.navigation.language import Speaker, language_of
 from app.engine.navigation.model import Route, Step, Turn
 from app.engine.navigation.places import Place

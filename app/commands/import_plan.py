@@ -13,7 +13,7 @@ from rich.table import Table
 from app.commands.console import DataDir, JsonFlag, console, settings_from
 from app.engine.navigation.survey import Survey, survey
 from app.importers.wrld_indoor_map import read_indoor_map
-from app.services.feature_library import FeatureLibrary
+from app.services.floor_features import FeatureLibrary
 from app.services.import_plan import STOREY_M, import_indoor_map
 from app.services.resources import Resources
 from app.services.routes import RouteService

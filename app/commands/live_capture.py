@@ -1,18 +1,16 @@
-"""A camera or stream that is read all the time, so that what is taken from it is its newest picture."""
+"""A camera or stream that is read without pause, so that its newest picture is always at hand."""
 
 from __future__ import annotations
 
-import random
 import threading
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.commands.backoff import Backoff
 from app.commands.console import errors
 from app.errors import InvalidInputError
-
-FIRST_WAIT_S, MAX_WAIT_S = 1.0, 60.0
 
 Bgr = NDArray[np.uint8]
 
@@ -20,8 +18,8 @@ Bgr = NDArray[np.uint8]
 class LiveCapture:
     """A device, or a stream by its URL.
 
-    A thread reads it without pause: what nobody reads would queue up on the way and be old when its turn comes. A
-    stream that breaks is opened again after one second, then two, up to a minute.
+    A thread reads it without pause: frames that nobody reads queue up in the driver or network, and are old once
+    they are read. A stream that breaks is opened again after a pause that grows (`Backoff`).
     """
 
     def __init__(self, source: str) -> None:
@@ -39,7 +37,7 @@ class LiveCapture:
         self._thread.start()
 
     def take(self) -> Bgr:
-        """Return the newest picture (height, width, 3), which no call returned before; waits until there is one."""
+        """Return the newest picture (height, width, 3), or wait for it; each picture is returned at most once."""
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None)
             newest, self._newest = self._newest, None
@@ -52,22 +50,20 @@ class LiveCapture:
         self._thread.join()
 
     def _read_on(self, capture: cv2.VideoCapture | None) -> None:
-        wait_s = FIRST_WAIT_S
+        backoff = Backoff()
         while not self._stopped.is_set():
             read, image = (False, None) if capture is None else capture.read()
             if read and image is not None:
-                wait_s = FIRST_WAIT_S
+                backoff.reset()
                 with self._changed:
                     self._newest = np.asarray(image, dtype=np.uint8)
                     self._changed.notify_all()
                 continue
             if capture is not None:
                 capture.release()
-            # A random part keeps many processes from coming back at the same moment.
-            pause = wait_s * random.uniform(0.7, 1.3)
-            errors.print(f"{self._source} gives no pictures; opening it again in {pause:.0f} s")
-            self._stopped.wait(pause)
-            wait_s = min(2.0 * wait_s, MAX_WAIT_S)
+            pause_s = backoff.next_pause_s()
+            errors.print(f"{self._source} gives no pictures; opening it again in {pause_s:.0f} s")
+            self._stopped.wait(pause_s)
             capture = None if self._stopped.is_set() else _opened(self._source)
         if capture is not None:
             capture.release()

@@ -1,11 +1,11 @@
-"""`roomfix push-frames`: the process beside a monitoring camera that sends its newest frame every few seconds."""
+"""`roomfix push-frames`: sends the newest frame of a monitoring camera to the server every few seconds."""
 
 from __future__ import annotations
 
 import os
-import random
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,15 +13,29 @@ import cv2
 import httpx
 import typer
 
+from app.commands.backoff import Backoff
 from app.commands.console import console, errors
 from app.commands.live_capture import LiveCapture
 from app.errors import InvalidInputError
+from app.limits import limit
 
 PICTURES = {".jpg", ".jpeg", ".png", ".webp"}
-FIRST_WAIT_S, MAX_WAIT_S = 1.0, 60.0
-TIMEOUT_S = 20.0
-# What the server will refuse again, however often it is asked.
+# Status codes of answers that stay the same however often the frame is sent.
 LASTING = {400, 401, 403, 404, 413, 415, 422}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PushOptions:
+    """How long a server may take."""
+
+    timeout_s: float = limit(
+        20.0,
+        "Time that the server has for an answer.",
+        chosen="By hand: it answers in a second or two, longer when its queue is full.",
+    )
+
+
+OPTIONS = PushOptions()
 
 
 def push_frames(
@@ -46,7 +60,7 @@ def push_frames(
     key = os.environ.get(key_env)
     headers = {"Authorization": f"Bearer {key}"} if key else {}
     frames = open_frames(source, quality)
-    with httpx.Client(base_url=server, headers=headers, timeout=TIMEOUT_S) as client:
+    with httpx.Client(base_url=server, headers=headers, timeout=OPTIONS.timeout_s) as client:
         sent = 0
         while count is None or sent < count:
             started = time.monotonic()
@@ -60,11 +74,11 @@ def push_frames(
 
 
 def send(client: httpx.Client, anchor: str, frame: bytes, newer: Callable[[], bytes | None]) -> None:
-    """Post one frame, again and again until the server takes it; raises `InvalidInputError` when it never will.
+    """Post one frame until the server accepts it; raises `InvalidInputError` when it refuses for good.
 
-    What is sent after a failure is the frame that `newer` gives, if any: an old one is of no use.
+    After a failure the frame that `newer` returns is sent, if any, since an old frame is of no use.
     """
-    wait_s = FIRST_WAIT_S
+    backoff = Backoff()
     while True:
         try:
             answer = client.post(f"/anchors/{anchor}/frames", files={"image": ("frame.jpg", frame)})
@@ -80,18 +94,17 @@ def send(client: httpx.Client, anchor: str, frame: bytes, newer: Callable[[], by
             problem = _detail(answer)
             if answer.status_code in LASTING:
                 raise InvalidInputError(problem)
-        # A random part keeps many cameras from coming back at the same moment.
-        pause = wait_s * random.uniform(0.7, 1.3)
-        errors.print(f"{problem}; trying again in {pause:.0f} s")
-        time.sleep(pause)
-        wait_s = min(2.0 * wait_s, MAX_WAIT_S)
+        pause_s = backoff.next_pause_s()
+        errors.print(f"{problem}; trying again in {pause_s:.0f} s")
+        time.sleep(pause_s)
         frame = newer() or frame
 
 
 def open_frames(source: str, quality: int = 92) -> Iterator[bytes]:
-    """Return the frames of a source as image files: one picture again and again, a folder's in turn, or a camera's.
+    """Return the frames of a source as image files: one picture repeatedly, the pictures of a folder in turn, or
+    the newest picture of a camera.
 
-    Of a camera each is the newest one. Raises `InvalidInputError` for a source that can't be opened.
+    Raises `InvalidInputError` for a source that can't be opened.
     """
     path = Path(source)
     if path.is_dir():

@@ -1,4 +1,4 @@
-"""A phone, as the server sees one: frames by WebSocket at their rate, and a new connection when one breaks."""
+"""A client that behaves as a phone does: frames by WebSocket at a fixed rate, and a new connection when one breaks."""
 
 from __future__ import annotations
 
@@ -17,16 +17,48 @@ import websockets
 from websockets.asyncio.client import ClientConnection, connect
 
 from app.errors import InvalidInputError, RoomfixError
+from app.limits import limit
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
-JPEG_QUALITY = 90
-RETRY_S = 0.2
 OnAnswer = Callable[["Answer"], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamOptions:
+    """How frames are sent, and how long answers are waited for."""
+
+    jpeg_quality: int = limit(
+        90, "JPEG quality of a video's frames.", chosen="By hand: what phones use by default."
+    )
+    retry_s: float = limit(
+        0.2,
+        "Pause before a connection that broke is made again.",
+        chosen="By hand: two frames at ten a second.",
+    )
+    give_up_s: float = limit(
+        30.0,
+        "Time without any answer after which the stream ends.",
+        chosen="By hand: a server restarts in less.",
+    )
+    start_timeout_s: float = limit(
+        30.0, "Time that the server has to start a session.", chosen="By hand: a full queue empties in less."
+    )
+    last_answer_s: float = limit(
+        5.0,
+        "Time that the answer to the last frame is waited for.",
+        chosen="By hand: a slow query takes about 1 s.",
+    )
+    poll_s: float = limit(
+        0.01, "Time between checks for that answer.", chosen="By hand: below the time of any query."
+    )
+
+
+OPTIONS = StreamOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer: which of the sent frames it is for, from 0, the JSON, when both went over the line."""
+    """An answer: the number of its frame, from 0, its JSON, when the frame was sent and when the answer came."""
 
     sent: int
     body: dict[str, Any]
@@ -35,13 +67,13 @@ class Answer:
 
     @property
     def latency_ms(self) -> float:
-        """From the frame's leaving to its answer."""
+        """Time from sending the frame to receiving its answer."""
         return 1e3 * (self.received_at - self.sent_at)
 
 
 @dataclass(slots=True)
 class StreamLog:
-    """What a phone has seen: frames sent and the number of the last one, answers, connections made again."""
+    """What happened: the number of frames sent, the number of the last one, repeated connections, and the answers."""
 
     sent: int = 0
     last: int = -1
@@ -49,30 +81,32 @@ class StreamLog:
     answers: list[Answer] = field(default_factory=list)
 
 
-def read_frames(source: Path, limit: int | None = None) -> list[bytes]:
-    """Return the frames of a folder's images, by name, or of a video file as JPEG; at most `limit`.
+def read_frames(source: Path, max_frames: int | None = None) -> list[bytes]:
+    """Return the frames of a folder's images, by name, or of a video file as JPEG; at most `max_frames`.
 
     Raises `InvalidInputError` for a source without frames.
     """
     if source.is_dir():
-        files = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)[:limit]
+        files = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)[:max_frames]
         frames = [path.read_bytes() for path in files]
     else:
-        frames = _video_frames(source, limit)
+        frames = _video_frames(source, max_frames)
     if not frames:
         raise InvalidInputError(f"{source} holds no frames: give a folder of JPEG, PNG or WebP, or a video.")
     return frames
 
 
-def _video_frames(source: Path, limit: int | None) -> list[bytes]:
+def _video_frames(source: Path, max_frames: int | None) -> list[bytes]:
     video = cv2.VideoCapture(str(source))
     frames: list[bytes] = []
     try:
-        while limit is None or len(frames) < limit:
+        while max_frames is None or len(frames) < max_frames:
             read, image = video.read()
             if not read:
                 break
-            frames.append(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes())
+            frames.append(
+                cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, OPTIONS.jpeg_quality])[1].tobytes()
+            )
     finally:
         video.release()
     return frames
@@ -81,7 +115,9 @@ def _video_frames(source: Path, limit: int | None) -> list[bytes]:
 def start_session(server: str, key: str | None, **fields: Any) -> str:
     """Start a session and return its id; raises `RoomfixError` with the server's sentence."""
     given = {name: value for name, value in fields.items() if value is not None}
-    answer = httpx.post(f"{server}/sessions", json=given, headers=_headers(key), timeout=30.0)
+    answer = httpx.post(
+        f"{server}/sessions", json=given, headers=_headers(key), timeout=OPTIONS.start_timeout_s
+    )
     if answer.status_code != 201:
         raise RoomfixError(str(answer.json().get("detail", answer.text)))
     return str(answer.json()["session"])
@@ -99,14 +135,14 @@ async def stream_frames(
     fps: float = 10.0,
     key: str | None = None,
     on_answer: OnAnswer | None = None,
-    give_up_s: float = 30.0,
+    give_up_s: float = OPTIONS.give_up_s,
     is_enough: Callable[[], bool] = lambda: False,
 ) -> StreamLog:
-    """Send frames at their rate, whether the last one was answered or not, and return what came back.
+    """Send frames at a fixed rate, without waiting for answers, and return what happened.
 
-    A connection that breaks is made anew, and the session goes on with the frame that is due then: a camera
-    doesn't wait. Ends before the last frame when `is_enough` says so. Raises `RoomfixError` when the server
-    refuses, or stays away for longer than `give_up_s`.
+    A connection that breaks is made again, and the session continues with the frame that is due by then, as with a
+    camera. Ends before the last frame when `is_enough` returns true. Raises `RoomfixError` when the server refuses, or
+    gives no answer for longer than `give_up_s`.
     """
     address = f"{server.replace('http', 'ws', 1)}/sessions/{session}/stream"
     log, started, away_since = StreamLog(), time.perf_counter(), time.perf_counter()
@@ -127,7 +163,7 @@ async def stream_frames(
             newest = log.answers[-1].received_at if log.answers else away_since
             if time.perf_counter() - max(newest, away_since) > give_up_s:
                 raise RoomfixError(f"{server} has not answered for {give_up_s:g} s.") from None
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(OPTIONS.retry_s)
 
 
 async def _send_and_receive(
@@ -163,14 +199,14 @@ async def _send_and_receive(
 
 
 def _due(started: float, fps: float) -> int:
-    """Return the number of the frame that a camera would take now."""
+    """Return the number of the frame that is due now."""
     return int(np.ceil((time.perf_counter() - started) * fps))
 
 
 async def _wait_for_last(receiving: asyncio.Task[None], on_the_way: dict[int, Any], last: int) -> None:
-    limit = time.perf_counter() + 5.0
-    while last in on_the_way and not receiving.done() and time.perf_counter() < limit:
-        await asyncio.sleep(0.01)
+    until = time.perf_counter() + OPTIONS.last_answer_s
+    while last in on_the_way and not receiving.done() and time.perf_counter() < until:
+        await asyncio.sleep(OPTIONS.poll_s)
 
 
 async def _receive(

@@ -9,19 +9,37 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
+from app.limits import limit
 from app.settings import Settings
 
 log = logging.getLogger("roomfix.jobs")
-RESTART_DELAY_S = 1.0
-STOP_TIMEOUT_S = 10.0
-
 WORKER_COMMAND = (sys.executable, "-m", "app.jobs.worker")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SupervisionOptions:
+    """How the worker process is started again and stopped."""
+
+    restart_delay_s: float = limit(
+        1.0,
+        "Pause before a worker that died is started again.",
+        chosen="By hand: a worker that dies at its start must not keep a core busy.",
+    )
+    stop_timeout_s: float = limit(
+        10.0,
+        "Time that a worker has to end before it is killed.",
+        chosen="By hand: it ends at once unless the system is stuck, and service managers wait longer than this.",
+    )
+
+
+OPTIONS = SupervisionOptions()
+
+
 class EmbeddedRunner:
-    """Supervises the worker. The worker lives as long as the pipe to its standard input: a server that is killed
-    takes it along."""
+    """Supervises the worker process. The worker ends when the pipe to its standard input closes, so that it never
+    outlives a server that was killed."""
 
     def __init__(self, settings: Settings, command: Sequence[str] = WORKER_COMMAND) -> None:
         self._settings = settings
@@ -37,7 +55,7 @@ class EmbeddedRunner:
         self._thread.start()
 
     def wake(self) -> None:
-        """Tell the worker to look into the queue now."""
+        """Make the worker check the queue now."""
         process = self._process
         if process is not None and process.stdin is not None:
             with suppress(OSError, ValueError):
@@ -60,12 +78,12 @@ class EmbeddedRunner:
         if process is not None:
             process.terminate()
             try:
-                process.wait(STOP_TIMEOUT_S)
+                process.wait(OPTIONS.stop_timeout_s)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
         if self._thread is not None:
-            self._thread.join(STOP_TIMEOUT_S)
+            self._thread.join(OPTIONS.stop_timeout_s)
 
     def _spawn(self) -> subprocess.Popen[bytes]:
         environment = {**os.environ, **_environment(self._settings)}
@@ -79,16 +97,16 @@ class EmbeddedRunner:
                 if self._stopping.is_set():
                     return
                 log.warning("the build worker ended with code %s; starting it again", code)
-            self._stopping.wait(RESTART_DELAY_S)
+            self._stopping.wait(OPTIONS.restart_delay_s)
             if not self._stopping.is_set():
                 self._process = self._spawn()
-            # `stop` may have looked at the old process while the new one was being started.
+            # `stop` may have terminated the old process while the new one was being started.
             if self._stopping.is_set() and self.alive() and self._process is not None:
                 self._process.kill()
 
 
 def _environment(settings: Settings) -> dict[str, str]:
-    """Return the settings as the environment of the worker, which may have come from the command line here."""
+    """Return the settings as environment variables for the worker; some may come from the server's command line."""
     values = settings.model_dump(mode="json", exclude={"admin_key"})
     values["data_dir"] = str(settings.data_dir.resolve())
     return {f"ROOMFIX_{name.upper()}": str(value) for name, value in values.items() if value is not None}

@@ -1,4 +1,4 @@
-"""What a worker does with a build, whichever runner hands it over."""
+"""What a worker does with a build, for all runners."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import logging
 import shutil
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import timedelta
 
 from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
+from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.run_build import run_build
@@ -16,8 +18,20 @@ from app.storage.builds import BUILD_ID, Build, State, finish_build, recover_bui
 from app.storage.sweep import GRACE, discard_blobs, sweep_blobs, sweep_scratch
 
 log = logging.getLogger("roomfix.jobs")
-# Often enough to watch, seldom enough not to keep the database busy.
-REPORT_INTERVAL_S = 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProgressOptions:
+    """How often progress is written."""
+
+    report_interval_s: float = limit(
+        0.25,
+        "Time between two reports of the same stage.",
+        chosen="By hand: fast enough for somebody who watches, and few writes to the database.",
+    )
+
+
+OPTIONS = ProgressOptions()
 
 
 class BuildProgress:
@@ -30,9 +44,9 @@ class BuildProgress:
         self._reported = 0.0
 
     def report(self, stage: str, done: int, total: int) -> None:
-        """Note where the build is; reports within a quarter second of the last one of a stage are left out."""
+        """Write how far the build is, unless the last report of the same stage was a moment ago."""
         now = time.monotonic()
-        if stage == self._stage and done < total and now - self._reported < REPORT_INTERVAL_S:
+        if stage == self._stage and done < total and now - self._reported < OPTIONS.report_interval_s:
             return
         self._stage, self._reported = stage, now
         with self._resources.database.write() as connection:
@@ -42,7 +56,7 @@ class BuildProgress:
 
 
 def handle_build(build: Build, resources: Resources, library: MapLibrary) -> None:
-    """Run a claimed build to its end, whatever that is; never raises for what is the build's own fault."""
+    """Run a claimed build until it has succeeded, failed or was cancelled; its errors are stored, not raised."""
     try:
         version = run_build(build, resources, library, BuildProgress(resources, build.id))
         log.info("build %s: map version %d of venue %s", build.id, version, build.venue_id)
@@ -57,7 +71,7 @@ def handle_build(build: Build, resources: Resources, library: MapLibrary) -> Non
 
 
 def recover(resources: Resources) -> None:
-    """Take up what a worker that died left: requeue its builds or fail them, and remove their scratch folders.
+    """Queue the builds of a worker that died again, or end them, and remove their scratch folders.
 
     To be called only by a worker that knows that no other one is alive.
     """
@@ -74,7 +88,7 @@ def recover(resources: Resources) -> None:
 
 
 def sweep(resources: Resources, grace: timedelta = GRACE) -> None:
-    """Remove blobs that nothing refers to and scratch files whose process is gone, both older than `grace`.
+    """Remove blobs that nothing refers to and files that dead processes left, when they are older than `grace`.
 
     To be called between builds by a worker that knows that no other one is alive.
     """
@@ -98,5 +112,5 @@ def _finish(resources: Resources, build: Build, state: State, code: str | None, 
         with resources.database.write() as connection:
             finish_build(connection, build.id, state, error_code=code, error=message)
     except (ConflictError, NotFoundError):
-        # The venue was deleted under the build, and the build with it.
+        # The venue was deleted while the build ran, and the build with it.
         log.info("build %s is gone", build.id)

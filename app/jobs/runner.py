@@ -1,4 +1,4 @@
-"""What runs builds: the embedded worker process by default, a distributed queue when scaled out."""
+"""The protocol of what runs builds: by default the embedded worker process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class BuildRunner(Protocol):
         ...
 
     def wake(self) -> None:
-        """Tell that a build was queued."""
+        """Be told that a build was queued."""
         ...
 
     def alive(self) -> bool:
@@ -21,21 +21,21 @@ class BuildRunner(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop; a running build is taken up again at the next start."""
+        """Stop; a running build is queued again at the next start."""
         ...
 
 
 class NoRunner:
-    """For servers whose builds are run elsewhere (`roomfix worker`)."""
+    """The runner of servers whose builds are run by another process (`roomfix worker`)."""
 
     def start(self) -> None:
         """Do nothing."""
 
     def wake(self) -> None:
-        """Do nothing: workers look into the queue by themselves."""
+        """Do nothing: workers check the queue by themselves."""
 
     def alive(self) -> bool:
-        """Return True: nothing is missing here."""
+        """Return True: this process needs no worker."""
         return True
 
     def stop(self) -> None:

@@ -1,7 +1,7 @@
 """The worker process: takes builds from the queue, one at a time.
 
-One worker may run per data folder, so that a worker that starts knows every build marked as running to be one
-whose worker died.
+At most one worker runs for a data folder. So a worker that starts knows that every build marked as running has lost
+its worker.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import signal
 import sys
 import threading
 import time
+from dataclasses import dataclass
 
 from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lock import WorkerLock
+from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
@@ -22,8 +24,25 @@ from app.storage.builds import claim_build
 
 log = logging.getLogger("roomfix.worker")
 LOCK_NAME = "worker.lock"
-POLL_S = 2.0
-SWEEP_INTERVAL_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerOptions:
+    """How often the worker checks for work."""
+
+    poll_s: float = limit(
+        2.0,
+        "Time between two checks of the queue; the server of an embedded worker wakes it at once.",
+        chosen="By hand: a build takes minutes, so a wait of seconds doesn't matter.",
+    )
+    sweep_interval_s: float = limit(
+        3600.0,
+        "Time between two sweeps of blobs and scratch files.",
+        chosen="By hand: orphans are rare and harmless.",
+    )
+
+
+OPTIONS = WorkerOptions()
 
 
 def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event) -> None:
@@ -50,14 +69,14 @@ def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -
             log.info("build %s of venue %s starts", build.id, build.venue_id)
             handle_build(build, resources, library)
             continue
-        if time.monotonic() - swept > SWEEP_INTERVAL_S:
+        if time.monotonic() - swept > OPTIONS.sweep_interval_s:
             swept = time.monotonic()
             sweep(resources)
-        wake.wait(POLL_S)
+        wake.wait(OPTIONS.poll_s)
 
 
 def _follow_parent(wake: threading.Event) -> None:
-    """Wake at each line from the server; end with it, at once, when the pipe closes."""
+    """Wake the worker at each line from the server; end the process at once when the pipe closes."""
     while sys.stdin.buffer.readline():
         wake.set()
     os._exit(0)
@@ -67,7 +86,7 @@ def main() -> None:
     """Run as the embedded worker: standard input is the pipe from the server."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     wake, stop = threading.Event(), threading.Event()
-    # A build is safe to cut anywhere, so ending at once is the right way to end.
+    # A build can be interrupted anywhere without harm, so the process ends at once.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, args=(wake,), daemon=True).start()

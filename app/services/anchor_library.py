@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from threading import Lock
+from dataclasses import dataclass
 
 from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.live_anchor import LiveAnchor, mounted_camera
+from app.limits import limit
+from app.lru import LruCache
 from app.services.resources import Resources
 from app.storage.anchors import frame_features, list_anchors, list_frames
 from app.storage.db import now
 from app.storage.floors import list_floors
 
-# Frames whose features stay in memory, about 4 MB each as the unit vectors that matching needs.
-CAPACITY = 64
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorCacheOptions:
+    """How many frames' features stay in memory."""
+
+    frames: int = limit(
+        64,
+        "Newest frames of monitoring cameras whose features are kept in memory, those used last.",
+        chosen="By hand: about 4 MB each with the unit vectors that matching needs, so 256 MB at most.",
+    )
+
+
+OPTIONS = AnchorCacheOptions()
 
 
 class AnchorLibrary:
@@ -21,8 +33,7 @@ class AnchorLibrary:
 
     def __init__(self, resources: Resources) -> None:
         self._resources = resources
-        self._lock = Lock()
-        self._open: OrderedDict[str, AnchorFeatures] = OrderedDict()
+        self._open: LruCache[str, AnchorFeatures] = LruCache(OPTIONS.frames)
 
     def live(self, venue_id: str, floor_id: str | None = None) -> list[LiveAnchor]:
         """Return the anchors of a venue, or of one floor, whose newest frame is not too old."""
@@ -49,20 +60,14 @@ class AnchorLibrary:
         return found
 
     def _features(self, frame_id: str) -> AnchorFeatures | None:
-        with self._lock:
-            features = self._open.get(frame_id)
-            if features is not None:
-                self._open.move_to_end(frame_id)
-                return features
+        features = self._open.get(frame_id)
+        if features is not None:
+            return features
         with self._resources.database.read() as connection:
             packed = frame_features(connection, frame_id)
         if packed is None:
             return None
         features = AnchorFeatures.unpack(packed)
-        if features is None:
-            return None
-        with self._lock:
-            self._open[frame_id] = features
-            while len(self._open) > CAPACITY:
-                self._open.popitem(last=False)
+        if features is not None:
+            self._open.put(frame_id, features)
         return features

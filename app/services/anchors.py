@@ -120,7 +120,15 @@ class AnchorService:
         visible = visible_pois(spec, camera, features)
         blob = resources.blobs.put(image) if spec.store_images else None
         count = len(features.akaze) + len(features.xfeat)
-        frame = AnchorFrameRow(anchor.id, uuid.uuid4().hex, received_at, camera, count, visible, blob)
+        frame = AnchorFrameRow(
+            anchor_id=anchor.id,
+            id=uuid.uuid4().hex,
+            received_at=received_at,
+            camera=camera,
+            feature_count=count,
+            pois_visible=visible,
+            image_blob=blob,
+        )
         with resources.database.write() as connection:
             hold_blobs(connection)
             present = get_anchor(connection, anchor.id)

@@ -1,20 +1,48 @@
-"""Features of a floor in the database."""
+"""The features of floors: checked and stored, and kept in memory until they change."""
 
 from __future__ import annotations
 
-from app.engine.floors.collection import parse_features, parse_json
-from app.engine.floors.model import FloorFeatures
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.engine.floors.collection import parse_features, parse_json, read_collection
+from app.engine.floors.floor import Floor
+from app.engine.floors.model import Area, FloorFeatures
+from app.engine.floors.places import PlaceIndex, areas_named
+from app.engine.floors.plan_point import PlanPoint
 from app.engine.floors.reading import GeoJson
+from app.engine.floors.sentences import listed, short
 from app.engine.navigation.network import check_walkable
+from app.errors import NotFoundError
+from app.limits import limit
+from app.lru import LruCache
 from app.services.resources import Resources
+from app.storage.db import Database
 from app.storage.floors import get_features, get_floor, list_floors, set_features
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeatureCacheOptions:
+    """How many floors' features stay in memory."""
+
+    floors: int = limit(
+        256,
+        "Floors whose features are kept in memory, those used last.",
+        chosen="By hand: more floors than most servers have, at a few megabytes for a large one.",
+    )
+
+
+OPTIONS = FeatureCacheOptions()
 
 
 def store_features(
     resources: Resources, venue_id: str, floor_id: str, collection: bytes | GeoJson
 ) -> FloorFeatures:
-    """Check a floor's features and put them in place of those before; raises `InvalidInputError`,
-    `NotFoundError`."""
+    """Check a floor's features and store them in place of the ones before.
+
+    Raises `InvalidInputError` that names the feature, and `NotFoundError`.
+    """
     value = parse_json(collection) if isinstance(collection, bytes) else collection
     with resources.database.read() as connection:
         get_floor(connection, venue_id, floor_id)
@@ -27,6 +55,55 @@ def store_features(
 
 
 def stored_features(resources: Resources, venue_id: str, floor_id: str) -> GeoJson:
-    """Return a floor's features as GeoJSON, none for a floor that was given none; raises `NotFoundError`."""
+    """Return a floor's features as GeoJSON, an empty collection when it has none; raises `NotFoundError`."""
     with resources.database.read() as connection:
         return get_features(connection, venue_id, floor_id).collection
+
+
+class FeatureLibrary:
+    """Gives the features of floors, read again only when they have changed. Safe to share between threads."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._indexes: LruCache[tuple[str, str, str], PlaceIndex] = LruCache(OPTIONS.floors)
+
+    def index(self, floor: Floor) -> PlaceIndex:
+        """Return the areas and landmarks of a floor; an empty index for a floor without features."""
+        digest = floor.features_sha256
+        if digest is None:
+            return PlaceIndex(FloorFeatures())
+        kept = self._indexes.get((floor.venue_id, floor.id, digest))
+        if kept is not None:
+            return kept
+        with self._database.read() as connection:
+            stored = get_features(connection, floor.venue_id, floor.id)
+        index = PlaceIndex(read_collection(stored.collection, floor.id)[1])
+        # Under the digest of what was read: the features may have changed after the floor was read.
+        self._indexes.put((floor.venue_id, floor.id, stored.sha256 or ""), index)
+        return index
+
+    def features(self, floor: Floor) -> FloorFeatures:
+        """Return the features of a floor."""
+        return self.index(floor).features
+
+    def described(self, plan: PlanPoint, floor: Floor) -> PlanPoint:
+        """Return a plan point with its area and nearest landmark."""
+        index = self.index(floor)
+        area = index.area(plan.x, plan.y)
+        nearest = index.nearest_landmark(plan.x, plan.y)
+        return dataclasses.replace(
+            plan,
+            area=None if area is None else area.id,
+            area_name=None if area is None else area.name,
+            nearest_landmark=None if nearest is None else nearest.landmark.id,
+            nearest_landmark_name=None if nearest is None else nearest.landmark.name,
+            nearest_landmark_m=None if nearest is None else nearest.distance_m,
+        )
+
+    def areas(self, floors: Sequence[Floor], text: str) -> list[tuple[Floor, Area]]:
+        """Return the areas of an id or name on these floors; raises `NotFoundError` when there is none."""
+        found = [(floor, area) for floor in floors for area in areas_named(self.features(floor), text)]
+        if not found:
+            known = sorted({area.id for floor in floors for area in self.features(floor).areas})
+            raise NotFoundError(f"There is no area {short(text)} on these floors; there are {listed(known)}.")
+        return found

@@ -34,7 +34,14 @@ def store_plan_image(
         raise InvalidInputError("A plan image must be a PNG or JPEG file.")
     height, width = decode_image(data, resources.settings.max_image_pixels).shape[:2]
     assert media_type is not None  # noqa: S101 - empty data was refused by decode_image
-    plan = PlanImage(resources.blobs.put(data), media_type, width, height, meters_per_pixel, origin_px)
+    plan = PlanImage(
+        blob=resources.blobs.put(data),
+        media_type=media_type,
+        width_px=width,
+        height_px=height,
+        meters_per_pixel=meters_per_pixel,
+        origin_px=origin_px,
+    )
     with resources.database.write() as connection:
         hold_blobs(connection)
         if not resources.blobs.contains(plan.blob):

@@ -13,7 +13,7 @@ from app.engine.stage_timer import StageTimer
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.anchor_locator import AnchorLocator
-from app.services.feature_library import FeatureLibrary
+from app.services.floor_features import FeatureLibrary
 from app.services.localizers import localizer_on, vdm_localizer_on
 from app.services.locate_result import (
     LocateRequest,

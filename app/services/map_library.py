@@ -3,28 +3,52 @@
 from __future__ import annotations
 
 import logging
-from collections import OrderedDict
 from collections.abc import Iterable
-from threading import Lock
+from dataclasses import dataclass
 
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
 from app.errors import RoomfixError
+from app.limits import limit
+from app.lru import LruCache
 from app.services.resources import Resources
 from app.storage.maps import MapVersion, active_version
 from app.vision.index import GlobalIndex
 
 log = logging.getLogger("roomfix.maps")
-CAPACITY = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapCacheOptions:
+    """How much of the maps stays open."""
+
+    open_bytes: int = limit(
+        4_000_000_000,
+        "Sum of the file sizes of the maps that are kept open, those used last.",
+        chosen="By hand: map files are memory-mapped, so most of it is page cache that the system can take back.",
+    )
+
+
+OPTIONS = MapCacheOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """An open map and the size of its files."""
+
+    opened: OpenMap
+    file_bytes: int
 
 
 class MapLibrary:
-    """Gives the open map of a venue's active version; holds the last 16 maps used, memory-mapped."""
+    """Gives the open map of a venue's active version; keeps the maps used last open, bounded by their size.
+
+    A map that is being opened holds up only those who ask for it.
+    """
 
     def __init__(self, resources: Resources) -> None:
         self._resources = resources
-        self._lock = Lock()
-        self._open: OrderedDict[str, OpenMap] = OrderedDict()
+        self._open: LruCache[str, _Entry] = LruCache(OPTIONS.open_bytes, lambda entry: entry.file_bytes)
 
     def active(self, venue_id: str) -> tuple[OpenMap, MapVersion] | None:
         """Return the open map and the version that serve a venue, or None while it has no map.
@@ -45,21 +69,14 @@ class MapLibrary:
 
     def open(self, version: MapVersion) -> OpenMap:
         """Return a version's map, opened when it is not open yet."""
-        with self._lock:
-            key = version.artifact_blob + version.index_blob
-            opened = self._open.get(key)
-            if opened is None:
-                opened = self._load(version)
-                self._open[key] = opened
-            self._open.move_to_end(key)
-            while len(self._open) > CAPACITY:
-                self._open.popitem(last=False)
-            return opened
+        key = version.artifact_blob + version.index_blob
+        return self._open.get_or_make(key, lambda: self._load(version)).opened
 
-    def _load(self, version: MapVersion) -> OpenMap:
+    def _load(self, version: MapVersion) -> _Entry:
         blobs = self._resources.blobs
-        artifact = MapArtifact.open(blobs.local_path(version.artifact_blob))
-        index = GlobalIndex.open(blobs.local_path(version.index_blob))
+        paths = blobs.local_path(version.artifact_blob), blobs.local_path(version.index_blob)
+        artifact, index = MapArtifact.open(paths[0]), GlobalIndex.open(paths[1])
         # Reads every page of the index once, which the first query would wait for.
         index.search(index.descriptor(0), 1)
-        return OpenMap.of(artifact, index, self._resources.models)
+        opened = OpenMap.of(artifact, index, self._resources.models)
+        return _Entry(opened, sum(path.stat().st_size for path in paths))

@@ -7,7 +7,8 @@ from typing import Any
 
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint
-from app.engine.navigation.guidance import ARROW_AHEAD_M, Guidance, guide
+from app.engine.navigation.guidance import OPTIONS as GUIDANCE
+from app.engine.navigation.guidance import Guidance, guide
 from app.engine.navigation.language import Speaker, language_of
 from app.engine.navigation.model import Route
 from app.engine.navigation.places import PlanPlace, parse_place
@@ -115,6 +116,6 @@ def _go_on_m(way: Way, time_s: float) -> float | None:
     away_s = abs(time_s - way.told_s)
     if told.turn in ("up", "down") and told.bearing_deg is None:
         return told.distance_m if away_s <= GO_ON_FLOOR_S else None
-    stretch_m = min(max(told.distance_m, ARROW_AHEAD_M), GO_ON_M)
+    stretch_m = min(max(told.distance_m, GUIDANCE.arrow_ahead_m), GO_ON_M)
     needed_s = abs(told.bearing_deg or 0.0) / TURN_DEG_S + stretch_m / PACE_M_S
     return stretch_m if away_s <= needed_s else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import partial
@@ -40,8 +39,9 @@ from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
-from app.services.feature_library import FeatureLibrary
+from app.services.floor_features import FeatureLibrary
 from app.services.localizers import localizer_on
 from app.services.locate_result import LocateResult
 from app.services.map_library import MapLibrary
@@ -122,8 +122,7 @@ class SessionService:
         self._guide = SessionGuide(routes)
         self._anchors = anchors
         self._tracking = tracking or TrackerSettings()
-        self._lock = Lock()
-        self._live: OrderedDict[str, _Live] = OrderedDict()
+        self._live: LruCache[str, _Live] = LruCache(resources.settings.session_live_max)
 
     @property
     def timeout(self) -> timedelta:
@@ -165,7 +164,7 @@ class SessionService:
             change_session(connection, session_id, values)
             if "camera" in values:
                 # What was followed with the old one is void.
-                self._drop(session_id)
+                self._live.drop(session_id)
             return get_session(connection, session_id, self.timeout)
 
     def place(self, session_id: str, venue_id: str) -> PlanPlace:
@@ -184,7 +183,7 @@ class SessionService:
         """Delete a session; raises `NotFoundError`."""
         with self._resources.database.write() as connection:
             delete_session(connection, session_id)
-        self._drop(session_id)
+        self._live.drop(session_id)
 
     def process(self, session_id: str, frame: SessionFrame) -> SessionResult:
         """Answer a frame. What it led to is committed when this returns.
@@ -194,7 +193,7 @@ class SessionService:
         has changed.
         """
         timer = StageTimer()
-        live = self._live_of(session_id)
+        live = self._live.get_or_make(session_id, _Live)
         if not live.lock.acquire(blocking=False):
             raise ConflictError(
                 "Another frame of this session is being worked on: wait for its answer, or use the stream."
@@ -204,22 +203,10 @@ class SessionService:
             self._bring_up_to_date(live, session)
             return self._answer(session, live, frame, timer)
         except NotFoundError:
-            self._drop(session_id)
+            self._live.drop(session_id)
             raise
         finally:
             live.lock.release()
-
-    def _live_of(self, session_id: str) -> _Live:
-        with self._lock:
-            live = self._live.setdefault(session_id, _Live())
-            self._live.move_to_end(session_id)
-            while len(self._live) > self._resources.settings.session_live_max:
-                self._live.popitem(last=False)
-            return live
-
-    def _drop(self, session_id: str) -> None:
-        with self._lock:
-            self._live.pop(session_id, None)
 
     def _bring_up_to_date(self, live: _Live, session: Session) -> None:
         """Read from the database what memory doesn't hold: after a restart, or when another server had frames."""

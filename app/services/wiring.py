@@ -8,7 +8,7 @@ from app.engine.anchors.features import AnchorDescriber
 from app.engine.tracking.settings import TrackerSettings
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
-from app.services.feature_library import FeatureLibrary
+from app.services.floor_features import FeatureLibrary
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources

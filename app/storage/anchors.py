@@ -16,9 +16,9 @@ from app.storage.db import as_utc, now
 from app.storage.tables import anchor_frames, anchors
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorFrameRow:
-    """What is known of an anchor's newest frame, without its features."""
+    """The newest frame of an anchor, without its features."""
 
     anchor_id: str
     id: str
@@ -32,7 +32,7 @@ class AnchorFrameRow:
 def put_anchor(connection: Connection, anchor_id: str, spec: AnchorSpec) -> Anchor:
     """Add or replace an anchor; raises `ConflictError` when another venue has the id.
 
-    A changed anchor keeps its newest frame only while that fits: same camera and POIs.
+    A changed anchor keeps its newest frame only while camera, POIs and position stay the same.
     """
     values = {**_columns(spec), "updated_at": now()}
     found = connection.execute(select(anchors).where(anchors.c.id == anchor_id)).first()
@@ -74,19 +74,19 @@ def delete_anchor(connection: Connection, anchor_id: str) -> None:
 
 
 def set_calibration(connection: Connection, anchor_id: str, calibration: dict[str, Any] | None) -> Anchor:
-    """Store where the map says that the camera is; raises `NotFoundError`."""
+    """Store the pose of the camera that was found in the map; raises `NotFoundError`."""
     connection.execute(update(anchors).where(anchors.c.id == anchor_id).values(calibration=calibration))
     return get_anchor(connection, anchor_id)
 
 
 def count_uses(connection: Connection, anchor_ids: Sequence[str]) -> None:
-    """Note that anchors have just located a phone."""
+    """Count that anchors have located a phone, and when."""
     used = anchors.c.id.in_(list(anchor_ids))
     connection.execute(update(anchors).where(used).values(uses=anchors.c.uses + 1, last_used_at=now()))
 
 
 def set_frame(connection: Connection, frame: AnchorFrameRow, features: bytes) -> str | None:
-    """Make a frame an anchor's newest one; return the image blob of the frame before, now unneeded, if any."""
+    """Make a frame an anchor's newest one; return the image blob of the frame before when it is no longer needed."""
     before = connection.execute(
         select(anchor_frames.c.image_blob).where(anchor_frames.c.anchor_id == frame.anchor_id)
     ).scalar()
@@ -120,7 +120,7 @@ def frame_features(connection: Connection, frame_id: str) -> bytes | None:
 
 
 def camera_as_json(camera: Camera | tuple[float, ...]) -> Any:
-    """Return a camera as JSON holds it."""
+    """Return the JSON of a camera."""
     if isinstance(camera, Camera):
         return {
             "model": camera.model,
@@ -138,9 +138,8 @@ def _camera(value: Any) -> Camera | tuple[float, ...]:
 
 
 def _moved(before: AnchorSpec, after: AnchorSpec) -> bool:
-    return (before.floor_id, before.x, before.y, before.height_m) != (
-        after.floor_id, after.x, after.y, after.height_m
-    )  # fmt: skip
+    places = [(spec.floor_id, spec.x, spec.y, spec.height_m) for spec in (before, after)]
+    return places[0] != places[1]
 
 
 def _columns(spec: AnchorSpec) -> dict[str, Any]:
@@ -194,5 +193,11 @@ def _frame(row: Row[Any]) -> AnchorFrameRow:
     assert received is not None  # noqa: S101 - the column is not nullable
     assert isinstance(camera, Camera)  # noqa: S101 - stored with its size
     return AnchorFrameRow(
-        row.anchor_id, row.id, received, camera, row.feature_count, tuple(row.pois_visible), row.image_blob
+        anchor_id=row.anchor_id,
+        id=row.id,
+        received_at=received,
+        camera=camera,
+        feature_count=row.feature_count,
+        pois_visible=tuple(row.pois_visible),
+        image_blob=row.image_blob,
     )

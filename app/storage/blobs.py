@@ -7,6 +7,7 @@ import os
 import uuid
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,16 +15,30 @@ import obstore
 from obstore.store import LocalStore, ObjectStore, from_url
 
 from app.errors import NotFoundError
+from app.limits import limit
 from app.storage.db import now
 
 PREFIX = "sha256"
-READ_CHUNK = 1 << 20
-# obstore writes a local file under this kind of name, then renames it; a killed process leaves it behind.
+# obstore writes a local file under a name with this mark, then renames it; a killed process leaves it behind.
 STAGING_MARK = "#"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlobOptions:
+    """How blobs are read."""
+
+    read_chunk_bytes: int = limit(
+        1 << 20,
+        "Bytes of a file that are read and hashed at a time.",
+        chosen="By hand: few calls, and little memory.",
+    )
+
+
+OPTIONS = BlobOptions()
+
+
 class BlobStore:
-    """Bytes by their SHA-256. A blob is there whole or not at all, and never changes."""
+    """Stores bytes by their SHA-256. A blob is stored whole or not at all, and never changes."""
 
     def __init__(self, store: ObjectStore, cache_dir: Path, root: Path | None = None) -> None:
         self._store = store
@@ -42,7 +57,7 @@ class BlobStore:
     def put(self, data: bytes) -> str:
         """Store bytes and return their SHA-256."""
         digest = hashlib.sha256(data).hexdigest()
-        # Written even if it is there: that renews its age, which the sweep goes by.
+        # Written even when it exists: that renews its age, and the sweep deletes only old blobs.
         obstore.put(self._store, _path(digest), data)
         return digest
 
@@ -50,7 +65,7 @@ class BlobStore:
         """Store a file's contents and return their SHA-256."""
         hasher = hashlib.sha256()
         with path.open("rb") as file:
-            while chunk := file.read(READ_CHUNK):
+            while chunk := file.read(OPTIONS.read_chunk_bytes):
                 hasher.update(chunk)
         digest = hasher.hexdigest()
         obstore.put(self._store, _path(digest), path)
@@ -97,7 +112,7 @@ class BlobStore:
         return True
 
     def delete(self, digests: Iterable[str]) -> None:
-        """Delete blobs; those that are not there are no error."""
+        """Delete blobs; one that doesn't exist is no error."""
         for digest in digests:
             with suppress(FileNotFoundError):
                 obstore.delete(self._store, _path(digest))
@@ -113,7 +128,7 @@ class BlobStore:
         }
 
     def sweep_staging(self, age: timedelta) -> int:
-        """Delete what writes that were cut off longer ago than `age` left behind; return how many."""
+        """Delete the files of writes that were interrupted longer ago than `age`; return their number."""
         if self._root is None:
             return 0
         limit = now() - age
@@ -131,7 +146,7 @@ class BlobStore:
         }
 
     def check_writable(self) -> None:
-        """Raise `OSError` if the store's folder can't be written (a remote store is asked for a listing)."""
+        """Raise `OSError` if the folder of the store can't be written; a remote store is only asked for a listing."""
         if self._root is not None:
             if not os.access(self._root, os.W_OK):
                 raise PermissionError(f"{self._root} can't be written.")

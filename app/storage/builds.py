@@ -11,19 +11,32 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Row, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.limits import limit
 from app.storage.db import as_utc, now
 from app.storage.tables import builds
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 ENDED = ("succeeded", "failed", "cancelled")
-# A build that took its worker down this often is not tried again.
-MAX_ATTEMPTS = 3
 BUILD_ID = re.compile(r"[0-9a-f]{32}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QueueOptions:
+    """When a build is given up."""
+
+    max_attempts: int = limit(
+        3,
+        "Times that a build is started; it fails when its worker died in the last of them.",
+        chosen="By hand: a worker that was stopped twice is bad luck, one that dies three times dies of the build.",
+    )
+
+
+OPTIONS = QueueOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Build:
-    """A build as it is now."""
+    """A build as it stands in the database."""
 
     id: str
     venue_id: str
@@ -45,7 +58,7 @@ class Build:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing will change any more."""
+        """Whether the build is over, so that its row doesn't change any more."""
         return self.state in ENDED
 
 
@@ -100,7 +113,7 @@ def claim_build(connection: Connection) -> Build | None:
 
 
 def report_progress(connection: Connection, build_id: str, stage: str, done: int, total: int) -> bool:
-    """Note how far a build is; return whether it should stop: cancelled, or gone with its venue."""
+    """Store how far a build is; return whether it should stop, since it was cancelled or its venue was deleted."""
     here = (builds.c.id == build_id) & (builds.c.state == "running")
     changed = connection.execute(update(builds).where(here).values(stage=stage, done=done, total=total))
     if changed.rowcount == 0:
@@ -137,7 +150,7 @@ def finish_build(
 
 
 def cancel_build(connection: Connection, build_id: str) -> Build:
-    """Cancel a build: at once when it is queued, else at its next step; raises `ConflictError` if it has ended."""
+    """Cancel a build: at once while it is queued, else at its next report; raises `ConflictError` if it has ended."""
     build = get_build(connection, build_id)
     if build.ended:
         raise ConflictError(f"Build {build_id} has {build.state} already.")
@@ -148,10 +161,10 @@ def cancel_build(connection: Connection, build_id: str) -> Build:
 
 
 def recover_builds(connection: Connection) -> tuple[list[Build], list[Build]]:
-    """Requeue builds whose worker died, or end those that were to be cancelled or died `MAX_ATTEMPTS` times;
-    return both lists.
+    """Queue the builds again whose worker died, and end those that were to be cancelled or have had all their attempts.
 
-    To be called only by a worker that knows that no other one is alive.
+    Returns the builds queued again and the builds ended. To be called only by a worker that knows that no other one is
+    alive.
     """
     requeued, ended = [], []
     for row in connection.execute(select(builds).where(builds.c.state == "running")).all():
@@ -159,7 +172,7 @@ def recover_builds(connection: Connection) -> tuple[list[Build], list[Build]]:
         if build.cancel_requested:
             finish_build(connection, build.id, "cancelled")
             ended.append(get_build(connection, build.id))
-        elif build.attempts >= MAX_ATTEMPTS:
+        elif build.attempts >= OPTIONS.max_attempts:
             message = f"The worker died {build.attempts} times in this build, last in stage {build.stage!r}."
             finish_build(connection, build.id, "failed", error_code="worker_died", error=message)
             ended.append(get_build(connection, build.id))

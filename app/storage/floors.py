@@ -1,4 +1,4 @@
-"""Floors: heights, the way from the world to the plan, the plan image, and what the plan means."""
+"""Floors: heights, `plan_from_world`, the plan image and the features."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from app.engine.floors.floor import Floor, PlanImage
 from app.errors import NotFoundError
 from app.storage.tables import floors
 
-# Features can be megabytes, and every query lists the floors.
+# Features can be megabytes and are not needed to list the floors, which every query does.
 ALL_BUT_FEATURES = [column for column in floors.c if column.name != "features"]
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """A GeoJSON FeatureCollection in plan metres, and its digest, None when nothing was stored."""
+    """A GeoJSON FeatureCollection in plan metres, and its digest, None for a floor without features."""
 
     collection: dict[str, Any]
     sha256: str | None
@@ -121,23 +121,23 @@ def _floor(row: Row[tuple[Any, ...]]) -> Floor:
     plan = None
     if row.plan_blob is not None:
         plan = PlanImage(
-            row.plan_blob,
-            row.plan_media_type,
-            row.plan_width_px,
-            row.plan_height_px,
-            row.plan_meters_per_pixel,
-            (row.plan_origin_px[0], row.plan_origin_px[1]),
+            blob=row.plan_blob,
+            media_type=row.plan_media_type,
+            width_px=row.plan_width_px,
+            height_px=row.plan_height_px,
+            meters_per_pixel=row.plan_meters_per_pixel,
+            origin_px=(row.plan_origin_px[0], row.plan_origin_px[1]),
         )
     matrix = None if row.plan_from_world is None else np.array(row.plan_from_world, dtype=np.float64)
     return Floor(
-        row.venue_id,
-        row.id,
-        row.name,
-        row.level,
-        row.z_min_m,
-        row.z_max_m,
-        matrix,
-        row.plan_residual_m,
-        plan,
-        row.features_sha256,
+        venue_id=row.venue_id,
+        id=row.id,
+        name=row.name,
+        level=row.level,
+        z_min_m=row.z_min_m,
+        z_max_m=row.z_max_m,
+        plan_from_world=matrix,
+        plan_residual_m=row.plan_residual_m,
+        plan=plan,
+        features_sha256=row.features_sha256,
     )

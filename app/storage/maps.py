@@ -1,4 +1,4 @@
-"""Map versions: immutable once they are there; one of them serves the venue."""
+"""Map versions: they never change, and one of them serves the venue."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.storage.tables import keyframe_images, map_versions
 from app.storage.venues import get_venue, set_active_map
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapVersion:
     """A map version: its blobs and the statistics of its build."""
 
@@ -29,8 +29,8 @@ class MapVersion:
 
     @property
     def z_up(self) -> bool:
-        """Whether the z axis of the map's world is known to point up: gravity or `world_from_scan` said so, for
-        its own scan or for the one that it was registered to."""
+        """Whether the z axis of the map's world is known to point up: by gravity or `world_from_scan` of its own scan,
+        or of the scan that it was registered to."""
         placement = self.statistics.get("placement", {})
         return bool(placement.get("z_up", placement.get("source") in ("given", "gravity")))
 
@@ -125,5 +125,11 @@ def _map(row: Row[tuple[Any, ...]]) -> MapVersion:
     created = as_utc(row.created_at)
     assert created is not None  # noqa: S101 - the column is not nullable
     return MapVersion(
-        row.venue_id, row.version, row.build_id, row.artifact_blob, row.index_blob, row.statistics, created
+        venue_id=row.venue_id,
+        version=row.version,
+        build_id=row.build_id,
+        artifact_blob=row.artifact_blob,
+        index_blob=row.index_blob,
+        statistics=row.statistics,
+        created_at=created,
     )

@@ -1,4 +1,4 @@
-"""Sessions: a camera that is tracked, what must not be forgotten of it, and where it went."""
+"""Sessions: a camera that is tracked, the state of its tracker, and its trajectory."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from app.storage.db import as_utc, now
 from app.storage.tables import session_points, sessions
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
-    """A session. `camera` is as JSON, `memory` the tracker's, empty before the first frame; `frames` counts those
-    that were answered."""
+    """A session. `camera` is JSON; `memory` is the tracker's, empty before the first frame; `frames` is the number of
+    answered frames."""
 
     id: str
     venue_id: str
@@ -31,10 +31,10 @@ class Session:
     active_at: datetime
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SessionPoint:
-    """One frame of a trajectory: `pose` world_from_camera as x y z qx qy qz qw, `plan` x, y and heading; None
-    where the frame was not located, or there is no plan."""
+    """One frame of a trajectory. `pose` is world_from_camera as x y z qx qy qz qw, `plan` is x, y in metres and the
+    heading in degrees; each is None when the frame was not located, `plan` also where there is no plan."""
 
     frame: int
     time_s: float
@@ -54,7 +54,17 @@ def create_session(
 ) -> Session:
     """Add a session; raises `NotFoundError` for an unknown venue."""
     moment = now()
-    session = Session(uuid.uuid4().hex, venue_id, camera, destination, language, {}, 0, moment, moment)
+    session = Session(
+        id=uuid.uuid4().hex,
+        venue_id=venue_id,
+        camera=camera,
+        destination=destination,
+        language=language,
+        memory={},
+        frames=0,
+        created_at=moment,
+        active_at=moment,
+    )
     values = {name: getattr(session, name) for name in Session.__slots__}
     try:
         connection.execute(insert(sessions).values(**values))
@@ -64,7 +74,7 @@ def create_session(
 
 
 def get_session(connection: Connection, session_id: str, timeout: timedelta) -> Session:
-    """Return a session; raises `NotFoundError` also for one that had no frame for longer than `timeout`."""
+    """Return a session; raises `NotFoundError`, also for a session without a frame for longer than `timeout`."""
     row = connection.execute(select(sessions).where(sessions.c.id == session_id)).first()
     session = None if row is None else _session(row)
     if session is None or now() - session.active_at > timeout:
@@ -73,7 +83,7 @@ def get_session(connection: Connection, session_id: str, timeout: timedelta) -> 
 
 
 def change_session(connection: Connection, session_id: str, values: dict[str, Any]) -> None:
-    """Change destination, language or camera of a session that is there."""
+    """Change destination, language or camera of an existing session."""
     if values:
         connection.execute(update(sessions).where(sessions.c.id == session_id).values(**values))
 
@@ -86,8 +96,11 @@ def record_frame(
     point: SessionPoint,
     keep_points: int,
 ) -> None:
-    """Note what a frame led to, and drop points older than the last `keep_points`; raises `NotFoundError` when the
-    session was deleted meanwhile."""
+    """Store the outcome of a frame, and delete all but the last `keep_points` points.
+
+    Raises `NotFoundError` when the session was deleted meanwhile, `ConflictError` when another server has answered the
+    same frame.
+    """
     here = sessions.c.id == session.id
     values: dict[str, Any] = {"memory": memory, "frames": point.frame, "active_at": now()}
     if camera != session.camera:
@@ -112,7 +125,7 @@ def delete_session(connection: Connection, session_id: str) -> None:
 
 
 def delete_expired_sessions(connection: Connection, timeout: timedelta) -> int:
-    """Delete sessions that had no frame for longer than `timeout`; return how many."""
+    """Delete sessions without a frame for longer than `timeout`; return their number."""
     return connection.execute(delete(sessions).where(sessions.c.active_at < now() - timeout)).rowcount
 
 
@@ -125,7 +138,10 @@ def list_points(connection: Connection, session_id: str, count: int) -> list[Ses
         .limit(count)
     )
     rows = connection.execute(query).all()
-    return [SessionPoint(*(getattr(row, name) for name in SessionPoint.__slots__)) for row in reversed(rows)]
+    return [
+        SessionPoint(**{name: getattr(row, name) for name in SessionPoint.__slots__})
+        for row in reversed(rows)
+    ]
 
 
 def _gone(session_id: str) -> NotFoundError:
@@ -138,13 +154,13 @@ def _session(row: Row[tuple[Any, ...]]) -> Session:
     created, active = as_utc(row.created_at), as_utc(row.active_at)
     assert created is not None and active is not None  # noqa: S101, PT018 - the columns are not nullable
     return Session(
-        row.id,
-        row.venue_id,
-        row.camera,
-        row.destination,
-        row.language,
-        row.memory,
-        row.frames,
-        created,
-        active,
+        id=row.id,
+        venue_id=row.venue_id,
+        camera=row.camera,
+        destination=row.destination,
+        language=row.language,
+        memory=row.memory,
+        frames=row.frames,
+        created_at=created,
+        active_at=active,
     )

@@ -1,26 +1,41 @@
-"""The blobs that the database refers to, and the removal of all others and of scratch files."""
+"""Removes blobs that the database doesn't refer to, and old scratch files."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
 from sqlalchemy import Connection, select
 
+from app.limits import limit
 from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
 from app.storage.db import Database, hold_blobs, now
 from app.storage.tables import anchor_frames, builds, floors, keyframe_images, map_versions
 
-# Longer than the longest build: its pictures are stored some time before the rows that refer to them.
-GRACE = timedelta(hours=6)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepOptions:
+    """What the sweep leaves alone."""
+
+    grace_h: float = limit(
+        6.0,
+        "Blobs and scratch files younger than this are kept even when nothing refers to them.",
+        chosen="By hand: longer than the longest build, which stores its images some time before the rows that refer "
+        "to them.",
+    )
+
+
+OPTIONS = SweepOptions()
+GRACE = timedelta(hours=OPTIONS.grace_h)
 
 
 def referenced_blobs(connection: Connection) -> set[str]:
-    """Return the SHA-256 of every blob that is still needed; an ended build doesn't need its archive."""
+    """Return the SHA-256 of every blob that is needed; a build that has ended doesn't need its archive."""
     columns = (
         select(floors.c.plan_blob).where(floors.c.plan_blob.is_not(None)),
         select(builds.c.archive_blob).where(builds.c.state.not_in(ENDED)),
@@ -36,13 +51,13 @@ def referenced_blobs(connection: Connection) -> set[str]:
 def discard_blobs(
     database: Database, blobs: BlobStore, digests: Iterable[str], written_by: str | None = None
 ) -> int:
-    """Delete those of the blobs that nothing refers to; return how many.
+    """Delete those of the blobs that nothing refers to; return their number.
 
-    `written_by` names the build that stored them: while others run, which may have stored the same pictures and
-    not published them yet, nothing is deleted.
+    `written_by` is the build that stored them. Nothing is deleted while another build runs, which may have stored the
+    same images without having published them yet.
 
-    Whoever commits a row that refers to a blob looks in that transaction, under `hold_blobs`, whether the blob
-    is still there, and stores it again if not: so a blob that was stored already, its row not yet, is safe.
+    A writer of a row that refers to a blob must check in its transaction, after `hold_blobs`, that the blob exists, and
+    store it again if not. So a blob that was stored before its row is safe.
     """
     with database.write() as connection:
         hold_blobs(connection)
@@ -59,11 +74,11 @@ def _others_run(connection: Connection, build_id: str) -> bool:
 
 
 def sweep_scratch(folder: Path, age: timedelta) -> int:
-    """Delete what processes that were killed longer ago than `age` left in the scratch folder; return how many."""
+    """Delete what killed processes left in the scratch folder and is older than `age`; return the number of entries."""
     limit = (now() - age).timestamp()
     count = 0
     for path in folder.iterdir():
-        # An upload may end, and take its file along, at any moment.
+        # An upload may end, and remove its file, at any moment.
         with suppress(FileNotFoundError):
             if path.stat().st_mtime > limit:
                 continue
@@ -76,5 +91,5 @@ def sweep_scratch(folder: Path, age: timedelta) -> int:
 
 
 def sweep_blobs(database: Database, blobs: BlobStore, grace: timedelta = GRACE) -> int:
-    """Delete blobs that nothing refers to and that are older than `grace`; return how many."""
+    """Delete blobs that nothing refers to and that are older than `grace`; return their number."""
     return discard_blobs(database, blobs, blobs.older_than(grace)) + blobs.sweep_staging(grace)

@@ -17,7 +17,7 @@ from app.engine.navigation.places import PlanPlace
 from app.engine.tracking.settings import TrackerSettings
 from app.errors import ConflictError
 from app.geometry.plan import PlanTransform
-from app.services.feature_library import FeatureLibrary
+from app.services.floor_features import FeatureLibrary
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService

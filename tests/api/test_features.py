@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from app.engine.floors.collection import MAX_FEATURES
+from app.engine.floors.collection import OPTIONS
 from tests.plans import (
     GROUND,
     UPPER,
@@ -194,7 +194,7 @@ def test_features_that_can_not_be(site: Server, case: str) -> None:
 
 
 def test_there_is_a_limit_for_features_and_positions(site: Server) -> None:
-    many = collection(*[landmark("a", 0, 0)] * (MAX_FEATURES + 1))
+    many = collection(*[landmark("a", 0, 0)] * (OPTIONS.max_features + 1))
     line = link(*[(float(k), 0.0) for k in range(5001)])
     lines = [link(*[(float(k), 0.0) for k in range(4500)]) for _ in range(50)]
     with site.unchanged():

@@ -170,7 +170,18 @@ def test_gravity_along_the_axis_turns_nothing(museum: Server, queries: list[View
     ],
 )
 def test_which_maps_know_up(placement: dict[str, Any], z_up: bool) -> None:
-    assert MapVersion("v", 1, None, "a", "b", {"placement": placement}, now()).z_up is z_up
+    assert (
+        MapVersion(
+            venue_id="v",
+            version=1,
+            build_id=None,
+            artifact_blob="a",
+            index_blob="b",
+            statistics={"placement": placement},
+            created_at=now(),
+        ).z_up
+        is z_up
+    )
 
 
 BAD = {

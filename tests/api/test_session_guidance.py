@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -117,17 +118,10 @@ def test_who_leaves_the_route_gets_a_new_one(house: Server, video: list[View]) -
     moved = collection(
         landmark("window", 1.6, 1.3), landmark("gate", 9.0, 1.3), link((1.6, 1.3), (9.0, 1.3), id="out")
     )
-    way = cast(FastAPI, cast(TestClient, house.client).app).state.roomfix.services.sessions._live[session].way
+    sessions = cast(FastAPI, cast(TestClient, house.client).app).state.roomfix.services.sessions
+    way = sessions._live.get(session).way
     far = [type(p)(p.floor, p.x + 20.0, p.y, p.along_m) for p in way.route.points]
-    way.route = type(way.route)(
-        way.route.start,
-        way.route.end,
-        tuple(far),
-        way.route.modes,
-        (),
-        way.route.steps,
-        way.route.floor_names,
-    )
+    way.route = replace(way.route, points=tuple(far), passages=())
     assert put_features(house, "ground", moved, "house").status_code == 200
     try:
         told = [send(house, session, view, 0.1 + i / 10)["guidance"] for i, view in enumerate(video[1:6])]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.commands import live_capture, push_frames
+from app.commands import backoff, push_frames
 from app.commands.live_capture import LiveCapture
 from app.errors import InvalidInputError
 from tests.api.test_anchors import SHIFT, anchor_body
@@ -26,7 +26,7 @@ Stream = Callable[[Camera], AbstractContextManager[str]]
 @pytest.fixture(autouse=True)
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nothing wait for seconds."""
-    monkeypatch.setattr(live_capture, "FIRST_WAIT_S", 0.05)
+    monkeypatch.setattr(backoff, "OPTIONS", backoff.BackoffOptions(first_s=0.05))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.commands import push_frames
+from app.commands import backoff, push_frames
 from app.errors import InvalidInputError
 from tests.scenes import Room, pose_at
 
@@ -45,7 +45,7 @@ def server(statuses: list[int]) -> Iterator[tuple[str, list[bytes]]]:
 
 
 def test_a_failure_is_tried_again_with_a_newer_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(push_frames, "FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr(backoff, "OPTIONS", backoff.BackoffOptions(first_s=0.01))
     with server([503, 500, 200]) as (address, received), httpx.Client(base_url=address) as client:
         push_frames.send(client, "hall", b"old", lambda: b"new")
     assert [b"old" in body for body in received] == [True, False, False]

@@ -20,7 +20,7 @@ from app.jobs.embedded import EmbeddedRunner
 from app.jobs.handlers import sweep
 from app.services.resources import Resources
 from app.settings import Settings
-from app.storage.builds import MAX_ATTEMPTS
+from app.storage.builds import OPTIONS as QUEUE
 from app.storage.sweep import referenced_blobs
 from tests.jobs.live_server import SLOW_WORKER
 from tests.scenes import View, scan_files, zipped
@@ -155,13 +155,17 @@ def test_a_worker_killed_in_a_build_is_replaced_and_the_build_done(site: WithRun
 def test_a_build_that_kills_every_worker_fails_with_a_reason(site: WithRunner) -> None:
     before = present_version(site)
     build = site.submit_and_hold("describe")
-    for _ in range(MAX_ATTEMPTS):
+    for _ in range(QUEUE.max_attempts):
         site.wait_until_held()
         # Whoever takes the build up next says so anew.
         site.forget_held()
         site.kill_worker()
     ended = site.server.wait(build)
-    assert (ended["state"], ended["error_code"], ended["attempts"]) == ("failed", "worker_died", MAX_ATTEMPTS)
+    assert (ended["state"], ended["error_code"], ended["attempts"]) == (
+        "failed",
+        "worker_died",
+        QUEUE.max_attempts,
+    )
     assert "describe" in ended["error"]
     assert_sentence(ended["error"])
     site.release()

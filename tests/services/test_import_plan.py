@@ -14,8 +14,7 @@ from app.engine.navigation.search import Limits
 from app.engine.navigation.survey import survey
 from app.errors import InvalidInputError, NoRouteError
 from app.importers.wrld_indoor_map import read_indoor_map
-from app.services.feature_library import FeatureLibrary
-from app.services.floor_features import stored_features
+from app.services.floor_features import FeatureLibrary, stored_features
 from app.services.import_plan import import_indoor_map
 from app.services.resources import Resources
 from app.services.routes import RouteService

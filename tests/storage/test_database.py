@@ -162,7 +162,7 @@ def test_a_running_build_learns_that_it_is_cancelled(database: Database, venue: 
 def test_builds_without_a_worker_are_queued_again_and_at_last_failed(database: Database, venue: str) -> None:
     with database.write() as connection:
         build = builds.create_build(connection, venue, {}, "a" * 64)
-        for _ in range(builds.MAX_ATTEMPTS - 1):
+        for _ in range(builds.OPTIONS.max_attempts - 1):
             builds.claim_build(connection)
             assert [b.id for b in builds.recover_builds(connection)[0]] == [build]
             assert builds.get_build(connection, build).state == "queued"

@@ -1,4 +1,4 @@
-"""What links must fit to: the landmarks that they name, something at each of their ends, floors that exist."""
+"""Checks of links against the other features: named landmarks and floors exist, and both ends touch something."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import shapely  # type: ignore[import-untyped]
 
-from app.engine.floors.geometry import short
-from app.engine.floors.model import TOUCH_M, FloorFeatures, Landmark, Link
+from app.engine.floors.model import FloorFeatures, Landmark, Link
+from app.engine.floors.options import OPTIONS
+from app.engine.floors.sentences import listed, short
 from app.errors import InvalidInputError
-
-MAX_NAMED = 10
 
 
 def check_links(features: FloorFeatures, floor_ids: Sequence[str]) -> None:
@@ -24,12 +23,6 @@ def check_links(features: FloorFeatures, floor_ids: Sequence[str]) -> None:
             )
         _check_named_ends(link, features)
     _check_touching(features)
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names for a sentence, not more than a few."""
-    shown = ", ".join(short(name) for name in names[:MAX_NAMED])
-    return f"{shown} and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else shown or "none"
 
 
 def _check_named_ends(link: Link, features: FloorFeatures) -> None:
@@ -46,10 +39,10 @@ def _check_named_ends(link: Link, features: FloorFeatures) -> None:
             )
         x, y = link.points[position]
         away_m = float(np.hypot(landmark.x - x, landmark.y - y))
-        if away_m > TOUCH_M:
+        if away_m > OPTIONS.touch_m:
             raise InvalidInputError(
                 f"Link {short(link.id)} {verb} {away_m:.1f} m away from {short(landmark_id)}, its {key}; "
-                f"{TOUCH_M} m is the most."
+                f"{OPTIONS.touch_m} m is the most."
             )
 
 
@@ -59,7 +52,7 @@ def named_point(features: FloorFeatures, landmark_id: str) -> Landmark | None:
 
 
 def _check_touching(features: FloorFeatures) -> None:
-    """Raise for the first end that is farther than `TOUCH_M` from every landmark, POI and other link."""
+    """Raise for the first end that touches no landmark, POI or other link."""
     marks = [shapely.Point(m.x, m.y) for group in (features.landmarks, features.pois) for m in group.values()]
     lines = [footprint(link) for link in features.links]
     owners, ends = [], []
@@ -72,17 +65,17 @@ def _check_touching(features: FloorFeatures) -> None:
     touching = np.zeros(len(ends), dtype=bool)
     points = shapely.points(np.array(ends))
     tree = shapely.STRtree([*lines, *marks])
-    found_ends, found = tree.query(points, predicate="dwithin", distance=TOUCH_M)
+    found_ends, found = tree.query(points, predicate="dwithin", distance=OPTIONS.touch_m)
     touching[found_ends[found != np.array(owners)[found_ends]]] = True
     if not touching.all():
         loose = int(np.flatnonzero(~touching)[0])
         x, y = ends[loose]
         raise InvalidInputError(
-            f"Link {short(features.links[owners[loose]].id)} dangles: nothing lies within {TOUCH_M} m of its end at "
-            f"({x:.2f}, {y:.2f}). Put a landmark there, or lead it to another link."
+            f"Link {short(features.links[owners[loose]].id)} dangles: nothing lies within {OPTIONS.touch_m} m of its "
+            f"end at ({x:.2f}, {y:.2f}). Put a landmark there, or lead it to another link."
         )
 
 
 def footprint(link: Link) -> shapely.Geometry:
-    """Return what of a link can be walked on its own floor: its line, or where a way between floors begins."""
+    """Return the part of a link on its own floor: its line, or the first point of a way between floors."""
     return shapely.LineString(link.points) if link.to_floor is None else shapely.Point(link.points[0])

@@ -1,14 +1,14 @@
-"""A whole FeatureCollection: from a request's bytes to checked features in one form."""
+"""Reads a whole FeatureCollection: from the bytes of a request to checked features in one form."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from app.engine.floors.checks import check_links
-from app.engine.floors.geometry import short
 from app.engine.floors.model import KINDS, Area, FloorFeatures, Kind, Landmark, Link
 from app.engine.floors.origin import Origin, read_origin
 from app.engine.floors.reading import (
@@ -21,17 +21,40 @@ from app.engine.floors.reading import (
     read_link,
     read_named,
 )
+from app.engine.floors.sentences import short
 from app.errors import InvalidInputError
+from app.limits import limit
 
-MAX_FEATURES = 20_000
-MAX_POSITIONS = 200_000
-MAX_DEPTH = 12
 POINTS: tuple[Kind, ...] = ("landmark", "poi")
-TOO_DEEP = f"The JSON is nested more than {MAX_DEPTH} deep."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollectionOptions:
+    """How large a floor's features may be."""
+
+    max_features: int = limit(
+        20_000,
+        "Features of a floor.",
+        chosen="By hand: ten times a large hospital floor, and still read in seconds.",
+    )
+    max_positions: int = limit(
+        200_000,
+        "Positions of all features of a floor together.",
+        chosen="By hand: ten positions a feature at the largest number of features.",
+    )
+    max_depth: int = limit(
+        12,
+        "Levels of nesting in the JSON.",
+        chosen="By hand: GeoJSON needs 8, and what else is in the properties is given a few more.",
+    )
+
+
+OPTIONS = CollectionOptions()
+TOO_DEEP = f"The JSON is nested more than {OPTIONS.max_depth} deep."
 
 
 def parse_json(data: bytes) -> object:
-    """Return the JSON of a request; raises `InvalidInputError` for what can't be stored and given back."""
+    """Return the JSON of a request; raises `InvalidInputError` for JSON that can't be stored and returned unchanged."""
     try:
         value = json.loads(data, parse_constant=_refuse_constant)
         _check_depth(value)
@@ -52,7 +75,7 @@ def _refuse_constant(_: str) -> None:
 
 def _check_depth(value: object) -> None:
     level: list[Any] = [value]
-    for _ in range(MAX_DEPTH):
+    for _ in range(OPTIONS.max_depth):
         level = [
             child
             for item in level
@@ -67,8 +90,8 @@ def _check_depth(value: object) -> None:
 def parse_features(value: object, floor_id: str, floor_ids: Sequence[str]) -> tuple[GeoJson, FloorFeatures]:
     """Return a floor's features as they are stored, in plan metres, and as values.
 
-    Links must touch something at each end on this floor, and lead to `floor_ids`; what they meet there is not
-    checked, since that floor's features may come later. Raises `InvalidInputError` that names the feature.
+    Links must touch something at each end on this floor, and lead to one of `floor_ids`. Their ends on the other floor
+    are not checked, since the features of that floor may come later. Raises `InvalidInputError` that names the feature.
     """
     collection, features = read_collection(value, floor_id)
     check_links(features, floor_ids)
@@ -76,15 +99,16 @@ def parse_features(value: object, floor_id: str, floor_ids: Sequence[str]) -> tu
 
 
 def read_collection(value: object, floor_id: str) -> tuple[GeoJson, FloorFeatures]:
-    """Return each feature as it is stored and as a value; nothing is checked of one against another but ids."""
+    """Return the features as they are stored and as values. Features are not checked against each other, except that
+    ids must differ."""
     if not isinstance(value, Mapping) or value.get("type") != "FeatureCollection":
         raise InvalidInputError('The body must be a GeoJSON object with "type": "FeatureCollection".')
     entries = value.get("features")
     if not isinstance(entries, list):
         raise InvalidInputError("A FeatureCollection has a list of features.")
-    if len(entries) > MAX_FEATURES:
+    if len(entries) > OPTIONS.max_features:
         raise InvalidInputError(
-            f"There are {len(entries):,} features; a floor holds {MAX_FEATURES:,} at most."
+            f"There are {len(entries):,} features; a floor holds {OPTIONS.max_features:,} at most."
         )
     reader = _Reader(floor_id, read_origin(value))
     stored = [reader.read(index, entry) for index, entry in enumerate(entries)]
@@ -92,7 +116,7 @@ def read_collection(value: object, floor_id: str) -> tuple[GeoJson, FloorFeature
 
 
 class _Reader:
-    """Reads one feature after the other and keeps their ids apart."""
+    """Reads one feature after the other, and makes sure that their ids differ."""
 
     def __init__(self, floor_id: str, origin: Origin | None) -> None:
         self._floor_id = floor_id
@@ -127,8 +151,10 @@ class _Reader:
             also = "landmark or poi" if kind in POINTS else kind
             raise InvalidInputError(f"there is another {also} with the id {short(value.id)} on this floor.")
         self._positions += position_count(value)
-        if self._positions > MAX_POSITIONS:
-            raise InvalidInputError(f"the features up to here have more than {MAX_POSITIONS:,} positions.")
+        if self._positions > OPTIONS.max_positions:
+            raise InvalidInputError(
+                f"the features up to here have more than {OPTIONS.max_positions:,} positions."
+            )
         self._values[kind][value.id] = value
         return as_geojson(kind, value, properties)
 
@@ -136,7 +162,7 @@ class _Reader:
         return any(feature_id in self._values[other] for other in (POINTS if kind in POINTS else (kind,)))
 
     def _free(self, wanted: str, kind: Kind) -> str:
-        """Return an id like `wanted` for a feature without one: rooms of one name are numbered."""
+        """Return an id for a feature without one: `wanted`, with a number appended where that is taken."""
         free = wanted
         while self._is_taken(free, kind):
             self._repeats[kind, wanted] += 1
@@ -154,7 +180,7 @@ class _Reader:
 
 
 def _name(entry: object) -> str:
-    """Return how a message names a feature beside its index."""
+    """Return the id or name that a message shows beside a feature's index."""
     if not isinstance(entry, Mapping):
         return ""
     properties = entry.get("properties")

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanImage:
-    """A floor's drawing: blob, media type, size, and where plan (0, 0) lies in it."""
+    """The image of a floor's plan: blob, media type and size; `origin_px` is the pixel (u, v) of plan (0, 0)."""
 
     blob: str
     media_type: str
@@ -20,11 +20,12 @@ class PlanImage:
     origin_px: tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Floor:
-    """One floor of a venue. `plan_from_world` is (4, 4) or None for a floor without a plan in the world.
+    """One floor of a venue, with the world heights that it spans.
 
-    `features_sha256` names the content of the floor's features; None when there is none.
+    `plan_from_world` is (4, 4), or None while it is not known how the plan lies in the world. `features_sha256` is the
+    digest of the floor's features, None when it has none.
     """
 
     venue_id: str

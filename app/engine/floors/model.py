@@ -1,4 +1,4 @@
-"""The features of one floor, as values. All coordinates are plan metres."""
+"""The features of one floor as values. All coordinates are plan metres."""
 
 from __future__ import annotations
 
@@ -14,13 +14,11 @@ Kind = Literal["landmark", "poi", "area", "link"]
 LinkMode = Literal["walk", "stairs", "lift", "escalator"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 LINK_MODES: tuple[LinkMode, ...] = get_args(LinkMode)
-# What ends this close to something on the plan touches it: what hands draw and tools round.
-TOUCH_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A named point: a place to go to and to be guided by. A POI is one too, for what stands there."""
+    """A named point: a destination, and a place that guidance names. POIs are of this type too."""
 
     id: str
     name: str
@@ -38,12 +36,12 @@ class Area:
     polygon: shapely.Polygon
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
     """A way to walk along `points` (n, 2), n >= 2, or with `to_floor` the way from its first point to that floor.
 
-    `start` and `end` are ids of landmarks, `end` one of `to_floor` if there is one. `length_m` is only what the
-    client said of a way between floors.
+    `start` and `end` are ids of landmarks or None; `end` is one of `to_floor` if that is set. `length_m` is the length
+    that the client gave for a way between floors, else None.
     """
 
     id: str

@@ -13,17 +13,30 @@ from numpy.typing import NDArray
 from app.errors import InvalidInputError
 from app.geometry.alignment import rotation_2d
 from app.geometry.geodesy import east_north_from_geodetic
+from app.limits import limit
 
 NAMES = {"longitude": ("longitude", "lon", "lng"), "latitude": ("latitude", "lat")}
-# Farther from its origin nothing belongs to the same building; swapped coordinates usually are.
-MAX_DISTANCE_M = 10_000.0
 GEODETIC_CRS = ("crs84", "4326")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OriginOptions:
+    """How far from its origin a feature may lie."""
+
+    max_distance_m: float = limit(
+        10_000.0,
+        "Distance of a position in longitude and latitude from the origin.",
+        chosen="By hand: no venue is larger, and swapped longitude and latitude are usually farther away.",
+    )
+
+
+OPTIONS = OriginOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """The longitude and latitude of `plan`, a point in plan metres; east lies `rotation_deg` counter-clockwise
-    from plan x."""
+    """The longitude and latitude in degrees of the plan point `plan` in metres; east lies `rotation_deg`
+    counter-clockwise from plan x."""
 
     longitude: float
     latitude: float
@@ -38,7 +51,7 @@ class Origin:
             )
         east_north = east_north_from_geodetic(points_deg, (self.longitude, self.latitude))
         distance_m = float(np.linalg.norm(east_north, axis=1).max())
-        if distance_m > MAX_DISTANCE_M:
+        if distance_m > OPTIONS.max_distance_m:
             raise InvalidInputError(
                 f"it lies {distance_m / 1000:,.0f} km from the origin; are longitude and latitude swapped?"
             )

@@ -1,4 +1,4 @@
-"""What lies around a point of the plan: the area that holds it, the landmark next to it."""
+"""Finds the area that holds a plan point, and the landmark nearest to it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.engine.floors.model import Area, FloorFeatures, Landmark
 
 @dataclass(frozen=True, slots=True)
 class NearestLandmark:
-    """A landmark and how far it is, as the crow flies."""
+    """A landmark and its straight distance."""
 
     landmark: Landmark
     distance_m: float
@@ -30,15 +30,15 @@ class PlaceIndex:
         self._points = np.array([(mark.x, mark.y) for mark in self._landmarks]).reshape(-1, 2)
 
     def area(self, x: float, y: float) -> Area | None:
-        """Return the area at a point; of nested ones the smallest. Its border belongs to it."""
+        """Return the smallest area that holds a point or has it on its border, None when there is none."""
         found = self._areas.query(shapely.Point(x, y), predicate="intersects")
         inside = [self.features.areas[index] for index in found]
         return min(inside, key=lambda area: (area.polygon.area, area.id), default=None)
 
     def nearest_landmark(self, x: float, y: float) -> NearestLandmark | None:
-        """Return the landmark with the least distance; of landmarks in the same area, if that has any.
+        """Return the nearest landmark; when the area at the point has landmarks, the nearest of these.
 
-        A landmark behind a wall is no landmark to the eye.
+        A landmark in another room is behind a wall and can't be seen.
         """
         if not self._landmarks:
             return None
@@ -53,7 +53,7 @@ class PlaceIndex:
 
 
 def within_areas(points: NDArray[np.float64], areas: Iterable[Area], margin_m: float) -> NDArray[np.bool_]:
-    """Return which plan points (n, 2) lie in one of the areas or at most `margin_m` outside."""
+    """Return which plan points (n, 2) lie in one of the areas or at most `margin_m` outside: a mask (n,)."""
     keep = np.zeros(len(points), dtype=bool)
     for area in areas:
         keep |= shapely.intersects_xy(area.polygon.buffer(margin_m), points)
@@ -61,7 +61,7 @@ def within_areas(points: NDArray[np.float64], areas: Iterable[Area], margin_m: f
 
 
 def areas_named(features: FloorFeatures, text: str) -> list[Area]:
-    """Return the area of that id, else all of that name, upper and lower case alike."""
+    """Return the area of that id, else all areas of that name; case doesn't matter in names."""
     by_id = [area for area in features.areas if area.id == text]
     wanted = text.strip().casefold()
     return by_id or [area for area in features.areas if area.name.casefold() == wanted]

@@ -1,4 +1,4 @@
-"""How a floor's plan lies in the world: a matrix as given, or fitted to pairs of points."""
+"""Reads how a floor's plan lies in the world: a matrix, or pairs of points that one is fitted to."""
 
 from __future__ import annotations
 
@@ -10,14 +10,26 @@ from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.plan import PlanTransform, fit_plan_from_world
+from app.limits import limit
 
-# No venue is larger; larger numbers lose their metres to rounding.
-MAX_COORDINATE_M = 1e8
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentOptions:
+    """Which correspondences are taken."""
+
+    max_coordinate_m: float = limit(
+        1e8,
+        "Largest absolute value of a coordinate of a correspondence.",
+        chosen="By hand: larger than every map grid; larger numbers lose millimetres to rounding.",
+    )
+
+
+OPTIONS = AlignmentOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class PlanAlignment:
-    """`plan_from_world` (4, 4), and how well it fits the correspondences it was made from, if any."""
+    """`plan_from_world` (4, 4), its scale, and the root mean square residual of correspondences it was fitted to."""
 
     matrix: NDArray[np.float64]
     residual_m: float | None
@@ -70,6 +82,8 @@ def _coordinates(value: object, counts: tuple[int, ...], name: str) -> list[floa
         )
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
         raise InvalidInputError(f"A correspondence's {name} point holds something that is not a number.")
-    if not all(abs(v) < MAX_COORDINATE_M for v in value):
-        raise InvalidInputError(f"A correspondence's {name} point is not within {MAX_COORDINATE_M:,.0f} m.")
+    if not all(abs(v) < OPTIONS.max_coordinate_m for v in value):
+        raise InvalidInputError(
+            f"A correspondence's {name} point is not within {OPTIONS.max_coordinate_m:,.0f} m."
+        )
     return [float(v) for v in value]

@@ -1,4 +1,4 @@
-"""Where a pose lies on a floor's plan."""
+"""Which floor a pose is on, and where on its plan."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.engine.floors.floor import Floor
+from app.engine.floors.options import OPTIONS
 from app.geometry.plan import pixels_from_plan, plan_position
 from app.geometry.se3 import Pose
 
-# People hold a camera this far above the floor's highest or below its lowest point at most.
-HEIGHT_SLACK_M = 0.3
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanPoint:
-    """A point on a floor's plan: metres, degrees counter-clockwise from plan x, pixels of the plan image.
+    """A point on a floor's plan: metres, a heading in degrees counter-clockwise from plan x, and the pixel of the plan
+    image, None without an image.
 
-    Area and nearest landmark are ids, their names beside them; the floor's features fill them in.
+    `area` and `nearest_landmark` are ids; they are None until the floor's features were looked up.
     """
 
     x: float
@@ -33,14 +32,14 @@ class PlanPoint:
 
 
 def floor_of(floors: Sequence[Floor], world_from_camera: Pose) -> Floor | None:
-    """Return the floor whose heights hold the camera, the nearest one in the slack, or None."""
+    """Return the floor whose heights hold the camera, else the nearest one within the slack, else None."""
     z = float(world_from_camera.translation[2])
 
     def outside_m(floor: Floor) -> float:
         return max(floor.z_min_m - z, z - floor.z_max_m, 0.0)
 
     best = min(floors, key=outside_m, default=None)
-    return best if best is not None and outside_m(best) <= HEIGHT_SLACK_M else None
+    return best if best is not None and outside_m(best) <= OPTIONS.height_slack_m else None
 
 
 def plan_point(floor: Floor, world_from_camera: Pose) -> PlanPoint | None:
@@ -52,4 +51,4 @@ def plan_point(floor: Floor, world_from_camera: Pose) -> PlanPoint | None:
     if floor.plan is not None:
         u, v = pixels_from_plan(x, y, floor.plan.meters_per_pixel, floor.plan.origin_px)
         u_px, v_px = float(u), float(v)
-    return PlanPoint(x, y, heading_deg, u_px, v_px)
+    return PlanPoint(x=x, y=y, heading_deg=heading_deg, u_px=u_px, v_px=v_px)

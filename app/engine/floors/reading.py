@@ -1,29 +1,49 @@
-"""One GeoJSON Feature as a value of the model, and as it is stored: in one form, whatever form it came in."""
+"""Reads one GeoJSON Feature, of which several spellings are understood, and writes the one that is stored."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import shapely  # type: ignore[import-untyped]
 
-from app.engine.floors.geometry import read_line, read_point, read_polygon, short
+from app.engine.floors.geometry import read_line, read_point, read_polygon
 from app.engine.floors.model import KINDS, LINK_MODES, Area, Kind, Landmark, Link, LinkMode
 from app.engine.floors.origin import Origin
+from app.engine.floors.sentences import short
 from app.errors import InvalidInputError
+from app.limits import limit
 
 GeoJson = dict[str, Any]
 Value = Landmark | Area | Link
 
 KIND_KEYS = ("kind", "type", "class", "feature_type")
-# A link's own kind stands under a key of its own, or where the feature's kind doesn't stand.
+# A link's mode stands under one of these keys, or under one of `KIND_KEYS` that doesn't hold the kind.
 MODE_KEYS = ("mode", "link_kind", "link_type")
 MODE_WORDS: dict[str, LinkMode] = {
     **{mode: mode for mode in LINK_MODES},
     "elevator": "lift", "stair": "stairs", "staircase": "stairs", "walkway": "walk", "pathway": "walk",
 }  # fmt: skip
-MAX_TEXT = 200
-MAX_LENGTH_M = 10_000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingOptions:
+    """Which values the properties of a feature may have."""
+
+    max_text: int = limit(
+        200,
+        "Characters of an id or name.",
+        chosen="By hand: as many as the names of venues and floors may have.",
+    )
+    max_length_m: float = limit(
+        10_000.0,
+        "Length that a client may give for a way between floors.",
+        chosen="By hand: no venue is larger, and a length in millimetres for one floor is refused.",
+    )
+
+
+OPTIONS = ReadingOptions()
 
 
 def kind_of(properties: Mapping[str, Any]) -> Kind:
@@ -40,7 +60,10 @@ def kind_of(properties: Mapping[str, Any]) -> Kind:
 
 
 def given_id(feature: Mapping[str, Any], properties: Mapping[str, Any]) -> str | None:
-    """Return the id in properties.id or beside them, a whole number as text; raises `InvalidInputError`."""
+    """Return the id in the properties or beside them, a whole number as text; None without one.
+
+    Raises `InvalidInputError`.
+    """
     value = properties.get("id", feature.get("id"))
     if value is None:
         return None
@@ -52,7 +75,7 @@ def given_id(feature: Mapping[str, Any], properties: Mapping[str, Any]) -> str |
 def read_named(
     kind: Kind, feature_id: str | None, feature: Mapping[str, Any], origin: Origin | None
 ) -> Landmark | Area:
-    """Return a landmark, POI or area; without an id its name is its id. Raises `InvalidInputError`."""
+    """Return a landmark, POI or area, whose id is its name when it has none; raises `InvalidInputError`."""
     properties = feature["properties"]
     if properties.get("name") is None:
         raise InvalidInputError(f"{'an' if kind == 'area' else 'a'} {kind} needs properties.name.")
@@ -140,8 +163,12 @@ def _length(properties: Mapping[str, Any]) -> float | None:
     value = properties.get("length_m")
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= MAX_LENGTH_M:
-        raise InvalidInputError(f"length_m must be a number from 0 to {MAX_LENGTH_M:,.0f}.")
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not 0 <= value <= OPTIONS.max_length_m
+    ):
+        raise InvalidInputError(f"length_m must be a number from 0 to {OPTIONS.max_length_m:,.0f}.")
     return float(value)
 
 
@@ -156,8 +183,8 @@ def _flag(properties: Mapping[str, Any], key: str, default: bool) -> bool:
 
 def _text(value: object, name: str) -> str:
     text = value.strip() if isinstance(value, str) else ""
-    if not text or len(text) > MAX_TEXT or not text.isprintable():
-        raise InvalidInputError(f"{name} must be a text of 1 to {MAX_TEXT} printable characters.")
+    if not text or len(text) > OPTIONS.max_text or not text.isprintable():
+        raise InvalidInputError(f"{name} must be a text of 1 to {OPTIONS.max_text} printable characters.")
     return text
 
 
@@ -169,7 +196,7 @@ def position_count(value: Value) -> int:
 
 
 def as_geojson(kind: Kind, value: Value, given: Mapping[str, Any]) -> GeoJson:
-    """Return a feature as it is stored: what it is, in plan metres, and whatever else was given."""
+    """Return a feature as it is stored, in plan metres; properties that mean nothing here are kept."""
     properties: GeoJson = {**given, "kind": kind, "id": value.id, "name": value.name}
     if isinstance(value, Landmark):
         geometry: GeoJson = {"type": "Point", "coordinates": [value.x, value.y]}

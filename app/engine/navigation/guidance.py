@@ -1,4 +1,4 @@
-"""Guidance: what to say next to somebody who follows a route, from where they are now."""
+"""Guidance along a route: the next step for a walker, by where they are and where they face."""
 
 from __future__ import annotations
 
@@ -9,33 +9,95 @@ from itertools import pairwise
 from app.engine.navigation.language import DEFAULT_LANGUAGE, Speaker
 from app.engine.navigation.model import Route, RoutePoint, Step, Turn
 from app.engine.navigation.steps import angle_between_deg, turn_of
-
-OFF_ROUTE_M = 3.0
-ARRIVED_M = 1.75
-# A step this near is done now; the way to one farther off is told first.
-NOW_M = 2.0
-# Somebody who looks aside still walks ahead.
-WRONG_WAY_DEG = 60.0
-LOOK_AHEAD_M = 1.5
-# Of several stretches of the way as near as this to each other, the one not walked yet is meant.
-SAME_M = 0.5
-# Stretches that follow each other within this belong to one visit; what is further on is come by again later.
-VISIT_M = 2.0
-# An arrow points at the way so far ahead: through a door, not through the wall beside it.
-ARROW_AHEAD_M = 1.2
-# Around a corner that point may be where the walker stands: then one further on, at least so far from them. Who is so
-# near to where the way turns back has been there.
-ARROW_CLEAR_M, ARROW_STEP_M = 0.6, 0.2
-# Where the way so far before and after a point differs so much in direction, it turns back there.
-BACK_M, BACK_DEG = 1.0, 135.0
+from app.limits import limit
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuidanceOptions:
+    """When a walker is off the route or has arrived, and where the arrow points."""
+
+    off_route_m: float = limit(
+        3.0,
+        "A walker farther than this from the route has left it.",
+        chosen="By hand: half the width of a hall, and far above the error of a position.",
+    )
+    arrived_m: float = limit(
+        1.75,
+        "A walker this close to the destination has arrived.",
+        chosen="By hand, on walks of `roomfix simulate` (docs/simulation.md), which counts an arrival within 3 m.",
+    )
+    now_m: float = limit(
+        2.0,
+        "A step this close is said alone; for a step farther ahead the way to it is said first.",
+        chosen="By hand: two or three strides.",
+    )
+    wrong_way_deg: float = limit(
+        60.0,
+        "A walker who faces farther than this away from the way ahead is told to turn first.",
+        chosen="By hand: somebody who looks aside still walks ahead.",
+    )
+    look_ahead_m: float = limit(
+        1.5,
+        "The way ahead is the direction to the first point of the route at least this far on.",
+        chosen="By hand: closer points give a direction that changes with every stride.",
+    )
+    same_m: float = limit(
+        0.5,
+        "Pieces of the route whose distances from the walker differ by less than this are equally near.",
+        chosen="By hand: a few times the error of a position.",
+    )
+    visit_m: float = limit(
+        2.0,
+        "Equally near pieces this close together along the route belong to one visit of the place; the first visit "
+        "that is not over counts.",
+        chosen="By hand, on walks of `roomfix simulate` (docs/simulation.md).",
+    )
+    arrow_ahead_m: float = limit(
+        1.2,
+        "The arrow points at the route this far ahead.",
+        chosen="By hand, on walks of `roomfix simulate` (docs/simulation.md): farther ahead it points at the wall "
+        "beside a door.",
+    )
+    arrow_clear_m: float = limit(
+        0.6,
+        "The point of the arrow is at least this far from the walker, and a point where the route turns back counts as "
+        "reached within this distance.",
+        chosen="By hand, on walks of `roomfix simulate` (docs/simulation.md).",
+    )
+    arrow_step_m: float = limit(
+        0.2,
+        "Steps along the route in which a point far enough from the walker is searched for.",
+        chosen="By hand: a third of `arrow_clear_m`.",
+    )
+    arrow_min_m: float = limit(
+        0.05,
+        "There is no arrow when the route ends closer to the walker than this.",
+        chosen="By hand: within the error of a position a direction means nothing.",
+    )
+    back_m: float = limit(
+        1.0,
+        "Whether the route turns back at a point is judged by its points this far before and after.",
+        chosen="By hand, on walks of `roomfix simulate` (docs/simulation.md).",
+    )
+    back_deg: float = limit(
+        135.0,
+        "The route turns back where its direction changes by more than this.",
+        chosen="By hand: between a sharp turn and a full one.",
+    )
+
+
+OPTIONS = GuidanceOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Guidance:
-    """What to do next. `turn` and `landmark` are those of the next step, `distance_m` leads to it; all distances
-    are along the route. Off the route, distances are from the route's nearest point, None on another floor.
-    `bearing_deg` is for an arrow: how far to the left of where the walker looks the way goes on; None when it is not
-    known where they look, on stairs, or when nothing of the way is on their floor."""
+    """What a walker does next.
+
+    `turn` and `landmark` belong to the next step, and `distance_m` is the distance to it. All distances are along the
+    route, for a walker off the route from the nearest point of it; they are None on a floor that the route doesn't use.
+    `bearing_deg` is for an arrow on the phone: the direction of the way ahead, counter-clockwise from the direction
+    that the walker faces. It is None when that is unknown, on stairs, and when no route is on the walker's floor.
+    """
 
     instruction: str
     turn: Turn
@@ -50,7 +112,8 @@ class Guidance:
 
 @dataclass(frozen=True, slots=True)
 class _Nearest:
-    """The point of the route next to the walker."""
+    """A point of the route: between the points of `row` and row + 1, `along_m` from the start; `away_m` is its distance
+    from the walker."""
 
     row: int
     along_m: float
@@ -66,21 +129,22 @@ def guide(
     language: str = DEFAULT_LANGUAGE,
     progress_m: float = 0.0,
 ) -> Guidance:
-    """Return what to tell a walker at plan position (x, y) of a floor, in metres.
+    """Return the guidance for a walker at plan position (x, y) of a floor, in metres.
 
-    With `heading_deg`, counter-clockwise from plan x, a walker who faces elsewhere is told to turn first.
-    `progress_m` is how far along the route they were before: where the way comes by twice, the rest counts.
+    `heading_deg` is the direction that the walker faces, counter-clockwise from plan x; one who faces another way than
+    the route goes is told to turn first. `progress_m` is the walker's distance along the route so far; it decides where
+    the route passes the same place twice.
     """
     speaker = Speaker(language, route.floor_names)
     nearest = _nearest(route, floor, x, y, progress_m)
     if nearest is None:
-        return Guidance(speaker.say("off_route"), "u_turn", None, None, True, False, None, None)
+        return _on_another_floor(speaker)
     nearest = _after_turning_back(route, nearest)
     remaining_m = route.distance_m - nearest.along_m
     off_route = nearest.away_m > _tolerance_m(route, nearest)
-    goal = route.points[-1]
-    at_goal = floor == goal.floor and math.hypot(goal.x - x, goal.y - y) <= ARRIVED_M
-    arrived = not off_route and at_goal and remaining_m <= 2 * ARRIVED_M
+    # Near the destination in space, but not along the route, is the far side of a wall or loop.
+    near_end = remaining_m <= 2 * OPTIONS.arrived_m
+    arrived = not off_route and near_end and _is_at_destination(route, floor, x, y)
     current, following = _steps_at(route, nearest.along_m, arrived)
     ahead_m = max(following.along_m - nearest.along_m, 0.0)
     turn = following.turn
@@ -88,25 +152,52 @@ def guide(
         instruction = speaker.say("off_route")
     elif current.to_floor is not None:
         instruction, turn = speaker.maneuver(current), current.turn
-    elif ahead_m <= NOW_M or arrived:
+    elif ahead_m <= OPTIONS.now_m or arrived:
         instruction = speaker.maneuver(following)
     else:
         facing = None if heading_deg is None else _facing(route, nearest, heading_deg)
         instruction, turn = _way_to(speaker, current, following, ahead_m, facing)
     mark = following.at or following.towards
     landmark = None if mark is None else mark.id
-    # On stairs the plan says nothing of the way: they are seen.
+    # On stairs there is no arrow: the walker sees the way, and the plan doesn't show it.
     unknown = heading_deg is None or current.to_floor is not None
     bearing_deg = None if unknown else _bearing_deg(route, nearest, floor, x, y, heading_deg or 0.0)
     return Guidance(
-        instruction, turn, ahead_m, remaining_m, off_route, arrived, landmark, nearest.along_m, bearing_deg
+        instruction=instruction,
+        turn=turn,
+        distance_m=ahead_m,
+        remaining_m=remaining_m,
+        off_route=off_route,
+        arrived=arrived,
+        landmark=landmark,
+        along_m=nearest.along_m,
+        bearing_deg=bearing_deg,
     )
+
+
+def _on_another_floor(speaker: Speaker) -> Guidance:
+    """Return the guidance for a walker on a floor that the route doesn't use."""
+    return Guidance(
+        instruction=speaker.say("off_route"),
+        turn="u_turn",
+        distance_m=None,
+        remaining_m=None,
+        off_route=True,
+        arrived=False,
+        landmark=None,
+        along_m=None,
+    )
+
+
+def _is_at_destination(route: Route, floor: str, x: float, y: float) -> bool:
+    end = route.points[-1]
+    return floor == end.floor and math.hypot(end.x - x, end.y - y) <= OPTIONS.arrived_m
 
 
 def _way_to(
     speaker: Speaker, current: Step, following: Step, ahead_m: float, facing: Turn | None
 ) -> tuple[str, Turn]:
-    """Return the sentences for the way to the next step, and the turn that comes first."""
+    """Return the sentences for the way to the next step, and the first turn in them."""
     goal = following if following.turn == "arrive" else None
     walk = speaker.walk(current, ahead_m, goal)
     if facing is not None:
@@ -117,47 +208,49 @@ def _way_to(
 
 
 def _nearest(route: Route, floor: str, x: float, y: float, progress_m: float) -> _Nearest | None:
-    """Return the nearest point of the route on this floor; of those about as near the first after `progress_m`."""
+    """Return the point of the route nearest to (x, y) on a floor; of equally near ones the first after `progress_m`."""
     found = [_on_piece(route, row, x, y) for row in _rows_on(route, floor)]
     if not found:
         return None
     least_m = min(one.away_m for one in found)
-    near = [one for one in found if one.away_m <= least_m + SAME_M]
-    ahead = [one for one in near if one.along_m >= progress_m - SAME_M] or near
+    near = [one for one in found if one.away_m <= least_m + OPTIONS.same_m]
+    ahead = [one for one in near if one.along_m >= progress_m - OPTIONS.same_m] or near
     first_m = min(one.along_m for one in ahead)
-    visit = [one for one in ahead if one.along_m <= first_m + VISIT_M]
-    return min(visit, key=lambda one: (round(one.away_m / SAME_M), one.along_m))
+    visit = [one for one in ahead if one.along_m <= first_m + OPTIONS.visit_m]
+    return min(visit, key=lambda one: (round(one.away_m / OPTIONS.same_m), one.along_m))
 
 
 def _rows_on(route: Route, floor: str) -> list[int]:
-    """Return the rows of the points on a floor."""
+    """Return the rows of the route's points on a floor."""
     return [row for row, point in enumerate(route.points) if point.floor == floor]
 
 
 def _on_piece(route: Route, row: int, x: float, y: float) -> _Nearest:
-    """Return the nearest point of the piece from a point to the next on the same floor, or of the point alone."""
+    """Return the point nearest to (x, y) on the piece from `row` to the next row; the point of `row` itself when the
+    next one is on another floor."""
     a = route.points[row]
     b = route.points[row + 1] if row + 1 < len(route.points) else a
     if b.floor != a.floor:
         b = a
     along_x, along_y = b.x - a.x, b.y - a.y
     squared = along_x**2 + along_y**2
-    share = 0.0 if squared == 0 else ((x - a.x) * along_x + (y - a.y) * along_y) / squared
-    share = min(max(share, 0.0), 1.0)
-    away_m = math.hypot(a.x + share * along_x - x, a.y + share * along_y - y)
-    return _Nearest(row, a.along_m + share * (b.along_m - a.along_m), away_m)
+    fraction = 0.0 if squared == 0 else ((x - a.x) * along_x + (y - a.y) * along_y) / squared
+    fraction = min(max(fraction, 0.0), 1.0)
+    away_m = math.hypot(a.x + fraction * along_x - x, a.y + fraction * along_y - y)
+    return _Nearest(row, a.along_m + fraction * (b.along_m - a.along_m), away_m)
 
 
 def _tolerance_m(route: Route, nearest: _Nearest) -> float:
-    """Return how far from the way is still on it: on stairs, as far as they are drawn."""
+    """Return the distance from the route up to which a walker is on it; around stairs their drawn length is added,
+    since nobody is located on them."""
     modes = route.modes[max(nearest.row - 1, 0) : nearest.row + 1]
     if all(mode == "walk" for mode in modes):
-        return OFF_ROUTE_M
-    return OFF_ROUTE_M + max(_run_m(route, row) for row in (nearest.row - 1, nearest.row))
+        return OPTIONS.off_route_m
+    return OPTIONS.off_route_m + max(_run_m(route, row) for row in (nearest.row - 1, nearest.row))
 
 
 def _run_m(route: Route, row: int) -> float:
-    """Return how long the way between floors around a piece is drawn, 0 for a walk."""
+    """Return the drawn length of the way between floors that a piece belongs to, 0 for a walk."""
     if not 0 <= row < len(route.modes) or route.modes[row] == "walk":
         return 0.0
     first = last = row
@@ -174,7 +267,7 @@ def _apart_m(a: RoutePoint, b: RoutePoint) -> float:
 
 
 def _steps_at(route: Route, along_m: float, arrived: bool) -> tuple[Step, Step]:
-    """Return the step that is being followed, and the next one."""
+    """Return the step that the walker is following, and the next one."""
     if arrived:
         return route.steps[-1], route.steps[-1]
     done = [index for index, step in enumerate(route.steps) if step.along_m <= along_m + 1e-6]
@@ -183,9 +276,9 @@ def _steps_at(route: Route, along_m: float, arrived: bool) -> tuple[Step, Step]:
 
 
 def _facing(route: Route, nearest: _Nearest, heading_deg: float) -> Turn | None:
-    """Return the turn towards the way ahead, None when the walker looks there already."""
+    """Return the turn towards the way ahead, None when the walker faces it already."""
     target = next(
-        (point for point in route.points if point.along_m >= nearest.along_m + LOOK_AHEAD_M),
+        (point for point in route.points if point.along_m >= nearest.along_m + OPTIONS.look_ahead_m),
         route.points[-1],
     )
     here = _on_way(route, nearest)
@@ -193,46 +286,56 @@ def _facing(route: Route, nearest: _Nearest, heading_deg: float) -> Turn | None:
         return None
     way_deg = math.degrees(math.atan2(target.y - here.y, target.x - here.x))
     angle_deg = angle_between_deg(heading_deg, way_deg)
-    return turn_of(angle_deg) if abs(angle_deg) > WRONG_WAY_DEG else None
+    return turn_of(angle_deg) if abs(angle_deg) > OPTIONS.wrong_way_deg else None
 
 
 def _bearing_deg(
     route: Route, nearest: _Nearest, floor: str, x: float, y: float, heading_deg: float
 ) -> float | None:
-    """Return how far to the left of a heading the way goes on, seen from (x, y); None where it ends."""
+    """Return the direction from (x, y) to the route ahead, in degrees counter-clockwise from a heading; None at the end
+    of the route."""
     target = _on_way(route, nearest)
-    wanted_m = target.along_m + ARROW_AHEAD_M
+    wanted_m = target.along_m + OPTIONS.arrow_ahead_m
     for row in range(nearest.row + 1, len(route.points)):
         end = route.points[row]
         if end.floor != floor:
             break
         while wanted_m <= end.along_m:
             target = _on_way(route, _Nearest(row - 1, wanted_m, 0.0))
-            if math.hypot(target.x - x, target.y - y) >= ARROW_CLEAR_M:
+            if math.hypot(target.x - x, target.y - y) >= OPTIONS.arrow_clear_m:
                 return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
-            wanted_m += ARROW_STEP_M
+            wanted_m += OPTIONS.arrow_step_m
         target = end
         if _turns_back(route, row):
             break
-    if math.hypot(target.x - x, target.y - y) < 0.05:
+    if math.hypot(target.x - x, target.y - y) < OPTIONS.arrow_min_m:
         return None
     return angle_between_deg(heading_deg, math.degrees(math.atan2(target.y - y, target.x - x)))
 
 
 def _after_turning_back(route: Route, nearest: _Nearest) -> _Nearest:
-    """Return the place where the way turns back if that is next and near: to go on, not to and fro."""
+    """Return the point where the route turns back, when that is next and near, else the nearest point as given.
+
+    A walker so close to the point has been there: otherwise the arrow would point to it and away from it in turns.
+    """
     row = nearest.row + 1
     if row >= len(route.points) or not _turns_back(route, row):
         return nearest
     along_m = route.points[row].along_m
-    return _Nearest(row, along_m, nearest.away_m) if along_m - nearest.along_m < ARROW_CLEAR_M else nearest
+    return (
+        _Nearest(row, along_m, nearest.away_m)
+        if along_m - nearest.along_m < OPTIONS.arrow_clear_m
+        else nearest
+    )
 
 
 def _turns_back(route: Route, row: int) -> bool:
-    """Return whether the way turns back at a point, as on a stub that leads to a landmark."""
+    """Return whether the route turns back at a point, as at the end of a dead end that leads to a landmark."""
     here, points = route.points[row], route.points
-    before = next((p for p in reversed(points[:row]) if p.along_m <= here.along_m - BACK_M), points[0])
-    after = next((p for p in points[row + 1 :] if p.along_m >= here.along_m + BACK_M), points[-1])
+    before = next(
+        (p for p in reversed(points[:row]) if p.along_m <= here.along_m - OPTIONS.back_m), points[0]
+    )
+    after = next((p for p in points[row + 1 :] if p.along_m >= here.along_m + OPTIONS.back_m), points[-1])
     if (
         not before.floor == here.floor == after.floor
         or min(_apart_m(before, here), _apart_m(here, after)) == 0
@@ -240,12 +343,13 @@ def _turns_back(route: Route, row: int) -> bool:
         return False
     came_deg = math.degrees(math.atan2(here.y - before.y, here.x - before.x))
     goes_deg = math.degrees(math.atan2(after.y - here.y, after.x - here.x))
-    return abs(angle_between_deg(came_deg, goes_deg)) > BACK_DEG
+    return abs(angle_between_deg(came_deg, goes_deg)) > OPTIONS.back_deg
 
 
 def _on_way(route: Route, nearest: _Nearest) -> RoutePoint:
+    """Return the point of the route as a point of its line."""
     a = route.points[nearest.row]
     b = route.points[min(nearest.row + 1, len(route.points) - 1)]
     length_m = b.along_m - a.along_m
-    share = 0.0 if length_m <= 0 or b.floor != a.floor else (nearest.along_m - a.along_m) / length_m
-    return RoutePoint(a.floor, a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), nearest.along_m)
+    fraction = 0.0 if length_m <= 0 or b.floor != a.floor else (nearest.along_m - a.along_m) / length_m
+    return RoutePoint(a.floor, a.x + fraction * (b.x - a.x), a.y + fraction * (b.y - a.y), nearest.along_m)

@@ -1,27 +1,42 @@
-"""Steps in words. One JSON catalogue a language, in `sentences/`; a language is added by adding a file."""
+"""The sentences of steps. `sentences/` has one JSON file for each language; a new file adds a language."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 
-from app.engine.floors.checks import listed
-from app.engine.floors.geometry import short
 from app.engine.floors.model import Landmark
+from app.engine.floors.sentences import listed, short
 from app.engine.navigation.model import Step
 from app.errors import InvalidInputError
+from app.limits import limit
 
 DEFAULT_LANGUAGE = "en"
-# More names than these nobody keeps in mind.
-MAX_PASSING = 2
-SHORT_M = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SentenceOptions:
+    """How much a sentence says."""
+
+    max_passing: int = limit(
+        2, "Landmarks on the way that one sentence names.", chosen="By hand: nobody keeps more names in mind."
+    )
+    min_walk_m: float = limit(
+        1.0,
+        "A step with less than this to walk after it is said without a distance.",
+        chosen="By hand: distances are said in whole metres.",
+    )
+
+
+OPTIONS = SentenceOptions()
 
 
 @lru_cache(maxsize=1)
 def catalogues() -> Mapping[str, Mapping[str, str]]:
-    """Return each language's sentences by its code."""
+    """Return the sentences of each language, by its code."""
     folder = files("app.engine.navigation") / "sentences"
     found = {
         entry.name.removesuffix(".json"): json.loads(entry.read_text(encoding="utf-8"))
@@ -34,7 +49,7 @@ def catalogues() -> Mapping[str, Mapping[str, str]]:
 def language_of(asked: str | None, accepted: str | None = None) -> str:
     """Return the language to speak: the one asked for, else the best of an Accept-Language header, else English.
 
-    A region is left out: de-AT is de. Raises `InvalidInputError` when the one asked for is not known.
+    Regions are ignored: de-AT is de. Raises `InvalidInputError` when the one asked for is not known.
     """
     if asked is not None and asked.strip():
         code = _code(asked)
@@ -67,7 +82,7 @@ def _quality(parameters: str) -> float:
 
 
 class Speaker:
-    """Says steps in one language. `floor_names` names the floors for people."""
+    """Makes the sentences of one language. `floor_names` are the names of floors by id, as people read them."""
 
     def __init__(self, language: str, floor_names: Mapping[str, str]) -> None:
         self._words = catalogues()[language]
@@ -75,23 +90,23 @@ class Speaker:
 
     def step(self, step: Step) -> str:
         """Return the sentence of a step with the way that follows it."""
-        if step.turn in ("up", "down", "arrive") or step.distance_m < SHORT_M:
+        if step.turn in ("up", "down", "arrive") or step.distance_m < OPTIONS.min_walk_m:
             return self._sentence(self._maneuver(step))
         return self._sentence(self._walk(step, step.distance_m))
 
     def maneuver(self, step: Step) -> str:
-        """Return the sentence of what is to be done at a step alone."""
+        """Return the sentence of a step without the way that follows it."""
         return self._sentence(self._maneuver(step))
 
     def walk(self, step: Step, distance_m: float, goal: Step | None = None) -> str:
-        """Return the sentence that leads `distance_m` along the way after a step, to `goal` if that is the end."""
+        """Return the sentence for `distance_m` of way after a step; `goal` is the last step if the way ends there."""
         distance = self._distance(distance_m)
         if goal is not None:
             return self._sentence(self._say("goal", at=_name(goal.at), distance=distance))
         return self._sentence(self._go("walk", step, distance))
 
     def say(self, key: str) -> str:
-        """Return a sentence that says nothing of a step."""
+        """Return a sentence that belongs to no step."""
         return self._sentence(self._words[key])
 
     def _maneuver(self, step: Step) -> str:
@@ -108,7 +123,7 @@ class Speaker:
             sentence = self._go("walk" if step.turn == "depart" else "walk.straight", step, distance)
         else:
             sentence = self._go("walk.after", step, distance)
-        names = [mark.name for mark in step.passing[-MAX_PASSING:]]
+        names = [mark.name for mark in step.passing[-OPTIONS.max_passing :]]
         if not names:
             return sentence
         listing = names[0] if len(names) == 1 else self._words["and"].format(first=names[0], second=names[1])

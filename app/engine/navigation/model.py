@@ -16,7 +16,7 @@ Turn = Literal[
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """A point of a route's line: plan metres on a floor, and how far along the route it is."""
+    """A point of a route's line: plan metres on a floor, and its distance from the start along the route."""
 
     floor: str
     x: float
@@ -26,19 +26,19 @@ class RoutePoint:
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """A landmark on or beside the way, where the way is next to it."""
+    """A landmark that the route passes, and the distance from the start where it is nearest."""
 
     floor: str
     landmark: Landmark
     along_m: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """What to do at a point, and how far to go until the next step.
+    """What to do at a point of the route, and the distance to the next step.
 
-    `at` is the landmark where it is done, `towards` the one where it leads, `passing` those on the way. For `up`
-    and `down`, `mode` says by what and `to_floor` where to.
+    `at` is the landmark at the point, `towards` the one that the step leads to, `passing` are those on the way. The
+    turns `up` and `down` change floors by `mode` to `to_floor`; `enters_floor` marks the first step after that.
     """
 
     turn: Turn
@@ -55,10 +55,10 @@ class Step:
     enters_floor: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
-    """A way from a place to another: its line (`modes[i]` is how points[i + 1] is reached), the landmarks along it
-    and the steps. `floor_names` names the floors for people."""
+    """A way from one place to another: the points of its line, where `modes[i]` leads from point i to i + 1, the
+    landmarks along it, and the steps. `floor_names` are the names of the floors by id."""
 
     start: Place
     end: Place

@@ -12,27 +12,58 @@ import shapely  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from app.engine.floors.floor import Floor
-from app.engine.floors.geometry import short
-from app.engine.floors.model import TOUCH_M, FloorFeatures, Landmark, Link, LinkMode
+from app.engine.floors.model import FloorFeatures, Landmark, Link, LinkMode
+from app.engine.floors.options import OPTIONS as FLOOR
 from app.engine.floors.places import PlaceIndex
+from app.engine.floors.sentences import short
 from app.engine.navigation.noding import FloorGraph, Junction, node_floor
 from app.geometry.plan import PlanTransform
+from app.limits import limit
 
 Array = NDArray[np.float64]
-# A node is a floor's id and a row of that floor's nodes; a route adds nodes of its own.
+# The id of a floor and a row of that floor's nodes; a route adds nodes with rows below zero.
 Node = tuple[str, int]
 
-# Where a way arrives on another floor is known from its drawing there, through two plans and a world.
-ARRIVAL_M = 2.0
-MAX_UNMET = 50
-# What a floor costs where the link says no length: a flight of stairs, an escalator, a wait and a ride.
-STAIRS_M_PER_LEVEL, ESCALATOR_M_PER_LEVEL, LIFT_M, LIFT_M_PER_LEVEL = 10.0, 10.0, 12.0, 3.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkOptions:
+    """How floors are joined, and the length that a way between them counts for when its link gives none."""
+
+    arrival_m: float = limit(
+        2.0,
+        "A way between floors joins the nearest landmark or link within this distance of the point where it arrives.",
+        chosen="By hand: that point is carried over through two plans, each some decimetres off.",
+    )
+    stairs_m_per_level: float = limit(
+        10.0,
+        "Length of a flight of stairs.",
+        chosen="By hand: two flights of about 5 m for a storey of 3.5 m.",
+    )
+    escalator_m_per_level: float = limit(
+        10.0, "Length of an escalator.", chosen="By hand: as long as stairs, since people stand on it."
+    )
+    lift_m: float = limit(
+        12.0, "Length that waiting for a lift counts for.", chosen="By hand: a wait of 10 s."
+    )
+    lift_m_per_level: float = limit(
+        3.0,
+        "Length that the ride of a lift counts for.",
+        chosen="By hand: a ride of 2 to 3 s for each level.",
+    )
+    max_unmet: int = limit(
+        50,
+        "Links that meet nothing on the other floor and are named in an answer.",
+        chosen="By hand: one page.",
+    )
+
+
+OPTIONS = NetworkOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A way from one node to the next. `line` (n, 2) is what is drawn of a way between floors on its own floor,
-    from where it begins; `from_floor` is that floor."""
+    """A way from one node to the next. A way between floors has `line` (n, 2), its drawn line in plan metres of the
+    floor `from_floor`, where it begins."""
 
     length_m: float
     mode: LinkMode
@@ -43,7 +74,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class FloorPart:
-    """One floor of the network: `segments` are shapely lines, one for each of its graph's edges."""
+    """One floor of the network: `segments` are shapely lines, one for each edge of its graph."""
 
     floor: Floor
     places: PlaceIndex
@@ -68,7 +99,7 @@ class Network:
         return np.asarray(self.parts[node[0]].graph.nodes[node[1]])
 
     def places_named(self, text: str) -> list[tuple[str, Landmark]]:
-        """Return all landmarks and POIs of that id with their floors' ids."""
+        """Return all landmarks and POIs of that id, each with the id of its floor."""
         return [
             (floor_id, mark)
             for floor_id, part in self.parts.items()
@@ -87,11 +118,11 @@ def build_network(floors: Sequence[tuple[Floor, PlaceIndex]]) -> Network:
             if link.to_floor is None:
                 continue
             target = by_id.get(link.to_floor)
-            begins = _add(junctions[floor.id], link.points[0], link.start, TOUCH_M)
+            begins = _add(junctions[floor.id], link.points[0], link.start, FLOOR.touch_m)
             arrives = None
             if target is not None:
                 end = _carried(link.points[-1:], floor, target)[0]
-                arrives = _add(junctions[target.id], end, link.end, ARRIVAL_M)
+                arrives = _add(junctions[target.id], end, link.end, OPTIONS.arrival_m)
             ways.append((floor, link, target, begins, arrives))
     parts = {floor.id: _part(floor, places, junctions[floor.id]) for floor, places in floors}
     graph = nx.MultiDiGraph()
@@ -116,7 +147,7 @@ def _add(junctions: list[Junction], point: Array, landmark: str | None, radius_m
 
 
 def _carried(points: Array, floor: Floor, target: Floor) -> Array:
-    """Return plan points (n, 2) of one floor on another's plan: through the world, or the same where either has
+    """Return plan points (n, 2) of one floor on the plan of another, through the world; unchanged when one of them has
     no `plan_from_world`."""
     if floor.plan_from_world is None or target.plan_from_world is None:
         return points
@@ -152,23 +183,23 @@ def _add_way(graph: nx.MultiDiGraph, link: Link, start: Node, end: Node, floor: 
 
 
 def way_length_m(link: Link, levels: int) -> float:
-    """Return what a way between floors counts for: its `length_m`, else a figure by its mode and levels, and not
-    less than what is drawn of it."""
+    """Return the length in metres that a way between floors counts for: its `length_m`, else a length by its mode and
+    `levels`; stairs and escalators count for their drawn line if that is longer."""
     if link.length_m is not None:
         return link.length_m
     drawn_m = float(np.linalg.norm(np.diff(link.points, axis=0), axis=1).sum())
     levels = max(levels, 1)
     if link.mode == "lift":
-        return LIFT_M + LIFT_M_PER_LEVEL * levels
-    per_level = STAIRS_M_PER_LEVEL if link.mode == "stairs" else ESCALATOR_M_PER_LEVEL
-    return max(per_level * levels, drawn_m)
+        return OPTIONS.lift_m + OPTIONS.lift_m_per_level * levels
+    per_level_m = OPTIONS.stairs_m_per_level if link.mode == "stairs" else OPTIONS.escalator_m_per_level
+    return max(per_level_m * levels, drawn_m)
 
 
 def unmet_links(network: Network) -> list[str]:
-    """Return a sentence for each link between floors that meets nothing where it leads to, not more than a few."""
+    """Return a sentence for each link that meets nothing on the floor it leads to, `max_unmet` at most."""
     return [
         f"Link {short(link.id)} of floor {short(floor_id)} meets nothing on floor {short(link.to_floor)} yet."
-        for floor_id, link in network.unmet[:MAX_UNMET]
+        for floor_id, link in network.unmet[: OPTIONS.max_unmet]
     ]
 
 

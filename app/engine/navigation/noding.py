@@ -11,24 +11,52 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from app.engine.floors.model import TOUCH_M, FloorFeatures, Link
+from app.engine.floors.model import FloorFeatures, Link
+from app.engine.floors.options import OPTIONS as FLOOR
 from app.errors import InvalidInputError
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# Points closer than this are one.
-MERGE_M = 0.01
-# What lines as bad as these make of memory and time helps nobody.
-MAX_CROSSINGS = 100_000
-CHUNK = 256
+# Pieces of lines shorter than this have no direction.
+MIN_PIECE_M = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodingOptions:
+    """How lines become a graph."""
+
+    merge_m: float = limit(
+        0.01,
+        "Points this close are one node, and a point this close to a line is on it.",
+        chosen="By hand: above the rounding of drawing tools, below everything that is drawn apart on purpose.",
+    )
+    grid_m: float = limit(
+        1e-3,
+        "Points in the same cell of a grid of this size are merged before distances between points are compared.",
+        chosen="By hand: a tenth of `merge_m`; the number of pairs grows with the square of the points at one place.",
+    )
+    max_crossings: int = limit(
+        100_000,
+        "Times that the lines of a floor may meet or cross.",
+        chosen="By hand: far above real plans, and the graph still takes only seconds to build.",
+    )
+    chunk_pieces: int = limit(
+        256,
+        "Straight pieces that are compared with all others at once.",
+        chosen="By hand: it bounds memory before the number of crossings is checked.",
+    )
+
+
+OPTIONS = NodingOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Junction:
-    """A point that joins the network though no line ends in it: where ways from other floors begin or end.
+    """A point where a way between floors begins or ends; no line need end there.
 
-    It joins the landmark `landmark` if that is named, else the nearest one within `radius_m`, else the nearest
-    line within `radius_m`.
+    It joins the landmark of the id `landmark` if that is set, else the nearest landmark within `radius_m`, else the
+    nearest line within `radius_m`.
     """
 
     x: float
@@ -37,13 +65,13 @@ class Junction:
     radius_m: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FloorGraph:
-    """Nodes (n, 2) in plan metres; edges (m, 2) between them, each a straight piece of the link of that index,
-    or a spur: the few steps between a landmark and the link beside it.
+    """Nodes (n, 2) in plan metres, and edges (m, 2) as rows of nodes.
 
-    `landmark_nodes` holds a node for each landmark and POI, `junction_nodes` one for each junction or None for
-    one that meets nothing.
+    Each edge is a straight piece of the link whose index is in `edge_links` (m,), or a spur: the short way between a
+    landmark and the link beside it. `landmark_nodes` has the node of each landmark and POI, `junction_nodes` the node
+    of each junction, None for a junction that meets nothing.
     """
 
     nodes: Array
@@ -56,7 +84,7 @@ class FloorGraph:
 
 @dataclass(slots=True)
 class _Cuts:
-    """Points on segments: which segment, how far along it from 0 to 1."""
+    """Points on segments: the rows of the segments, and the fractions of their lengths, 0 to 1."""
 
     segments: list[NDArray[np.int64]] = field(default_factory=list)
     fractions: list[Array] = field(default_factory=list)
@@ -73,7 +101,7 @@ def node_floor(features: FloorFeatures, junctions: list[Junction]) -> FloorGraph
     mark_index = {mark.id: index for index, mark in enumerate(marks)}
     placed = [_placed(junction, mark_index, mark_points) for junction in junctions]
     anchors = np.vstack([mark_points, *(point[None] for point, _ in placed)])
-    reach = np.array([TOUCH_M] * len(marks) + [one.radius_m for one in junctions])
+    reach = np.array([FLOOR.touch_m] * len(marks) + [one.radius_m for one in junctions])
     lines = _joined_lines(features, mark_index, anchors)
     starts, ends, owners = _segments(lines)
     cuts = _Cuts()
@@ -88,7 +116,7 @@ def node_floor(features: FloorFeatures, junctions: list[Junction]) -> FloorGraph
 
 
 def _placed(junction: Junction, mark_index: dict[str, int], marks: Array) -> tuple[Array, bool]:
-    """Return where a junction is, and whether that is on a landmark."""
+    """Return the position (2,) of a junction, and whether that is a landmark's."""
     here = np.array([junction.x, junction.y])
     if junction.landmark is not None:
         index = mark_index.get(junction.landmark)
@@ -104,7 +132,7 @@ def _placed(junction: Junction, mark_index: dict[str, int], marks: Array) -> tup
 def _joined_lines(
     features: FloorFeatures, mark_index: dict[str, int], anchors: Array
 ) -> list[tuple[int, Array]]:
-    """Return the walk links' indices and lines, each end moved onto what it touches: a landmark, else a line."""
+    """Return the indices and lines of the walk links, each end moved onto the landmark or line that it touches."""
     lines = [(index, link.points.copy()) for index, link in enumerate(features.links) if link.mode == "walk"]
     tree = cKDTree(anchors) if len(anchors) else None
     loose: list[tuple[int, int]] = []
@@ -113,7 +141,7 @@ def _joined_lines(
             target = anchors[mark_index[name]] if name in mark_index else None
             if target is None and tree is not None:
                 distance_m, nearest = tree.query(points[position])
-                target = anchors[nearest] if distance_m <= TOUCH_M else None
+                target = anchors[nearest] if distance_m <= FLOOR.touch_m else None
             if target is None:
                 loose.append((row, position))
             else:
@@ -132,23 +160,23 @@ def _join_to_lines(lines: list[tuple[int, Array]], loose: list[tuple[int, int]])
     tree = shapely.STRtree([shapely.LineString(points) for _, points in lines])
     for row, position in loose:
         here = shapely.Point(lines[row][1][position])
-        # Ends that were moved before may have come nearer, hence twice the distance.
-        near = [int(k) for k in tree.query(here, predicate="dwithin", distance=2 * TOUCH_M) if k != row]
+        # Twice the distance, since a line whose end was moved before may have come nearer.
+        near = [int(k) for k in tree.query(here, predicate="dwithin", distance=2 * FLOOR.touch_m) if k != row]
         others = [shapely.LineString(lines[k][1]) for k in near]
         distances_m = [float(line.distance(here)) for line in others]
-        if others and min(distances_m) <= TOUCH_M:
+        if others and min(distances_m) <= FLOOR.touch_m:
             line = others[int(np.argmin(distances_m))]
             on_line = line.interpolate(line.project(here))
             lines[row][1][position] = on_line.x, on_line.y
 
 
 def _segments(lines: list[tuple[int, Array]]) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return the lines' straight pieces: their starts (s, 2), ends (s, 2) and the index of their link (s,)."""
+    """Return the straight pieces of the lines: starts (s, 2), ends (s, 2) and indices of their links (s,)."""
     none = np.empty((0, 2))
     starts = np.vstack([none, *(points[:-1] for _, points in lines)])
     ends = np.vstack([none, *(points[1:] for _, points in lines)])
     owners = np.repeat([index for index, _ in lines], [len(points) - 1 for _, points in lines])
-    keep = np.linalg.norm(ends - starts, axis=1) > 1e-9
+    keep = np.linalg.norm(ends - starts, axis=1) > MIN_PIECE_M
     return starts[keep], ends[keep], owners.astype(np.int64)[keep]
 
 
@@ -158,20 +186,22 @@ def _cut_where_lines_meet(starts: Array, ends: Array, cuts: _Cuts) -> None:
     pieces = shapely.linestrings(np.stack([starts, ends], axis=1))
     tree = shapely.STRtree(pieces)
     total = 0
-    for first in range(0, len(pieces), CHUNK):
-        rows, others = tree.query(pieces[first : first + CHUNK], predicate="dwithin", distance=MERGE_M)
+    for first in range(0, len(pieces), OPTIONS.chunk_pieces):
+        rows, others = tree.query(
+            pieces[first : first + OPTIONS.chunk_pieces], predicate="dwithin", distance=OPTIONS.merge_m
+        )
         rows = rows + first
         a, b = rows[rows < others], others[rows < others]
         total += len(a)
-        if total > MAX_CROSSINGS + 4 * len(pieces):
+        if total > OPTIONS.max_crossings + 4 * len(pieces):
             raise InvalidInputError(
-                f"The links meet or cross more than {MAX_CROSSINGS:,} times; draw fewer and simpler ones."
+                f"The links meet or cross more than {OPTIONS.max_crossings:,} times; draw fewer and simpler ones."
             )
         _cut_pairs(starts, ends, a, b, cuts)
 
 
 def _cut_pairs(starts: Array, ends: Array, a: NDArray[np.int64], b: NDArray[np.int64], cuts: _Cuts) -> None:
-    """Cut segments a and b (p,) where they cross, and where an end of one lies on the other."""
+    """Cut the segments of rows a and b (p,) where they cross, and where an end of one lies on the other."""
     along_a, along_b = ends[a] - starts[a], ends[b] - starts[b]
     between = starts[b] - starts[a]
     determinant = along_a[:, 0] * along_b[:, 1] - along_a[:, 1] * along_b[:, 0]
@@ -184,12 +214,12 @@ def _cut_pairs(starts: Array, ends: Array, a: NDArray[np.int64], b: NDArray[np.i
     for own, other in ((a, b), (b, a)):
         for tips in (starts, ends):
             fractions, distances_m = _projected(starts[own], ends[own], tips[other])
-            touching = distances_m <= MERGE_M
+            touching = distances_m <= OPTIONS.merge_m
             cuts.add(own[touching], fractions[touching])
 
 
 def _projected(starts: Array, ends: Array, points: Array) -> tuple[Array, Array]:
-    """Return how far along its segment (n,) each point's nearest one is, 0 to 1, and how far from the point."""
+    """Return, for each point (n, 2), the fraction along its segment of the nearest point, and the distance (n,)."""
     along = ends - starts
     squared = np.maximum((along**2).sum(axis=1), 1e-18)
     fractions = np.clip(((points - starts) * along).sum(axis=1) / squared, 0.0, 1.0)
@@ -200,7 +230,7 @@ def _projected(starts: Array, ends: Array, points: Array) -> tuple[Array, Array]
 def _cut_at_anchors(
     starts: Array, ends: Array, anchors: Array, reach: Array, cuts: _Cuts
 ) -> list[tuple[int, Array, int]]:
-    """Cut the segment next to each anchor; return anchor, point on the segment and segment for those in reach."""
+    """Cut the segment nearest to each anchor within its reach; return (anchor, point on segment, segment) of each."""
     if not len(starts) or not len(anchors):
         return []
     tree = shapely.STRtree(shapely.linestrings(np.stack([starts, ends], axis=1)))
@@ -225,7 +255,7 @@ def _assemble(
     mark_index: dict[str, int],
     joined: list[bool],
 ) -> FloorGraph:
-    """Merge points that coincide to nodes, and join what follows each other on a segment."""
+    """Merge points that coincide into nodes, and join neighbours on a segment by edges."""
     count = np.arange(len(starts))
     segments = np.concatenate([count, count, *cuts.segments]).astype(np.int64)
     fractions = np.concatenate([np.zeros(len(starts)), np.ones(len(starts)), *cuts.fractions])
@@ -259,13 +289,12 @@ def _assemble(
 
 
 def merge_points(points: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return the different points (n, 2), those within `MERGE_M` of each other being one, and each one's row."""
+    """Return the different points (n, 2), merged where they are within `merge_m`, and for each given point its row."""
     if not len(points):
         return points, np.empty(0, dtype=np.int64)
-    # One point a millimetre first: pairs grow with the square of points at one place.
-    cells = np.round(points / 1e-3).astype(np.int64)
+    cells = np.round(points / OPTIONS.grid_m).astype(np.int64)
     _, kept, cell_of = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    pairs = cKDTree(points[kept]).query_pairs(MERGE_M, output_type="ndarray")
+    pairs = cKDTree(points[kept]).query_pairs(OPTIONS.merge_m, output_type="ndarray")
     joined = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(kept),) * 2)
     count, of_kept = connected_components(joined, directed=False)
     labels = of_kept[cell_of.ravel()].astype(np.int64)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from app.engine.floors.checks import listed
-from app.engine.floors.geometry import MAX_COORDINATE_M, short
 from app.engine.floors.model import Landmark
+from app.engine.floors.options import OPTIONS as FLOOR
+from app.engine.floors.sentences import listed, short
 from app.engine.navigation.network import Network
 from app.errors import InvalidInputError, NotFoundError
 
@@ -32,15 +32,14 @@ class NamedPlace:
     landmark: Landmark
 
 
-# Other starts, such as where somebody was seen last, become one of these.
 Place = PlanPlace | NamedPlace
 
 
 def parse_place(text: str, network: Network, field: str) -> Place:
-    """Return the place that a text means: an id, `floor:id` or `floor:x,y`.
+    """Return the place of a text: an id, `floor:id` or `floor:x,y`.
 
-    Raises `NotFoundError` for an unknown floor or id, `InvalidInputError` for an id on several floors or numbers
-    that no plan has. `field` names the parameter in messages.
+    `field` is the name of the parameter in messages. Raises `NotFoundError` for an unknown floor or id,
+    `InvalidInputError` for an id on several floors or for numbers too large for a plan.
     """
     wanted = text.strip()
     if not wanted:
@@ -67,6 +66,6 @@ def parse_place(text: str, network: Network, field: str) -> Place:
     if point is None:
         raise NotFoundError(f"{field}: floor {short(floor_id)} has no landmark or poi {short(rest)}.")
     x, y = float(point[2]), float(point[3])
-    if not max(abs(x), abs(y)) <= MAX_COORDINATE_M:
-        raise InvalidInputError(f"{field}: x and y must be within {MAX_COORDINATE_M:,.0f} m.")
+    if not max(abs(x), abs(y)) <= FLOOR.max_coordinate_m:
+        raise InvalidInputError(f"{field}: x and y must be within {FLOOR.max_coordinate_m:,.0f} m.")
     return PlanPlace(floor_id, x, y)

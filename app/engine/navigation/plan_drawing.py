@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from xml.sax.saxutils import escape, quoteattr
 
@@ -14,10 +15,24 @@ from numpy.typing import NDArray
 from app.engine.floors.floor import Floor, PlanImage
 from app.engine.floors.model import FloorFeatures
 from app.engine.navigation.model import Route
+from app.limits import limit
 
-MARGIN_M = 1.0
-# Of a plan without anything on it this much is shown.
-EMPTY_M = 10.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawingOptions:
+    """How much of the plan a drawing shows."""
+
+    margin_m: float = limit(
+        1.0, "Margin around what is drawn.", chosen="By hand: room for the names and circles at the edge."
+    )
+    empty_m: float = limit(
+        10.0,
+        "Side of the square that is shown of a plan with nothing on it.",
+        chosen="By hand: a large room.",
+    )
+
+
+OPTIONS = DrawingOptions()
 STYLE = """
 .area { fill: #4a7bd0; fill-opacity: 0.10; stroke: #4a7bd0; stroke-width: 0.05 }
 .link { fill: none; stroke: #777; stroke-width: 0.06; stroke-dasharray: 0.3 0.2 }
@@ -32,9 +47,9 @@ text { font: 0.5px sans-serif; fill: #1b1b1b } .name { text-anchor: middle; fill
 def draw_plan(
     floor: Floor, features: FloorFeatures, image: bytes | None = None, route: Route | None = None
 ) -> str:
-    """Return an SVG in plan metres, y up, of a floor's features, over its plan `image` if it is given.
+    """Return an SVG of a floor's features in plan metres, over its plan `image` if that is given.
 
-    Of a `route` the parts on this floor are drawn.
+    With `route`, the parts of it on this floor are drawn too. SVG's y axis points down, so y is negated.
     """
     x0, y0, x1, y1 = _bounds(floor, features, image)
     parts = [
@@ -42,7 +57,7 @@ def draw_plan(
         f"<title>{escape(floor.name)}</title><style>{STYLE}</style>",
         *_image(floor.plan, image),
         *_areas(features),
-        # A drawing brings its own names.
+        # A plan image has the names of rooms on it.
         *([] if image is not None else _names(features)),
         *_links(features),
         *([] if route is None else _route(route, floor.id)),
@@ -63,10 +78,10 @@ def _bounds(floor: Floor, features: FloorFeatures, image: bytes | None) -> tuple
     if floor.plan is not None and image is not None:
         corners.append(_image_box(floor.plan))
     if not corners:
-        return 0.0, 0.0, EMPTY_M, EMPTY_M
+        return 0.0, 0.0, OPTIONS.empty_m, OPTIONS.empty_m
     points = np.vstack(corners)
-    x0, y0 = points.min(axis=0) - MARGIN_M
-    x1, y1 = points.max(axis=0) + MARGIN_M
+    x0, y0 = points.min(axis=0) - OPTIONS.margin_m
+    x1, y1 = points.max(axis=0) + OPTIONS.margin_m
     return float(x0), float(y0), float(x1), float(y1)
 
 

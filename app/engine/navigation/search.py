@@ -10,22 +10,39 @@ import numpy as np
 import shapely  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from app.engine.floors.checks import listed
-from app.engine.floors.geometry import short
 from app.engine.floors.model import LinkMode
+from app.engine.floors.sentences import listed, short
 from app.engine.navigation.model import RoutePoint
 from app.engine.navigation.network import Edge, FloorPart, Network, Node
 from app.engine.navigation.places import NamedPlace, Place
 from app.errors import NoRouteError, NotFoundError, OffNetworkError
+from app.limits import limit
 
 Array = NDArray[np.float64]
-# A room's far corner is this far from the walkable line through its door.
-REACH_M = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """How places join the network, and what is drawn of ways between floors."""
+
+    reach_m: float = limit(
+        10.0,
+        "A place that is on no link is led to the nearest link within this distance.",
+        chosen="By hand: the far corner of a large room is about this far from the line through its door.",
+    )
+    min_drawn_m: float = limit(
+        0.5,
+        "A way between floors whose line is shorter than this is shown as a point.",
+        chosen="By hand: shorter lines are lifts, or stairs that were not drawn.",
+    )
+
+
+OPTIONS = SearchOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a traveller can't or won't use."""
+    """What a traveller can't or doesn't want to use."""
 
     avoid: frozenset[LinkMode] = frozenset()
     accessible_only: bool = False
@@ -35,7 +52,7 @@ class Limits:
         return edge.mode not in self.avoid and (edge.accessible or not self.accessible_only)
 
     def words(self) -> str:
-        """Say the limits, for the end of a sentence; empty when there are none."""
+        """Return the limits as the end of a sentence, empty when there are none."""
         parts = [f" without {' and '.join(sorted(self.avoid))}"] if self.avoid else []
         if self.accessible_only:
             parts.append(" by accessible links only")
@@ -53,8 +70,8 @@ class Way:
 def find_way(network: Network, start: Place, end: Place, limits: Limits) -> Way:
     """Return the shortest way from one place to the other.
 
-    Raises `NoRouteError` when no way joins them, with what can be reached, and `OffNetworkError` when a place
-    is too far from every link.
+    Raises `NoRouteError` when no way joins them, whose message names what can be reached, and `OffNetworkError` when a
+    place is too far from every link. Source: Dijkstra's algorithm.
     """
     search = _Search(network, limits)
     source, target = search.attach(start, leaving=True), search.attach(end, leaving=False)
@@ -68,7 +85,7 @@ def find_way(network: Network, start: Place, end: Place, limits: Limits) -> Way:
 
 @dataclass(frozen=True, slots=True)
 class _Attachment:
-    """Where a place meets an edge of a floor's graph: `node` stands on edge `row` at `fraction` of it."""
+    """Where a place meets an edge of a floor's graph: at `node`, on edge `row`, at `fraction` of its length."""
 
     floor: str
     row: int
@@ -94,7 +111,7 @@ class _Search:
         )
 
     def attach(self, place: Place, leaving: bool) -> Node:
-        """Return the node of a place; a place that is not on the network is led to its nearest link."""
+        """Return the node of a place; a place that is not on the network is joined to its nearest link."""
         part = self._network.parts.get(place.floor)
         if part is None:
             raise NotFoundError(f"There is no floor {short(place.floor)} any more.")
@@ -110,7 +127,8 @@ class _Search:
         return self._add(part, here, edge_row, fraction, leaving)
 
     def _nearest_edge(self, part: FloorPart, here: Array) -> tuple[int, float]:
-        """Return the edge and the fraction of it next to a point; one in the same area if there is one."""
+        """Return the edge nearest to a point, one in the same area if there is one, and the fraction of its length
+        where it is nearest."""
         links = part.places.features.links
         allowed = np.array(
             [self._limits.allow(Edge(0.0, "walk", link.accessible)) for link in links], dtype=bool
@@ -121,12 +139,12 @@ class _Search:
         if not len(rows):
             raise NoRouteError(f"Floor {short(part.floor.id)} has no link to walk on{self._limits.words()}.")
         distances_m = shapely.distance(part.segments[rows], point)
-        if distances_m.min() > REACH_M:
+        if distances_m.min() > OPTIONS.reach_m:
             raise OffNetworkError(
-                f"No link that may be walked is within {REACH_M:.0f} m of {where}; the nearest is "
+                f"No link that may be walked is within {OPTIONS.reach_m:.0f} m of {where}; the nearest is "
                 f"{distances_m.min():.1f} m away."
             )
-        near = rows[distances_m <= REACH_M]
+        near = rows[distances_m <= OPTIONS.reach_m]
         pieces = part.segments[near]
         area = part.places.area(float(here[0]), float(here[1]))
         if area is not None:
@@ -139,7 +157,7 @@ class _Search:
         return int(near[best]), float(along)
 
     def _add(self, part: FloorPart, here: Array, row: int, fraction: float, leaving: bool) -> Node:
-        """Add a node for a place and one for where it meets an edge, with the ways between."""
+        """Add a node for a place, one for the point where it meets an edge, and the edges between them."""
         floor_id = part.floor.id
         ends = part.graph.nodes[part.graph.edges[row]]
         on_edge = ends[0] + fraction * (ends[1] - ends[0])
@@ -186,16 +204,16 @@ class _Search:
         self.graph.add_edge(start.node, end.node, edge=Edge(length_m, "walk", link.accessible))
 
     def way(self, nodes: list[Node]) -> Way:
-        """Return the way through these nodes; what is drawn of a way between floors belongs to it."""
+        """Return the way through these nodes, with the drawn lines of ways between floors."""
         points = [self._point(nodes[0], 0.0)]
         modes: list[LinkMode] = []
         for a, b in pairwise(nodes):
             edges = [data["edge"] for data in self.graph[a][b].values()]
             edge: Edge = min(filter(self._limits.allow, edges), key=lambda one: one.length_m)
             along_m = points[-1].along_m
-            for point, share in self._drawn(edge, a):
+            for point, fraction in self._drawn(edge, a):
                 points.append(
-                    RoutePoint(a[0], float(point[0]), float(point[1]), along_m + share * edge.length_m)
+                    RoutePoint(a[0], float(point[0]), float(point[1]), along_m + fraction * edge.length_m)
                 )
                 modes.append(edge.mode)
             points.append(self._point(b, along_m + edge.length_m))
@@ -203,20 +221,21 @@ class _Search:
         return Way(tuple(points), tuple(modes))
 
     def _drawn(self, edge: Edge, start: Node) -> list[tuple[Array, float]]:
-        """Return the points after the first of a way between floors, with their share of its length."""
+        """Return the points of the line of a way between floors but the first, each with its fraction of the length."""
         if edge.line is None or start[0] != edge.from_floor:
             return []
         steps_m = np.linalg.norm(np.diff(edge.line, axis=0), axis=1)
-        if steps_m.sum() < 0.5:
+        if steps_m.sum() < OPTIONS.min_drawn_m:
             return []
-        return list(zip(edge.line[1:], np.cumsum(steps_m) / steps_m.sum(), strict=True))
+        fractions: list[float] = (np.cumsum(steps_m) / steps_m.sum()).tolist()
+        return list(zip(edge.line[1:], fractions, strict=True))
 
     def _point(self, node: Node, along_m: float) -> RoutePoint:
         x, y = self._own[node] if node in self._own else self._network.position(node)
         return RoutePoint(node[0], float(x), float(y), along_m)
 
     def why_not(self, start: Place, end: Place, source: Node, target: Node) -> str:
-        """Say which parts of the venue no way joins."""
+        """Return a sentence that says which parts of the venue no way joins."""
         reached = set(nx.single_source_dijkstra_path_length(self.graph, source, weight=self.weight))
         floors = [
             floor_id for floor_id in self._network.parts if any(node[0] == floor_id for node in reached)

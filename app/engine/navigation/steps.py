@@ -1,4 +1,4 @@
-"""From a route's line to what a walker is told: where to turn, what is passed, where floors change."""
+"""The steps of a route: where to turn, which landmarks are passed, where to change floors."""
 
 from __future__ import annotations
 
@@ -15,30 +15,79 @@ from app.engine.navigation.model import Passage, Route, RoutePoint, Step, Turn
 from app.engine.navigation.network import Network
 from app.engine.navigation.places import NamedPlace, Place
 from app.engine.navigation.search import Way
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# Bends smaller than this on the plan are how a line was drawn, not something to say.
-SMOOTH_M = 0.5
-# Turns closer together than this are one: round a table, through a door at an angle.
-ONE_TURN_M = 2.0
-# Next to the way means: near enough to point at.
-BESIDE_M = 1.0
-AT_M = 2.0
-SLIGHT_DEG, TURN_DEG, SHARP_DEG, U_TURN_DEG = 30.0, 60.0, 120.0, 160.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepOptions:
+    """Which bends of a way are turns, and which landmarks belong to a step."""
+
+    smooth_m: float = limit(
+        0.5,
+        "Bends that deviate less than this from a straight line are ignored.",
+        chosen="By hand: such bends come from how a line was drawn.",
+    )
+    one_turn_m: float = limit(
+        2.0,
+        "Turns closer together than this are one turn.",
+        chosen="By hand: going around a table or through a door at an angle is one movement.",
+    )
+    end_m: float = limit(
+        1.0,
+        "Turns closer than this to the end of the way are not said.",
+        chosen="By hand: the destination is in sight by then.",
+    )
+    short_m: float = limit(
+        0.5,
+        "A first step shorter than this is left out, and landmarks this close to a step's start or end belong to it.",
+        chosen="By hand: about one stride.",
+    )
+    beside_m: float = limit(
+        1.0, "A landmark this close to the way is passed by it.", chosen="By hand: near enough to point at."
+    )
+    at_m: float = limit(
+        2.0,
+        "A turn is said to be at a landmark that is passed within this distance along the way.",
+        chosen="By hand: as far apart as turns that are said as one.",
+    )
+    slight_deg: float = limit(
+        30.0,
+        "Smallest change of direction that is said.",
+        chosen="By hand: people follow smaller bends without thinking.",
+    )
+    turn_deg: float = limit(
+        60.0,
+        "From this change of direction on a turn is not slight.",
+        chosen="By hand: two thirds of a right angle.",
+    )
+    sharp_deg: float = limit(
+        120.0,
+        "From this change of direction on a turn is sharp.",
+        chosen="By hand: as far above a right angle as `turn_deg` is below.",
+    )
+    u_turn_deg: float = limit(
+        160.0,
+        "From this change of direction on a turn leads back.",
+        chosen="By hand: 20 degrees short of a half turn.",
+    )
+
+
+OPTIONS = StepOptions()
 
 
 def turn_of(angle_deg: float) -> Turn:
     """Return the name of a change of direction, -180 to 180 degrees counter-clockwise."""
     size = abs(angle_deg)
-    if size < SLIGHT_DEG:
+    if size < OPTIONS.slight_deg:
         return "straight"
-    if size >= U_TURN_DEG:
+    if size >= OPTIONS.u_turn_deg:
         return "u_turn"
     left = angle_deg > 0
-    if size < TURN_DEG:
+    if size < OPTIONS.turn_deg:
         return "slight_left" if left else "slight_right"
-    if size < SHARP_DEG:
+    if size < OPTIONS.sharp_deg:
         return "left" if left else "right"
     return "sharp_left" if left else "sharp_right"
 
@@ -50,7 +99,7 @@ def angle_between_deg(before_deg: float, after_deg: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Section:
-    """A stretch on one floor by one mode: rows `first` to `last` of the route's points."""
+    """A part of a route on one floor by one mode: rows `first` to `last` of its points."""
 
     mode: LinkMode
     first: int
@@ -58,8 +107,10 @@ class _Section:
 
 
 def make_route(network: Network, start: Place, end: Place, way: Way, heading_deg: float | None) -> Route:
-    """Return the route of a way: its landmarks and steps. With the walker's `heading_deg` the first step is a turn
-    from there."""
+    """Return the route of a way, with its landmarks and steps.
+
+    With `heading_deg`, where the walker looks counter-clockwise from plan x, the first step is a turn from there.
+    """
     passages = _passages(network, way.points)
     sections = _sections(way)
     names = {floor_id: part.floor.name for floor_id, part in network.parts.items()}
@@ -73,10 +124,18 @@ def make_route(network: Network, start: Place, end: Place, way: Way, heading_deg
         else:
             steps.append(_change(way.points, section, levels))
     steps.append(_step("arrive", way.points[-1]))
-    if len(steps) > 1 and steps[0].turn == "depart" and steps[1].along_m < 0.5:
+    if len(steps) > 1 and steps[0].turn == "depart" and steps[1].along_m < OPTIONS.short_m:
         steps = steps[1:]
     named = _with_landmarks(_with_distances(steps, way.points[-1].along_m), passages, start, end)
-    return Route(start, end, way.points, way.modes, passages, named, names)
+    return Route(
+        start=start,
+        end=end,
+        points=way.points,
+        modes=way.modes,
+        passages=passages,
+        steps=named,
+        floor_names=names,
+    )
 
 
 def _sections(way: Way) -> list[_Section]:
@@ -92,7 +151,7 @@ def _sections(way: Way) -> list[_Section]:
 
 
 def _step(turn: Turn, point: RoutePoint) -> Step:
-    return Step(turn, point.floor, point.x, point.y, point.along_m, 0.0)
+    return Step(turn=turn, floor=point.floor, x=point.x, y=point.y, along_m=point.along_m, distance_m=0.0)
 
 
 def _change(points: Sequence[RoutePoint], section: _Section, levels: dict[str, int]) -> Step:
@@ -102,7 +161,7 @@ def _change(points: Sequence[RoutePoint], section: _Section, levels: dict[str, i
 
 
 def _walk_steps(points: Sequence[RoutePoint], heading_deg: float | None, enters_floor: bool) -> list[Step]:
-    """Return the steps of a stretch on one floor: one where it begins, one for each turn."""
+    """Return the steps of a walk on one floor: one where it begins, one for each turn."""
     places = np.array([(point.x, point.y) for point in points])
     along = np.array([point.along_m for point in points])
     corners = _corners(places)
@@ -123,8 +182,10 @@ def _walk_steps(points: Sequence[RoutePoint], heading_deg: float | None, enters_
 
 
 def _corners(places: Array) -> list[int]:
-    """Return the rows of the points that are left when small bends are smoothed away."""
-    simple = shapely.get_coordinates(shapely.LineString(places).simplify(SMOOTH_M, preserve_topology=False))
+    """Return the rows of the points that remain without bends smaller than `smooth_m` (Douglas-Peucker)."""
+    simple = shapely.get_coordinates(
+        shapely.LineString(places).simplify(OPTIONS.smooth_m, preserve_topology=False)
+    )
     rows, row = [], 0
     for x, y in simple:
         while row < len(places) and not (places[row, 0] == x and places[row, 1] == y):
@@ -141,15 +202,15 @@ def _directions_deg(corners: Array) -> Array:
 
 
 def _turn_groups(along_m: Array) -> list[list[int]]:
-    """Return all corners but the last, those that are one turn together: first the start with what belongs to it.
+    """Return the corners but the last, grouped into turns; the first group holds the start.
 
-    A turn just before the end is left out: the goal is in sight.
+    A turn less than `end_m` before the end is left out.
     """
     groups = [[0]]
     for corner in range(1, len(along_m) - 1):
-        if along_m[corner] - along_m[groups[-1][-1]] < ONE_TURN_M:
+        if along_m[corner] - along_m[groups[-1][-1]] < OPTIONS.one_turn_m:
             groups[-1].append(corner)
-        elif along_m[-1] - along_m[corner] >= ONE_TURN_M / 2:
+        elif along_m[-1] - along_m[corner] >= OPTIONS.end_m:
             groups.append([corner])
     return groups
 
@@ -160,7 +221,7 @@ def _with_distances(steps: list[Step], total_m: float) -> list[Step]:
 
 
 def _passages(network: Network, points: Sequence[RoutePoint]) -> tuple[Passage, ...]:
-    """Return the landmarks within `BESIDE_M` of the way, in the order in which it comes by."""
+    """Return the landmarks within `beside_m` of the way, in the order in which they are passed."""
     found: list[Passage] = []
     for floor_id, part in network.parts.items():
         landmarks = list(part.places.features.landmarks.values())
@@ -170,13 +231,16 @@ def _passages(network: Network, points: Sequence[RoutePoint]) -> tuple[Passage, 
             continue
         lines = shapely.linestrings([[(a.x, a.y), (b.x, b.y)] for a, b in pieces or alone])
         marks = shapely.points([(mark.x, mark.y) for mark in landmarks])
-        index, piece = shapely.STRtree(lines).query_nearest(marks, max_distance=BESIDE_M, all_matches=False)
+        index, piece = shapely.STRtree(lines).query_nearest(
+            marks, max_distance=OPTIONS.beside_m, all_matches=False
+        )
         for k, row in zip(index, piece, strict=True):
             a, b = (pieces or alone)[row]
-            share = (
-                float(shapely.line_locate_point(lines[row], marks[k], normalized=True)) if a is not b else 0.0
+            on_line = a is not b
+            fraction = (
+                float(shapely.line_locate_point(lines[row], marks[k], normalized=True)) if on_line else 0.0
             )
-            found.append(Passage(floor_id, landmarks[k], a.along_m + share * (b.along_m - a.along_m)))
+            found.append(Passage(floor_id, landmarks[k], a.along_m + fraction * (b.along_m - a.along_m)))
     return tuple(sorted(found, key=lambda passage: passage.along_m))
 
 
@@ -194,7 +258,8 @@ def _with_landmarks(
         elif step is steps[0]:
             at = origin
         reach = step.along_m + step.distance_m
-        ahead = [p for p in own if step.along_m + 0.5 < p.along_m <= reach + 0.5 and p.landmark is not at]
+        first_m, last_m = step.along_m + OPTIONS.short_m, reach + OPTIONS.short_m
+        ahead = [p for p in own if first_m < p.along_m <= last_m and p.landmark is not at]
         if step.turn in ("up", "down", "arrive"):
             ahead = []
         towards = ahead[-1].landmark if ahead else None
@@ -207,6 +272,6 @@ def _with_landmarks(
 
 
 def _nearest(passages: list[Passage], along_m: float) -> Landmark | None:
-    near = [passage for passage in passages if abs(passage.along_m - along_m) <= AT_M]
+    near = [passage for passage in passages if abs(passage.along_m - along_m) <= OPTIONS.at_m]
     best = min(near, key=lambda passage: abs(passage.along_m - along_m), default=None)
     return None if best is None else best.landmark

@@ -1,4 +1,4 @@
-"""How well a venue's rooms are joined by its links."""
+"""Counts which areas and landmarks of a venue its links connect."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from app.engine.navigation.network import Network
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FloorSurvey:
-    """What a floor holds; `joined_areas` counts the areas that a link enters."""
+    """The numbers of features of a floor; `joined_areas` counts the areas that a link enters."""
 
     id: str
     name: str
@@ -25,9 +25,10 @@ class FloorSurvey:
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """`parts` are the numbers of landmarks in each connected part of the network, largest first.
+    """The counts of a venue. `parts` are the numbers of landmarks in each connected part of the network, largest first.
 
-    `routed_pairs` of all `pairs` of areas have a route between them.
+    `routed_pairs` of all `pairs` of areas have a route between them; `unmet` counts the links between floors that meet
+    nothing where they lead.
     """
 
     floors: tuple[FloorSurvey, ...]
@@ -38,7 +39,7 @@ class Survey:
 
     @property
     def landmark_pairs(self) -> tuple[int, int]:
-        """How many pairs of landmarks have a route, and how many pairs there are."""
+        """The number of pairs of landmarks with a route between them, and the number of all pairs."""
         return sum(map(_pairs, self.parts)), _pairs(sum(self.parts))
 
 
@@ -47,7 +48,7 @@ def _pairs(count: int) -> int:
 
 
 def survey(network: Network) -> Survey:
-    """Count what is joined with what, in either direction of one-way links."""
+    """Count what is connected; one-way links count as if they could be walked in both directions."""
     part_of = {
         node: part
         for part, nodes in enumerate(nx.weakly_connected_components(network.graph))
@@ -65,8 +66,16 @@ def survey(network: Network) -> Survey:
             reached.append({part_of[floor_id, int(one.graph.edges[row, 0])] for row in rows})
         parts_of_areas += reached
         joined = sum(map(bool, reached))
-        counts = len(features.areas), len(features.landmarks), len(features.links)
-        floors.append(FloorSurvey(floor_id, one.floor.name, *counts, joined))
+        floors.append(
+            FloorSurvey(
+                id=floor_id,
+                name=one.floor.name,
+                areas=len(features.areas),
+                landmarks=len(features.landmarks),
+                links=len(features.links),
+                joined_areas=joined,
+            )
+        )
     count = len(parts_of_areas)
     routed = sum(
         bool(parts_of_areas[a] & parts_of_areas[b]) for a, b in zip(*np.triu_indices(count, 1), strict=True)

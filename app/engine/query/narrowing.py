@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from app.engine.floors.floor import Floor
 from app.engine.floors.model import Area
+from app.engine.floors.options import OPTIONS as FLOOR
 from app.engine.floors.places import within_areas
-from app.engine.floors.plan_point import HEIGHT_SLACK_M
 from app.geometry.plan import PlanTransform
 from app.limits import limit
 
@@ -64,7 +64,7 @@ def _on_floor(positions: NDArray[np.float64], floor: Floor) -> NDArray[np.bool_]
     """Return which world positions (n, 3) are at a floor's heights."""
     heights = positions[:, 2]
     return np.asarray(
-        (heights >= floor.z_min_m - HEIGHT_SLACK_M) & (heights <= floor.z_max_m + HEIGHT_SLACK_M)
+        (heights >= floor.z_min_m - FLOOR.height_slack_m) & (heights <= floor.z_max_m + FLOOR.height_slack_m)
     )
 
 

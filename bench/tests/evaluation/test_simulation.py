@@ -23,7 +23,18 @@ from bench.simulation.walks import Outcome, Shot, Told, walk_trip
 from tests.engine.navigation.test_navigation import network_of, route
 from tests.plans import GROUND, UPPER
 
-FLOOR = Floor("site", "ground", "Ground floor", 0, -0.5, 3.0, np.eye(4), None, None, None)
+FLOOR = Floor(
+    venue_id="site",
+    id="ground",
+    name="Ground floor",
+    level=0,
+    z_min_m=-0.5,
+    z_max_m=3.0,
+    plan_from_world=np.eye(4),
+    plan_residual_m=None,
+    plan=None,
+    features_sha256=None,
+)
 
 
 class Yard:

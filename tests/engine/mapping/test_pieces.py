@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from app.engine.floors.floor import Floor, PlanImage
-from app.engine.floors.plan_point import HEIGHT_SLACK_M, floor_of, plan_point
+from app.engine.floors.options import OPTIONS as FLOOR
+from app.engine.floors.plan_point import floor_of, plan_point
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options, parse_camera
 from app.engine.mapping.register_scan import largest_agreement, spread
@@ -81,7 +82,18 @@ def floor(
     name: str, z_min_m: float, z_max_m: float, matrix: object = None, plan: PlanImage | None = None
 ) -> Floor:
     plan_from_world = None if matrix is None else np.asarray(matrix, dtype=float)
-    return Floor("v", name, name, 0, z_min_m, z_max_m, plan_from_world, None, plan, None)
+    return Floor(
+        venue_id="v",
+        id=name,
+        name=name,
+        level=0,
+        z_min_m=z_min_m,
+        z_max_m=z_max_m,
+        plan_from_world=plan_from_world,
+        plan_residual_m=None,
+        plan=plan,
+        features_sha256=None,
+    )
 
 
 def test_a_camera_is_on_the_floor_that_holds_it_or_is_nearest() -> None:
@@ -93,14 +105,22 @@ def test_a_camera_is_on_the_floor_that_holds_it_or_is_nearest() -> None:
 
     assert [name_at(z) for z in (0, 1.4, 2.5, 3, 4)] == ["0", "0", "0", "1", "1"]
     assert [name_at(z) for z in (2.7, 2.8)] == ["0", "1"]
-    assert [name_at(z) for z in (-HEIGHT_SLACK_M + 0.01, -HEIGHT_SLACK_M - 0.01)] == ["0", None]
+    slack_m = FLOOR.height_slack_m
+    assert [name_at(z) for z in (-slack_m + 0.01, -slack_m - 0.01)] == ["0", None]
     assert [name_at(z) for z in (5.79, 5.81, 50)] == ["1", None, None]
     assert floor_of([], pose_at(0, 0, 1)) is None
 
 
 def test_a_pose_has_its_point_on_the_plan() -> None:
     quarter = [[0, -1, 0, 5], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]]
-    drawing = PlanImage("b", "image/png", 400, 300, 0.05, (10.0, 200.0))
+    drawing = PlanImage(
+        blob="b",
+        media_type="image/png",
+        width_px=400,
+        height_px=300,
+        meters_per_pixel=0.05,
+        origin_px=(10.0, 200.0),
+    )
     point = plan_point(floor("0", 0, 3, quarter, drawing), pose_at(1.0, 2.0, 1.4, 30.0))
     assert point is not None
     assert (point.x, point.y, point.heading_deg) == pytest.approx((3.0, 3.0, 120.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.engine.navigation.floor_changes import PACE_M_S, SLACK_M, can_have_changed_floor
+from app.engine.navigation.floor_changes import OPTIONS, can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
 from tests.engine.navigation.test_navigation import network_of
 from tests.plans import GROUND, UPPER, collection, landmark
@@ -14,7 +14,7 @@ STAIRS = PlanPlace("ground", 18.0, 1.0)
 
 
 def seconds(metres: float) -> float:
-    return (metres - SLACK_M) / PACE_M_S
+    return (metres - OPTIONS.slack_m) / OPTIONS.pace_m_s
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,18 @@ from tests.plans import GROUND, UPPER, area, collection, feature, landmark, link
 
 def floor_of(floor_id: str, level: int, plan_from_world: Any = None) -> Floor:
     matrix = None if plan_from_world is None else np.array(plan_from_world, dtype=float)
-    return Floor("site", floor_id, f"{floor_id} floor".title(), level, 0.0, 3.0, matrix, None, None, "x")
+    return Floor(
+        venue_id="site",
+        id=floor_id,
+        name=f"{floor_id} floor".title(),
+        level=level,
+        z_min_m=0.0,
+        z_max_m=3.0,
+        plan_from_world=matrix,
+        plan_residual_m=None,
+        plan=None,
+        features_sha256="x",
+    )
 
 
 def network_of(*collections: object, transforms: dict[str, Any] | None = None) -> Network:
