@@ -28,7 +28,8 @@ from bench.evaluation.pose_errors import pose_error
 Array = NDArray[np.float64]
 
 # What is taken out of the map around a POI: keyframes with more than this share of their points this near.
-CORNER_M, CORNER_SHARE = 2.0, 0.1
+CORNER_M = 2.0
+CORNER_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,14 +21,19 @@ from bench.anchors.pairs import AnchorPair
 
 Array = NDArray[np.float64]
 
-MIN_BASELINE_M, MAX_BASELINE_M = 0.3, 4.0
+MIN_BASELINE_M = 0.3
+MAX_BASELINE_M = 4.0
 MIN_AXES_COSINE = float(np.cos(np.radians(45.0)))
 REGION_HALF_PX = 60
 MAX_DEPTH_DIFFERENCE = 0.1
 MARGIN_PX = 40
-TRIES_PER_PAIR, TRIES_PER_POI = 200, 10
+TRIES_PER_PAIR = 200
+TRIES_PER_POI = 10
 # A thing that catches the eye: so many corners within the region around its middle, so many of them on it.
-THING_HALF_PX, MIN_CORNERS, MIN_ON_THING, SAME_DEPTH = 40, 10, 0.6, 0.05
+THING_HALF_PX = 40
+MIN_CORNERS = 10
+MIN_ON_THING = 0.6
+SAME_DEPTH = 0.05
 
 
 def sample_pairs(scan: Scan, gravity_in_scan: Array, count: int, seed: int = 11) -> list[AnchorPair]:
@@ -53,7 +58,7 @@ def sample_pairs(scan: Scan, gravity_in_scan: Array, count: int, seed: int = 11)
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PairOfViews:
     """Two frames that may play monitoring camera and phone: far enough apart, facing nearly the same way.
 
@@ -75,7 +80,14 @@ class PairOfViews:
         alike = one.rotation[:, 2] @ other.rotation[:, 2] >= MIN_AXES_COSINE
         if not (MIN_BASELINE_M < baseline < MAX_BASELINE_M and alike):
             return None
-        return PairOfViews(scan, monitor, phone, upright, scan.depth_m(monitor), scan.depth_m(phone))
+        return PairOfViews(
+            scan=scan,
+            monitor=monitor,
+            phone=phone,
+            upright=upright,
+            monitor_depth_m=scan.depth_m(monitor),
+            phone_depth_m=scan.depth_m(phone),
+        )
 
     def pair(self, middle: tuple[int, int], name: str, half_px: int = REGION_HALF_PX) -> AnchorPair | None:
         """Return the pair with a POI whose region, a square, has its middle where told; None when the phone doesn't
@@ -105,16 +117,25 @@ class PairOfViews:
         poi = Poi("poi", region, float(places["C"][0]), float(places["C"][1]), distance_m)
         b = places["B"]
         return AnchorPair(
-            name,
-            AnchorSpec("scan", "0", float(b[0]), float(b[1]), float(b[2]), None, camera, (poi,)),
-            _loader(scan, self.monitor),
-            _loader(scan, self.phone),
-            camera,
-            camera,
-            places["A"][:2],
-            other.rotation.T @ self.upright.T @ np.array([0.0, 0.0, -1.0]),
-            _angle_deg(one.translation - point, other.translation - point),
-            float(np.linalg.norm(other.translation - point)),
+            name=name,
+            spec=AnchorSpec(
+                venue_id="scan",
+                floor_id="0",
+                x=float(b[0]),
+                y=float(b[1]),
+                height_m=float(b[2]),
+                heading_deg=None,
+                camera=camera,
+                pois=(poi,),
+            ),
+            monitor=_loader(scan, self.monitor),
+            phone=_loader(scan, self.phone),
+            monitor_camera=camera,
+            phone_camera=camera,
+            phone_on_plan=places["A"][:2],
+            gravity_in_phone=other.rotation.T @ self.upright.T @ np.array([0.0, 0.0, -1.0]),
+            angle_deg=_angle_deg(one.translation - point, other.translation - point),
+            distance_m=float(np.linalg.norm(other.translation - point)),
         )
 
 

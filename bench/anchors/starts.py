@@ -61,7 +61,7 @@ class Start:
     scale_sigma: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StartSettings:
     """How many starts, frames of each, of which the anchor can be asked on the first `anchored`, POIs of each anchor;
     which pairs are drawn; and whether POIs may lie anywhere, or only where somebody would put them."""

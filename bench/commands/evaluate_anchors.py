@@ -42,13 +42,15 @@ from bench.anchors.sequences import posed_pictures, sample_pairs
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
-HARD_CONDITIONS_PAIRS, ROLL_DEG = 60, 30.0
+HARD_CONDITIONS_PAIRS = 60
+ROLL_DEG = 30.0
 MATCH_PAIRS = 40
 PLOTS = {
     "anchors.png": "Located share (bars) and mean error (dots)",
     "anchor-errors.png": "Share of all pairs by error",
 }
-ANGLE_RANGE, DISTANCE_RANGE = (3.0, 45.0), (2.0, 10.0)
+ANGLE_RANGE = (3.0, 45.0)
+DISTANCE_RANGE = (2.0, 10.0)
 
 
 def evaluate_anchors(

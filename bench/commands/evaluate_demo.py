@@ -140,7 +140,11 @@ def evaluate_region(
             wrong_floor += floor_of(found.world_from_camera) != query.floor
     figures = map_figures(region, localizer.map.artifact, int(localizer.map.index.descriptors.nbytes))
     evaluation = Evaluation(
-        figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
+        map=figures,
+        variation=variation.name,
+        summary=summarize(outcomes),
+        stages_ms=median_stages(timings),
+        outcomes=tuple(outcomes),
     )
     name = region if variation == PLAIN else f"{region}, {variation.name}"
     return RegionFigures(name, evaluation, wrong_floor)

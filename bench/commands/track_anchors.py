@@ -43,7 +43,9 @@ def track_anchors(
     cap_threads()
     parsed = parse_build_options(json.loads(options))
     split = split_scan(dataset, monitors, frames, parsed.format, parsed.scan)
-    settings = StartSettings(starts, length, anchored, pois, seed, anywhere)
+    settings = StartSettings(
+        starts=starts, frames=length, anchored=anchored, pois=pois, seed=seed, anywhere=anywhere
+    )
     with progress_bars() as progress:
         outcomes = evaluate_starts(
             split.database,

@@ -13,10 +13,11 @@ from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 
 GROSS_M = 0.5
-RIGHT_M, RIGHT_DEG = 0.5, 5.0
+RIGHT_M = 0.5
+RIGHT_DEG = 5.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class QueryOutcome:
     """One query: its errors when it was located, the reason when it was not, and what it took.
 
@@ -81,7 +82,7 @@ def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
     return position_difference_m(estimate, truth), float(np.degrees(attitude_difference_rad(estimate, truth)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
     """Shares are of all queries, located or not; means are of the located ones; medians and the 90 % figures
     count a query that was not located as infinitely far off (null when that makes them infinite). `gross_percent`

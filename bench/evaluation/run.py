@@ -27,7 +27,7 @@ from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, summarize
 from bench.evaluation.variations import PLAIN, Variation
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapFigures:
     """What is known of the map behind an evaluation; `configuration` tells maps of one report apart.
 
@@ -71,7 +71,7 @@ class MapFigures:
         }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
     """The figures of one variation of the queries on one map."""
 
@@ -152,7 +152,11 @@ def evaluate(
             timings.append(found.timings_ms)
     progress.report(stage, len(split.queries), len(split.queries))
     return Evaluation(
-        built.figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
+        map=built.figures,
+        variation=variation.name,
+        summary=summarize(outcomes),
+        stages_ms=median_stages(timings),
+        outcomes=tuple(outcomes),
     )
 
 

@@ -18,7 +18,8 @@ from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray, measure_quality, to_gray
 
 # Of every thirty frames ten are shaken, by streaks of about these lengths.
-SHAKEN_RUN, SHAKEN_EVERY = 10, 3
+SHAKEN_RUN = 10
+SHAKEN_EVERY = 3
 STREAKS_PX = (6.0, 12.0, 25.0)
 HELD = 3
 

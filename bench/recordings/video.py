@@ -17,7 +17,8 @@ from bench.render.frames import Progress
 VIDEO_WALK: tuple[Walk, ...] = (
     Walk(0, (Stop(2.0, 3.0, 300.0), Stop(3.3, 6.5), Stop(3.0, 10.0), Stop(3.4, 12.8, 200.0))),
 )
-VIDEO_FRAMES, VIDEO_QUERIES = 240, 60
+VIDEO_FRAMES = 240
+VIDEO_QUERIES = 60
 
 
 def render_video(

@@ -61,7 +61,7 @@ def mipmaps(image: Bytes) -> list[Bytes]:
     return levels
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Atlas:
     """The image (h, w, 3) and, per texture and level, where it lies.
 

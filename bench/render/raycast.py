@@ -132,7 +132,7 @@ def _cast_where_needed(view: _View, rays: _Rays, shape: tuple[int, int]) -> Ints
     return flat
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Hits:
     """Where rays meet the scene: rectangle (n,), place s, t in metres, depth, and change of s, t from pixel
     to pixel."""
@@ -155,14 +155,14 @@ def _intersect(view: _View, surface: Ints, rays: _Rays) -> _Hits:
     s, t = (a * x + b * y + c) * inverse, (d * x + e * y + f) * inverse
     across, down = inverse * rays.step_x, inverse * rays.step_y
     return _Hits(
-        surface,
-        s,
-        t,
-        view.plane_depth.take(surface) * inverse,
-        (a - s * g) * across,
-        (b - s * h) * down,
-        (d - t * g) * across,
-        (e - t * h) * down,
+        surface=surface,
+        s=s,
+        t=t,
+        depth=view.plane_depth.take(surface) * inverse,
+        s_u=(a - s * g) * across,
+        s_v=(b - s * h) * down,
+        t_u=(d - t * g) * across,
+        t_v=(e - t * h) * down,
     )
 
 

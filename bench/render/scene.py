@@ -47,7 +47,7 @@ class MissingRendererError(RoomfixError):
     code = "missing_renderer"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
     """n rectangles. `corner`, `right`, `down` (n, 3) in world metres; the front is where right x up points.
 

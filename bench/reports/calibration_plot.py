@@ -13,7 +13,10 @@ from app.engine.mapping.calibration_curves import Calibration, FittedCurve
 from app.errors import InvalidInputError
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw
 
-FIT_COLOR, VALIDATION_COLOR, CURVE_COLOR, PAPER_COLOR = "#4c78a8", "#f58518", "#111111", "#8a8a8a"
+FIT_COLOR = "#4c78a8"
+VALIDATION_COLOR = "#f58518"
+CURVE_COLOR = "#111111"
+PAPER_COLOR = "#8a8a8a"
 
 
 def calibration_from_dict(figures: dict[str, Any]) -> Calibration:
@@ -21,12 +24,12 @@ def calibration_from_dict(figures: dict[str, Any]) -> Calibration:
     try:
         position, attitude = (_curve_from_dict(figures[name]) for name in ("position", "attitude"))
         return Calibration(
-            figures["wanted_matches"],
-            figures["features"],
-            figures["frames"],
-            position,
-            attitude,
-            tuple(figures["warnings"]),
+            wanted_matches=figures["wanted_matches"],
+            features=figures["features"],
+            frames=figures["frames"],
+            position=position,
+            attitude=attitude,
+            warnings=tuple(figures["warnings"]),
         )
     except (KeyError, TypeError) as error:
         raise InvalidInputError(

@@ -122,14 +122,14 @@ def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -
         route = place.routes.route(VENUE.id, place_on(floor, float(x), float(y)), goal)
         trips.append(
             Trip(
-                number,
-                length_m,
-                (float(x), float(y), level),
-                float(rng.uniform(-180, 180)),
-                goal,
-                route.distance_m,
-                spots_of(route),
-                PlanPlace(marks[end][0], marks[end][2].x, marks[end][2].y),
+                number=number,
+                length_m=length_m,
+                start=(float(x), float(y), level),
+                heading_deg=float(rng.uniform(-180, 180)),
+                destination=goal,
+                route_m=route.distance_m,
+                spots=spots_of(route),
+                end=PlanPlace(marks[end][0], marks[end][2].x, marks[end][2].y),
             )
         )
     return trips

@@ -18,7 +18,8 @@ from app.geometry.se3 import Pose
 # A route is as long as demanded within this share.
 LENGTH_SHARE = 0.15
 # So near a landmark counts as passed; so near the destination as reached.
-PASSED_M, REACHED_M = 2.0, 3.0
+PASSED_M = 2.0
+REACHED_M = 3.0
 # Before this the walker has not set out.
 START_M = 1.0
 
@@ -31,7 +32,7 @@ class Spot:
     place: PlanPlace
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Trip:
     """A trip: number, demanded length, start in world metres, destination's id, the route's length and spots."""
 

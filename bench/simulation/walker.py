@@ -11,13 +11,16 @@ import numpy as np
 from app.geometry.se3 import Pose
 
 # A person who follows a phone: strolls, turns slowly enough for pictures, looks around when told nothing.
-SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.2, 40.0, 30.0
+SPEED_M_S = 1.2
+TURN_DEG_S = 40.0
+LOOK_DEG_S = 30.0
 # Somebody who has to turn further than this stands while turning.
 STAND_DEG = 40.0
 # Nobody corrects so small a turn of an arrow.
 UNSEEN_DEG = 8.0
 # Told no way they stand and look around once, then go back where they came from, or out by the door, and so on.
-LOOK_AROUND_S, GO_BACK_S = 13.0, 6.0
+LOOK_AROUND_S = 13.0
+GO_BACK_S = 6.0
 # They remember where they walked by points so far apart.
 TRAIL_M = 0.5
 STEP_S = 0.1
@@ -25,7 +28,9 @@ STEP_S = 0.1
 STAIRS = {"up": True, "down": False}
 # A person sees what stands in the way, and goes around it: how far to the side they try.
 DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)
-EYE_HEIGHT_M, BOB_M, BOB_HZ = 1.5, 0.02, 1.8
+EYE_HEIGHT_M = 1.5
+BOB_M = 0.02
+BOB_HZ = 1.8
 
 
 class Building(Protocol):
@@ -59,7 +64,7 @@ class Gait:
     drift_deg_s: float = 3.0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Walker:
     """A person in a building, at world (x, y) of a floor, facing `heading_deg` counter-clockwise from world x.
 

@@ -15,7 +15,8 @@ from bench.simulation.trips import Progress, Trip, apart_m
 from bench.simulation.walker import Building, Walker
 
 # A walker gives up after so long, and so much longer for each metre of the route.
-PATIENCE_S, PATIENCE_S_PER_M = 60.0, 3.0
+PATIENCE_S = 60.0
+PATIENCE_S_PER_M = 3.0
 # A place further from the true one, or on another floor, is wrong.
 WRONG_M = 0.5
 # Told no way for so long, looking around and going back three times, the walker puts the phone away.
@@ -61,7 +62,7 @@ class Navigator(Protocol):
         """End the session."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark`, `lost` or
     `gave up`; errors are those of the place on the plan, metres, of the frames with one on the right floor.
@@ -93,7 +94,7 @@ class Outcome:
         return self.end == "arrived"
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Log:
     """What is noted on the way."""
 
@@ -133,7 +134,7 @@ def walk_trip(
     """Walk a trip by guidance alone and return what came of it. `floors` are those of the building by number."""
     x, y, floor = trip.start
     rng = np.random.default_rng([seed, 2, trip.number])
-    walker = Walker(building, x, y, floor, trip.heading_deg, rng)
+    walker = Walker(building=building, x=x, y=y, floor=floor, heading_deg=trip.heading_deg, rng=rng)
     pictures = np.random.default_rng([seed, 3, trip.number])
     progress, log, arrived = Progress(trip, floors), _Log(), False
     navigator.begin(trip.destination)

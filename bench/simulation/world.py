@@ -35,8 +35,11 @@ OUTSIDE_M = 1.0
 FOCAL_SHARE = 498.0 / 640.0
 EXPOSURE_S = 1.0 / 100.0
 # One passer-by after so many seconds in the mean; how near they come by, and how tall and wide they are.
-PASSER_EVERY_S, PASSER_WALKS_S = 15.0, 4.0
-PASSER_HEIGHT_M, PASSER_WIDTH_M, PASSER_SPEED_M_S = 1.7, 0.5, 1.1
+PASSER_EVERY_S = 15.0
+PASSER_WALKS_S = 4.0
+PASSER_HEIGHT_M = 1.7
+PASSER_WIDTH_M = 0.5
+PASSER_SPEED_M_S = 1.1
 NEAREST_M = 0.7
 
 

@@ -16,7 +16,8 @@ import shapely  # type: ignore[import-untyped]
 from numpy.typing import ArrayLike
 
 from bench.venue.furnishing import FURNITURE
-from bench.venue.layout import CORRIDORS, DOORS, FLOOR_COUNT, ROOMS, Door, Room, room_by_id, shared_wall
+from bench.venue.layout import CORRIDORS, DOORS, FLOOR_COUNT, ROOMS, Door, Room, room_by_id
+from bench.venue.openings import shared_wall
 from bench.venue.plan_image import to_plan
 from bench.venue.walkable import CELL_M, grid_of, way
 
@@ -31,7 +32,8 @@ POI_NAMES = {
 }
 STAIR_LANDMARKS = {0: (26.5, 8.3), 1: (26.5, 15.8)}
 # Between the floors one walks this far: the stair's slope; a lift ride counts as a detour of this length.
-STAIR_LENGTH_M, LIFT_LENGTH_M = 8.6, 15.0
+STAIR_LENGTH_M = 8.6
+LIFT_LENGTH_M = 15.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,8 @@ from bench.venue.layout import (
     Door,
     room_at,
     room_by_id,
-    shared_wall,
 )
+from bench.venue.openings import shared_wall
 
 Floats = NDArray[np.float64]
 

@@ -21,8 +21,18 @@ def network() -> Network:
     floors = []
     for plan in plans:
         features = parse_features(plan.features, plan.id, [one.id for one in plans])[1]
-        heights = plan.z_min_m, plan.z_max_m
-        floor = Floor("demo", plan.id, plan.name, plan.level, *heights, plan.plan_from_world, None, None, "x")
+        floor = Floor(
+            venue_id="demo",
+            id=plan.id,
+            name=plan.name,
+            level=plan.level,
+            z_min_m=plan.z_min_m,
+            z_max_m=plan.z_max_m,
+            plan_from_world=plan.plan_from_world,
+            plan_residual_m=None,
+            plan=None,
+            features_sha256="x",
+        )
         floors.append((floor, PlaceIndex(features)))
     return build_network(floors)
 
