@@ -19,7 +19,7 @@ Block = ReportTable | str
 def write_figures(
     page: str, title: str, source: Provenance, blocks: Sequence[Block], folder: Path = FOLDER
 ) -> Path:
-    """Write a section of `docs/figures/PAGE.md`, in place of the one with the same title, and return the path.
+    """Write a section of a page in docs/figures, in place of the one with the same title, and return the path.
 
     Other sections and the text above the first one stay. Raises `InvalidInputError` for a title that is no title.
     """
