@@ -20,8 +20,9 @@ from app.vision.images import Rgb, to_gray
 
 Array = NDArray[np.float64]
 
-# The thesis's mean error, and what nobody may be sent astray by.
+# The thesis's mean error.
 GOOD_M = 0.46
+# An answer with a larger error counts as wrong.
 WRONG_M = 1.0
 
 
@@ -63,7 +64,7 @@ class AnchorOutcome:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSummary:
     """Figures of some outcomes: shares in percent of all pairs, errors in metres of the located ones, `wrong_percent`
-    the share of the located ones that are off by more than 1 m, `sigma_m` the median of what `accuracy` claims."""
+    the share of the located ones with an error above 1 m, `sigma_m` the median of the stated `accuracy`."""
 
     pairs: int
     located_percent: float

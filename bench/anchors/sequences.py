@@ -29,10 +29,13 @@ MAX_DEPTH_DIFFERENCE = 0.1
 MARGIN_PX = 40
 TRIES_PER_PAIR = 200
 TRIES_PER_POI = 10
-# A thing that catches the eye: so many corners within the region around its middle, so many of them on it.
+# Half the side of the square around the middle of a thing that catches the eye.
 THING_HALF_PX = 40
+# Corners that the square must hold.
 MIN_CORNERS = 10
+# Share of these corners that must be as far away as the middle.
 MIN_ON_THING = 0.6
+# Relative difference of distance up to which a corner counts as that far away.
 SAME_DEPTH = 0.05
 
 
@@ -90,8 +93,7 @@ class PairOfViews:
         )
 
     def pair(self, middle: tuple[int, int], name: str, half_px: int = REGION_HALF_PX) -> AnchorPair | None:
-        """Return the pair with a POI whose region, a square, has its middle where told; None when the phone doesn't
-        see it."""
+        """Return the pair with a POI whose region is a square around a pixel; None when the phone doesn't see it."""
         scan, camera = self.scan, self.scan.camera
         one, other = self.monitor.scan_from_camera, self.phone.scan_from_camera
         u, v = middle
@@ -158,7 +160,7 @@ def pair_with_pois(
     """Return two frames as monitoring camera and phone with up to `pois` POIs that both see, or None when they are no
     pair or see none.
 
-    POIs are where somebody would put them who was told how: on things that catch the eye, beside each other
+    POIs are where the guide says that they belong: on things that catch the eye, beside each other
     (`middles_of_things`); or `anywhere`, over each other too.
     """
     views = PairOfViews.of(
@@ -223,7 +225,7 @@ def _angle_deg(a: Array, b: Array) -> float:
 
 
 def posed_pictures(scan: Scan, low_deg: float, high_deg: float, count: int, seed: int) -> list[PosedPictures]:
-    """Return up to `count` pairs of frames whose optical axes are so many degrees apart, with their true poses."""
+    """Return up to `count` pairs of frames, and their true poses, by the angle between their optical axes."""
     rng = np.random.default_rng(seed)
     found: list[PosedPictures] = []
     for _ in range(TRIES_PER_PAIR * count):

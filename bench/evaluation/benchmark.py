@@ -1,4 +1,4 @@
-"""Where the time of a located query goes: one thread, medians by stage, and the bare kernels beside them."""
+"""Where the time of a located query goes: one thread, medians by stage, and the bare kernels for comparison."""
 
 from __future__ import annotations
 

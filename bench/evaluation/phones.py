@@ -38,7 +38,7 @@ WORLD_DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True, slots=True)
 class PhoneCase:
-    """How queries are sent: with the camera, with EXIF whose focal length is off by a share, or with neither
+    """How queries are sent: with the camera, with EXIF whose focal length has a relative error, or with neither
     (`exif_error` None); turned by quarters counter-clockwise; with gravity or not."""
 
     name: str

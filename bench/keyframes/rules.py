@@ -30,8 +30,8 @@ from bench.evaluation.queries import Query
 # The paper's tables end at 0.40.
 ALPHAS = (0.45, 0.40, 0.35, 0.30, 0.25)
 BETA_STEPS = (0.05, 0.10, 0.15, 0.20)
-# Neighbouring keyframes should share this much of what the scan's own neighbours share: with less, the map is
-# measurably less accurate than one of all frames (docs/visual-depth-map.md).
+# Least ratio of the similarity of neighbouring keyframes to that of the scan's own neighbours: below it the map is
+# less accurate than one of all frames (docs/figures/keyframes.md).
 WANTED_SHARE = 0.62
 
 

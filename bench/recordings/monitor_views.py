@@ -25,16 +25,19 @@ Floats = NDArray[np.float64]
 
 MONITOR_HEIGHT_M = (2.2, 2.6)
 PHONE_HEIGHT_M = (1.35, 1.65)
-# A POI is a whole print inside the picture, not too small in it, and not seen at a grazing angle.
+# A POI is a whole print: this far inside the picture.
 BORDER_PX = 8.0
+# Least width and height of a POI in a monitoring frame.
 MIN_MONITOR_PX = 45.0
+# Least width and height of a POI in a phone's picture.
 MIN_PHONE_PX = 30.0
+# Largest angle between a line of sight and the normal of a POI: no grazing views.
 MAX_INCIDENCE_DEG = 65.0
-# An operator marks more than one POI, and no more than a few.
+# An operator marks more than one POI, and only a few.
 MIN_POIS = 2
 MAX_POIS = 4
 MONITOR_M = (2.0, 12.5)
-# One of the two is no more than so many times as far from the POI as the other.
+# Largest ratio of the two cameras' distances to the POI.
 MAX_DISTANCE_RATIO = 2.0
 CAMERAS_TRIED = 40
 PHONES_TRIED = 60

@@ -23,9 +23,8 @@ from bench.venue.layout import CORRIDORS, FLOOR_HEIGHT_M, WING_ROOMS, Room, room
 
 # A phone: another focal length than the scanner's, and a lens that bends lines a little.
 PHONE_CAMERA = Camera("OPENCV", 640, 480, (498.0, 498.5, 322.4, 236.8, 0.062, -0.105, 0.0006, -0.0004))
-# wing: what `render_wing` scans. corridors: the four look-alike ones. east: the ground floor outside the
-# wing.
-# upper: the floor above. venue: anywhere.
+# wing: what `render_wing` scans; corridors: the four look-alike ones; east: the ground floor outside the wing;
+# upper: the floor above; venue: anywhere.
 REGIONS = ("wing", "corridors", "east", "upper", "venue")
 
 

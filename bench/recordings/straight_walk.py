@@ -21,8 +21,9 @@ from bench.render.sensor import DEPTH_SCALE, ColourSensor
 # Down the middle of the ground floor's south corridor, at an easy pace.
 WALK = UniformMotion(start=(25.6, 6.2, SCAN_HEIGHT_M), speed_m_s=0.8, direction_deg=0.0, fps=5.0)
 WALK_FRAMES = 80
-# The hand that carries the camera: what the stated motion knows nothing of.
+# The hand that carries the camera moves it up and down; the stated motion doesn't have that.
 BOB_M = 0.01
+# It also turns the camera a little.
 SWAY_DEG = 0.5
 
 

@@ -20,9 +20,9 @@ Ints = NDArray[np.int32]
 
 # Where the rays of a pixel that two surfaces share are cast, in pixels from its centre.
 EDGE_OFFSETS_PX = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
-# Along the longer side of a pixel's footprint on the texture this many places are averaged.
+# Number of texels averaged along the longer side of a pixel's footprint on the texture.
 PROBES = 4
-# A little sharper than the footprint, as the averaging of neighbours inside a mipmap blurs already.
+# Added to the mipmap level. Negative, so sharper: interpolation inside a mipmap blurs already.
 LEVEL_BIAS = -0.35
 REMAP_COLUMNS = 1024
 
@@ -42,8 +42,7 @@ class Quality:
     smooth: bool = True
 
 
-# For long simulations: a third of the time, and what it leaves out is below a sensor's noise but for the thinnest
-# things.
+# For long simulations: a third of the time; except on the thinnest things the difference is below a sensor's noise.
 FAST = Quality(probes=2, blended=False, every_ray=False, smooth=False)
 FINE = Quality()
 UNKNOWN = -2

@@ -20,7 +20,7 @@ from bench.venue.decor import decoration
 
 Floats = NDArray[np.float64]
 
-# Raise it whenever a change makes the pictures differ: renders made before are then not used any more.
+# Raise it whenever a change makes the pictures differ: older renders are then not used any more.
 SCENE_VERSION = 1
 
 ARRAYS = (

@@ -1,4 +1,4 @@
-"""The picture of a calibration: pairs, fitted curves, thresholds, the paper's curves beside them."""
+"""The picture of a calibration: pairs, fitted curves, thresholds, and the paper's curves."""
 
 from __future__ import annotations
 

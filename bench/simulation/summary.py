@@ -12,8 +12,9 @@ from scipy.stats import beta
 
 from bench.simulation.walks import Outcome
 
-# The thesis's own: mean position error in metres, share of navigations that succeeded.
+# The thesis's mean position error.
 THESIS_MEAN_M = 0.46
+# The thesis's share of navigations that succeeded.
 THESIS_SUCCESS_PERCENT = 90.6
 COLUMNS = (
     "relocation", "frames / s", "light", "path m", "runs", "successful %", "95 % interval", "mean error m",

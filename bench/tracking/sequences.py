@@ -31,7 +31,7 @@ from bench.evaluation.pose_errors import pose_error
 
 @dataclass(frozen=True, slots=True)
 class VideoSettings:
-    """When the map may be used: always, or, with `map_frames`, on so many first frames and then on every
+    """When the map may be used: always, or, with `map_frames`, on that number of first frames and then on every
     `relocalize_every`-th, if that is given. Every `locate_every`-th frame is located by itself too, for its time."""
 
     map_frames: int | None = None

@@ -33,7 +33,7 @@ SIZES_M: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
 }
 PRINTS = ("painting", "poster", "noticeboard")
 MIDDLE_HEIGHT_M = 1.55
-# In each corridor the piece of this number is another one: who knows where to look can tell them apart.
+# The one piece that differs from corridor to corridor, by its number along the wall.
 ODD_POSTER = 4
 
 

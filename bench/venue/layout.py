@@ -24,7 +24,7 @@ class Room:
     """A rectangular room; `bounds` (x0, y0, x1, y1) are the centre lines of its walls in world metres.
 
     Rooms that share a `look` get the same textures, lamps and posters at the same places, so that they can
-    hardly be told apart. `accent` gives one wall another material.
+    hardly be distinguished. `accent` gives one wall another material.
     """
 
     id: str

@@ -31,8 +31,9 @@ POI_NAMES = {
     "pedestal": "Sculpture",
 }
 STAIR_LANDMARKS = {0: (26.5, 8.3), 1: (26.5, 15.8)}
-# Between the floors one walks this far: the stair's slope; a lift ride counts as a detour of this length.
+# Length of the way up the stairs, along their slope.
 STAIR_LENGTH_M = 8.6
+# Length that a ride in the lift counts as.
 LIFT_LENGTH_M = 15.0
 
 

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 METERS_PER_PIXEL = 0.02
-# Turned against the world, each floor shifted in its own way: mixing plan and world up can't go unnoticed.
+# Plans are turned against the world, and each floor is shifted differently: code that mixes up plan and world fails.
 PLAN_TURN_DEG = 90.0
 PLAN_SHIFT_M = {0: (30.5, 3.25), 1: (28.25, 1.5)}
 MARGIN_M = 1.0

@@ -19,7 +19,7 @@ from bench.simulation.log import WalkLog
 from bench.simulation.summary import Setting, figures_of, interval_percent
 from bench.simulation.trips import Trip, pairs_by_length, shuffled, spots_of
 from bench.simulation.walker import Walker
-from bench.simulation.walks import Outcome, Shot, Told, walk_trip
+from bench.simulation.walks import Answer, Outcome, Shot, walk_trip
 from tests.engine.navigation.test_navigation import network_of, route
 from tests.plans import GROUND, UPPER
 
@@ -82,14 +82,14 @@ class KnowsAll:
     def begin(self, _destination: str) -> None:
         self.along_m = 0.0
 
-    def ask(self, shot: Shot, _rng: np.random.Generator) -> Told:
+    def ask(self, shot: Shot, _rng: np.random.Generator) -> Answer:
         if self.way is None:
-            return Told(None, None)
+            return Answer(None, None)
         x, y, heading_deg = plan_position(np.eye(4), shot.world_from_camera)
         told = guide(self.way, "ground", x + self.ahead_m, y, heading_deg, "en", self.along_m)
         if told.along_m is not None and not told.off_route:
             self.along_m = told.along_m
-        return Told({**asdict(told), "problem": None}, PlanPlace("ground", x + self.ahead_m, y))
+        return Answer({**asdict(told), "problem": None}, PlanPlace("ground", x + self.ahead_m, y))
 
     def end(self) -> None:
         pass
