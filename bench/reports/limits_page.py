@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import inspect
 import pkgutil
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
@@ -99,7 +100,7 @@ def _table(room: str, holders: list[Holder], settings: Mapping[str, str]) -> str
                 f"`{holder.name}.{limit.name}`",
                 f"`{_value(limit.value)}`",
                 limit.meaning,
-                limit.chosen,
+                _with_links(limit.chosen),
                 f"`{variable}`" if variable else "",
             ]
             lines.append(_row(cells))
@@ -108,6 +109,11 @@ def _table(room: str, holders: list[Holder], settings: Mapping[str, str]) -> str
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _with_links(text: str) -> str:
+    """Return a text whose pages are links: `docs/a.md` is beside this page."""
+    return re.sub(r"\bdocs/([\w/-]+\.md)", r"[\1](\1)", text)
 
 
 def _value(value: Any) -> str:

@@ -47,7 +47,7 @@ def test_a_setting_names_a_limit_that_there_is() -> None:
 class Options:
     """As a room of the engine has them."""
 
-    error_px: float = limit(1.23456789, "Largest error | in pixels.", chosen="By hand: for this test.")
+    error_px: float = limit(1.23456789, "Largest error | in pixels.", chosen="A test, docs/figures/track.md.")
     plain: int = 3
 
 
@@ -62,7 +62,7 @@ def test_a_table_shows_default_meaning_choice_and_setting() -> None:
         "",
         "| limit | default | meaning | how chosen | setting |",
         "| --- | --- | --- | --- | --- |",
-        "| `Options.error_px` | `1.23457` | Largest error \\| in pixels. | By hand: for this test. "
+        "| `Options.error_px` | `1.23457` | Largest error \\| in pixels. | A test, [figures/track.md](figures/track.md). "
         "| `ROOMFIX_ERROR_PX` |",
     ]
     assert Holder("app.vision.matching", "Options", ()).room == "app/vision"
