@@ -112,7 +112,7 @@ def _row(cells: list[str] | tuple[str, ...]) -> str:
 
 
 def _with_links(text: str) -> str:
-    """Return a text whose pages are links: `docs/a.md` is beside this page."""
+    """Return a text in which pages of docs are links, seen from a page in docs."""
     return re.sub(r"\bdocs/([\w/-]+\.md)", r"[\1](\1)", text)
 
 
