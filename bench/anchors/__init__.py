@@ -1,1 +1,1 @@
-"""How well monitoring cameras tell where a phone is."""
+"""How well monitoring cameras locate a phone."""

@@ -39,17 +39,17 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
         pois=pois,
     )
     return AnchorPair(
-        pair.name,
-        spec,
-        _loader(pair.monitor),
-        _loader(pair.phone),
-        MONITOR_CAMERA,
-        phone_camera,
-        phone[:2],
-        pair.world_from_phone.rotation.T @ np.array([0.0, 0.0, -1.0]),
-        pair.angle_deg,
-        pair.distance_m,
-        frozenset(pair.seen),
+        name=pair.name,
+        spec=spec,
+        monitor=_loader(pair.monitor),
+        phone=_loader(pair.phone),
+        monitor_camera=MONITOR_CAMERA,
+        phone_camera=phone_camera,
+        phone_on_plan=phone[:2],
+        gravity_in_phone=pair.world_from_phone.rotation.T @ np.array([0.0, 0.0, -1.0]),
+        angle_deg=pair.angle_deg,
+        distance_m=pair.distance_m,
+        seen=frozenset(pair.seen),
     )
 
 

@@ -18,7 +18,7 @@ from app.vision.images import Gray
 from app.vision.local_features import create_extractor
 from app.vision.matching import match_unit_vectors, to_unit_vectors
 
-# A match is right when it lies this near, as an angle (tangent), to where the true poses put it.
+# A match is right when its distance to where the true poses put it is at most this angle (tangent).
 RIGHT = tangent_of_px(3.0)
 
 
@@ -33,7 +33,7 @@ class MatchQuality:
 
 
 def compared_methods() -> list[LocalFeatureExtractor]:
-    """Return the thesis's four methods and the one used besides; SURF only where mahotas is installed."""
+    """Return the thesis's four methods and XFeat; SURF only where mahotas is installed."""
     methods = [create_extractor(name) for name in ("sift-full", "orb", "akaze", "xfeat")]
     return [*methods, create_extractor("surf")] if find_spec("mahotas") is not None else methods
 

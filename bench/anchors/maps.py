@@ -27,8 +27,10 @@ from bench.evaluation.pose_errors import pose_error
 
 Array = NDArray[np.float64]
 
-# What is taken out of the map around a POI: keyframes with more than this share of their points this near.
-CORNER_M, CORNER_SHARE = 2.0, 0.1
+# Radius around a POI in which the map's points count as its corner.
+CORNER_M = 2.0
+# Keyframes with a larger share of their points in the corner are taken out of the map.
+CORNER_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,11 +20,13 @@ from app.vision.images import Rgb, to_gray
 
 Array = NDArray[np.float64]
 
-# The thesis's mean error, and what nobody may be sent astray by.
-GOOD_M, WRONG_M = 0.46, 1.0
+# The thesis's mean error.
+GOOD_M = 0.46
+# An answer with a larger error counts as wrong.
+WRONG_M = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorPair:
     """Two pictures of one POI and the truth: the phone's place on the plan (2,), down in its axes (3,), the angle
     between the lines of sight at the POI, the POI's distance from the phone, and the names of the POIs it sees."""
@@ -42,7 +44,7 @@ class AnchorPair:
     seen: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorOutcome:
     """A pair's outcome; `error_m` is infinite for one that was not located."""
 
@@ -59,10 +61,10 @@ class AnchorOutcome:
         return self.reason is None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSummary:
     """Figures of some outcomes: shares in percent of all pairs, errors in metres of the located ones, `wrong_percent`
-    the share of the located ones that are off by more than 1 m, `sigma_m` the median of what `accuracy` claims."""
+    the share of the located ones with an error above 1 m, `sigma_m` the median of the stated `accuracy`."""
 
     pairs: int
     located_percent: float
@@ -93,17 +95,25 @@ def summarize_outcomes(outcomes: Sequence[AnchorOutcome]) -> AnchorSummary:
     errors = np.array([outcome.error_m for outcome in outcomes])
     located = np.array([outcome.located for outcome in outcomes], dtype=bool)
     if not located.any():
-        return AnchorSummary(len(outcomes), 0.0, 0.0, None, None, None, None)
+        return AnchorSummary(
+            pairs=len(outcomes),
+            located_percent=0.0,
+            good_percent=0.0,
+            mean_m=None,
+            median_m=None,
+            wrong_percent=None,
+            sigma_m=None,
+        )
     found = errors[located]
     sigmas = [outcome.position_sigma_m for outcome in outcomes if outcome.located]
     return AnchorSummary(
-        len(outcomes),
-        round(100 * float(located.mean()), 1),
-        round(100 * float((located & (errors < GOOD_M)).mean()), 1),
-        round(float(found.mean()), 3),
-        round(float(np.median(found)), 3),
-        round(100 * float((found > WRONG_M).mean()), 1),
-        round(float(np.median(sigmas)), 3),
+        pairs=len(outcomes),
+        located_percent=round(100 * float(located.mean()), 1),
+        good_percent=round(100 * float((located & (errors < GOOD_M)).mean()), 1),
+        mean_m=round(float(found.mean()), 3),
+        median_m=round(float(np.median(found)), 3),
+        wrong_percent=round(100 * float((found > WRONG_M).mean()), 1),
+        sigma_m=round(float(np.median(sigmas)), 3),
     )
 
 
@@ -144,11 +154,23 @@ class PairEvaluator:
         )
         reason = "no_match" if fix is None else judge_fix(fix)
         if fix is None:
-            return AnchorOutcome(pair, float("inf"), reason, 0.0, 0.0, 0)
+            return AnchorOutcome(
+                pair=pair,
+                error_m=float("inf"),
+                reason=reason,
+                position_sigma_m=0.0,
+                confidence=0.0,
+                inliers=0,
+            )
         offset = fix.solution.plan_from_phone.translation[:2] - pair.phone_on_plan
         error = float(np.linalg.norm(offset)) if reason is None else float("inf")
         return AnchorOutcome(
-            pair, error, reason, fix.position_sigma_m, confidence_of_fix(fix), fix.evidence.inliers
+            pair=pair,
+            error_m=error,
+            reason=reason,
+            position_sigma_m=fix.position_sigma_m,
+            confidence=confidence_of_fix(fix),
+            inliers=fix.evidence.inliers,
         )
 
 

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from bench.anchors.pairs import AnchorOutcome, AnchorSummary
 
-BAR_COLOR, ERROR_COLOR = "#4c78a8", "#f58518"
+BAR_COLOR = "#4c78a8"
+ERROR_COLOR = "#f58518"
 
 
 def draw_summaries(tables: Mapping[str, Mapping[str, AnchorSummary]], title: str, path: Path) -> None:

@@ -31,7 +31,7 @@ def anchor_section(
 
 
 def query_section(figures: Mapping[str, Any]) -> Section:
-    """Return the section of what was measured besides: which anchor comes first, times, maps, matches."""
+    """Return the section of the other measurements: which anchor comes first, times, maps, matches."""
     tables = [
         ReportTable(("figure", "value"), list(_rows("", values)), caption=name)
         for name, values in figures.items()

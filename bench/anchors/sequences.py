@@ -21,14 +21,22 @@ from bench.anchors.pairs import AnchorPair
 
 Array = NDArray[np.float64]
 
-MIN_BASELINE_M, MAX_BASELINE_M = 0.3, 4.0
+MIN_BASELINE_M = 0.3
+MAX_BASELINE_M = 4.0
 MIN_AXES_COSINE = float(np.cos(np.radians(45.0)))
 REGION_HALF_PX = 60
 MAX_DEPTH_DIFFERENCE = 0.1
 MARGIN_PX = 40
-TRIES_PER_PAIR, TRIES_PER_POI = 200, 10
-# A thing that catches the eye: so many corners within the region around its middle, so many of them on it.
-THING_HALF_PX, MIN_CORNERS, MIN_ON_THING, SAME_DEPTH = 40, 10, 0.6, 0.05
+TRIES_PER_PAIR = 200
+TRIES_PER_POI = 10
+# Half the side of the square around the middle of a thing that catches the eye.
+THING_HALF_PX = 40
+# Corners that the square must hold.
+MIN_CORNERS = 10
+# Share of these corners that must be as far away as the middle.
+MIN_ON_THING = 0.6
+# Relative difference of distance up to which a corner counts as that far away.
+SAME_DEPTH = 0.05
 
 
 def sample_pairs(scan: Scan, gravity_in_scan: Array, count: int, seed: int = 11) -> list[AnchorPair]:
@@ -53,7 +61,7 @@ def sample_pairs(scan: Scan, gravity_in_scan: Array, count: int, seed: int = 11)
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PairOfViews:
     """Two frames that may play monitoring camera and phone: far enough apart, facing nearly the same way.
 
@@ -75,11 +83,17 @@ class PairOfViews:
         alike = one.rotation[:, 2] @ other.rotation[:, 2] >= MIN_AXES_COSINE
         if not (MIN_BASELINE_M < baseline < MAX_BASELINE_M and alike):
             return None
-        return PairOfViews(scan, monitor, phone, upright, scan.depth_m(monitor), scan.depth_m(phone))
+        return PairOfViews(
+            scan=scan,
+            monitor=monitor,
+            phone=phone,
+            upright=upright,
+            monitor_depth_m=scan.depth_m(monitor),
+            phone_depth_m=scan.depth_m(phone),
+        )
 
     def pair(self, middle: tuple[int, int], name: str, half_px: int = REGION_HALF_PX) -> AnchorPair | None:
-        """Return the pair with a POI whose region, a square, has its middle where told; None when the phone doesn't
-        see it."""
+        """Return the pair with a POI whose region is a square around a pixel; None when the phone doesn't see it."""
         scan, camera = self.scan, self.scan.camera
         one, other = self.monitor.scan_from_camera, self.phone.scan_from_camera
         u, v = middle
@@ -111,8 +125,8 @@ class PairOfViews:
         )
         b = places["B"]
         return AnchorPair(
-            name,
-            AnchorSpec(
+            name=name,
+            spec=AnchorSpec(
                 venue_id="scan",
                 floor_id="0",
                 x=float(b[0]),
@@ -122,14 +136,14 @@ class PairOfViews:
                 camera=camera,
                 pois=(poi,),
             ),
-            _loader(scan, self.monitor),
-            _loader(scan, self.phone),
-            camera,
-            camera,
-            places["A"][:2],
-            other.rotation.T @ self.upright.T @ np.array([0.0, 0.0, -1.0]),
-            _angle_deg(one.translation - point, other.translation - point),
-            float(np.linalg.norm(other.translation - point)),
+            monitor=_loader(scan, self.monitor),
+            phone=_loader(scan, self.phone),
+            monitor_camera=camera,
+            phone_camera=camera,
+            phone_on_plan=places["A"][:2],
+            gravity_in_phone=other.rotation.T @ self.upright.T @ np.array([0.0, 0.0, -1.0]),
+            angle_deg=_angle_deg(one.translation - point, other.translation - point),
+            distance_m=float(np.linalg.norm(other.translation - point)),
         )
 
 
@@ -152,7 +166,7 @@ def pair_with_pois(
     """Return two frames as monitoring camera and phone with up to `pois` POIs that both see, or None when they are no
     pair or see none.
 
-    POIs are where somebody would put them who was told how: on things that catch the eye, beside each other
+    POIs are where the guide says that they belong: on things that catch the eye, beside each other
     (`middles_of_things`); or `anywhere`, over each other too.
     """
     views = PairOfViews.of(
@@ -217,7 +231,7 @@ def _angle_deg(a: Array, b: Array) -> float:
 
 
 def posed_pictures(scan: Scan, low_deg: float, high_deg: float, count: int, seed: int) -> list[PosedPictures]:
-    """Return up to `count` pairs of frames whose optical axes are so many degrees apart, with their true poses."""
+    """Return up to `count` pairs of frames, and their true poses, by the angle between their optical axes."""
     rng = np.random.default_rng(seed)
     found: list[PosedPictures] = []
     for _ in range(TRIES_PER_PAIR * count):

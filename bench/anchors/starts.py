@@ -33,9 +33,9 @@ Array = NDArray[np.float64]
 MONITORS = 40
 # A shorter distance says nothing about the scale: the position's own noise is as large.
 MIN_KNOWN_DISTANCE_M = 0.4
-# From here on that noise, some centimetres, is less than 5 %.
+# At longer distances the position's noise, some centimetres, is less than 5 %.
 LONG_DISTANCE_M = 0.7
-# Error and stated sigma are told by the path since the start, in steps of so many metres.
+# Error and stated sigma are reported by the length of the path since the start, in these steps.
 PATH_STEPS_M = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
 
 
@@ -51,8 +51,8 @@ class StartedFrame:
 @dataclass(frozen=True, slots=True)
 class Start:
     """A session that an anchor started: its frames tracked by odometry alone, and the distance tracked between the two
-    places furthest apart over the true one, None where that is too short to tell; `scale_sigma` is what the anchor
-    states the scale may be off by, as a share."""
+    places furthest apart over the true one, None where that is too short; `scale_sigma` is the scale's sigma
+    as the anchor states it, as a ratio."""
 
     name: str
     frames: tuple[StartedFrame, ...]
@@ -61,7 +61,7 @@ class Start:
     scale_sigma: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StartSettings:
     """How many starts, frames of each, of which the anchor can be asked on the first `anchored`, POIs of each anchor;
     which pairs are drawn; and whether POIs may lie anywhere, or only where somebody would put them."""
@@ -181,7 +181,7 @@ def _run(
         places.append(answer.placed.frame_from_camera.translation)
         if not source.is_open:
             path_m = float(np.linalg.norm(np.diff(truth[-len(started) - 2 :], axis=0), axis=1).sum())
-            # A phone's height is not what anchors tell: the place on the plan counts.
+            # Anchors don't measure a phone's height: only the place on the plan counts.
             error_m = float(np.linalg.norm((places[-1] - truth[-1])[:2]))
             started.append(
                 StartedFrame(path_m, error_m, 0.0 if answer.accuracy is None else answer.accuracy.position_m)
@@ -240,7 +240,7 @@ def summarize_starts(outcomes: Sequence[Start | str]) -> dict[str, Any]:
         "stated sigma of the scale, median %": _percent(claimed, 50),
         "scale within 5 %, % of them": _share(off <= 0.05),
         f"scale within 5 %, above {LONG_DISTANCE_M:g} m, % of them": _share(off[long] <= 0.05),
-        f"  of so many above {LONG_DISTANCE_M:g} m": int(long.sum()),
+        f"  of distances above {LONG_DISTANCE_M:g} m": int(long.sum()),
         "scale within three sigmas, % of them": _share(off <= 3 * claimed),
     }
 

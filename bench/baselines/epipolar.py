@@ -20,7 +20,8 @@ from app.geometry.lines import line_through, point_nearest_to_lines
 from app.geometry.se3 import Pose
 from app.vision.images import Rgb, to_gray
 
-BEST, CANDIDATES = 4, 12
+BEST = 4
+CANDIDATES = 12
 MAX_ERROR_PX = 1.5
 # Below this angle between the rays the direction of the move between two cameras is noise.
 MIN_PARALLAX_DEG = 0.5

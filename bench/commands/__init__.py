@@ -18,6 +18,7 @@ COMMANDS = {
     "plot-calibration": "bench.commands.plot_calibration:plot_calibration",
     "track": "bench.commands.track:track",
     "track-anchors": "bench.commands.track_anchors:track_anchors",
+    "limits": "bench.commands.limits:limits",
     "simulate": "bench.commands.simulate:simulate",
     "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
     "trace-query": "bench.commands.trace_query:trace_query",

@@ -31,6 +31,7 @@ from bench.evaluation.pipelines import Pipeline, options_for
 from bench.evaluation.run import Evaluation, build
 from bench.evaluation.run import evaluate as run_evaluation
 from bench.evaluation.variations import VARIATIONS, Variation, parse_variations
+from bench.figures.shown import FiguresTitle, Shown
 from bench.reports.report import Report
 from bench.reports.sections import evaluation_sections
 from bench.reports.tables import absent_lines, maps_table, variations_table
@@ -105,6 +106,7 @@ def evaluate(
     ] = None,
     json_file: JsonFile = None,
     report: ReportDir = None,
+    figures: FiguresTitle = None,
 ) -> None:
     """Build a map from one part of a dataset, locate the other part, compare with the truth."""
     cap_threads()
@@ -123,7 +125,7 @@ def evaluate(
         settings = {name: _settings(name, keyframes) for name in chosen}
         configurations = list(_configurations(datasets, database, queries, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
-    _print(results, variations)
+    _show(results, variations).write("evaluate", figures)
     _write(results, json_file, page)
 
 
@@ -216,13 +218,14 @@ def _evaluate_there(
                 yield from evaluate_over_http(client, split, name, given, variations)
 
 
-def _print(results: Sequence[Evaluation], variations: Sequence[Variation]) -> None:
-    first = [result for result in results if result.variation == variations[0].name]
-    console.print(maps_table(first))
+def _show(results: Sequence[Evaluation], variations: Sequence[Variation]) -> Shown:
+    shown = Shown()
+    shown.table(maps_table([result for result in results if result.variation == variations[0].name]))
     if len(variations) > 1:
-        console.print(variations_table(results))
+        shown.table(variations_table(results))
         for line in absent_lines(results):
-            console.print(line, soft_wrap=True)
+            shown.line(line)
+    return shown
 
 
 def _write(results: Sequence[Evaluation], json_file: Path | None, page: Report | None) -> None:
@@ -250,6 +253,7 @@ def benchmark(
     ] = False,
     options: Options = "{}",
     json_file: JsonFile = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Time a located query on one thread: medians by stage, and the sum of its kernels."""
     cap_threads()
@@ -272,6 +276,8 @@ def benchmark(
             f"plain SIFT pipeline ({figures.plain_sift_located} located)", f"{figures.plain_sift_ms:.2f}"
         )
         table.add_row("query / plain SIFT", f"{figures.ratio}")
-    console.print(table)
+    shown = Shown()
+    shown.table(table)
+    shown.write("benchmark", figures_title)
     if json_file is not None:
         json_file.write_text(json.dumps({**figures.as_dict(), "machine": describe_machine()}, indent=1))

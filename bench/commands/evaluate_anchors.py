@@ -39,16 +39,31 @@ from bench.anchors.plot import draw_errors, draw_summaries
 from bench.anchors.queries import choose_first, time_queries
 from bench.anchors.report import anchor_section, query_section, write_report
 from bench.anchors.sequences import posed_pictures, sample_pairs
+from bench.figures.shown import FiguresTitle, Shown
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 DISTANCES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 12.5)
-HARD_CONDITIONS_PAIRS, ROLL_DEG = 60, 30.0
+HARD_CONDITIONS_PAIRS = 60
+ROLL_DEG = 30.0
 MATCH_PAIRS = 40
 PLOTS = {
     "anchors.png": "Located share (bars) and mean error (dots)",
     "anchor-errors.png": "Share of all pairs by error",
 }
-ANGLE_RANGE, DISTANCE_RANGE = (3.0, 45.0), (2.0, 10.0)
+ANGLE_RANGE = (3.0, 45.0)
+DISTANCE_RANGE = (2.0, 10.0)
+
+
+Hard = Annotated[
+    int, typer.Option(min=0, help="Pairs of roll, light, blur, resolution and people; 0 leaves them out.")
+]
+Conditions = Annotated[
+    bool, typer.Option(help="Of those pairs light, blur, resolution and people too, not roll alone.")
+]
+MapDir = Annotated[
+    Path | None,
+    typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
+]
 
 
 def evaluate_anchors(
@@ -63,19 +78,13 @@ def evaluate_anchors(
     count: Annotated[int, typer.Option(min=20, help="Pairs.")] = 200,
     seed: Annotated[int, typer.Option(help="Which pairs are drawn.")] = 11,
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
-    hard: Annotated[
-        int, typer.Option(min=0, help="Pairs of roll, light, blur, resolution and people; 0 leaves them out.")
-    ] = HARD_CONDITIONS_PAIRS,
-    conditions: Annotated[
-        bool, typer.Option(help="Of those pairs light, blur, resolution and people too, not roll alone.")
-    ] = True,
-    data_dir: Annotated[
-        Path | None,
-        typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
-    ] = None,
+    hard: Hard = HARD_CONDITIONS_PAIRS,
+    conditions: Conditions = True,
+    data_dir: MapDir = None,
     out: Annotated[
         Path | None, typer.Option(help="Write tables (JSON) and plots (PNG) to this folder.")
     ] = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Locate phones by monitoring cameras, against angle, distance, light, blur, resolution and people in the way."""
     cap_threads()
@@ -86,21 +95,25 @@ def evaluate_anchors(
             "Name either a scan or, with --demo, a folder for the demonstration venue's pairs."
         )
     figures: dict[str, Any] = {}
+    shown = Shown()
     if scan is not None:
         opened = open_scan(scan, None, _scan_options(options))
         pairs = sample_pairs(opened, direction(gravity), count, seed)
-        figures["matches"] = _matches(opened, seed)
+        figures["matches"] = _matches(opened, seed, shown)
         title, turned = scan.name, [tilted(pair, ROLL_DEG) for pair in pairs[:hard]]
     else:
         assert demo is not None  # noqa: S101 - checked above
         pairs, turned = _demo_pairs(demo, count, seed, workers, hard)
         title = "demonstration venue"
         if data_dir is not None:
-            figures["map"] = _in_map(evaluator, demo, count, seed, data_dir)
-        figures["retrieval"] = _retrieval(evaluator, pairs)
-        figures["timings"] = _timings(describer, demo, seed, workers)
+            figures["map"] = _in_map(evaluator, demo, count, seed, data_dir, shown)
+        figures["retrieval"] = _retrieval(evaluator, pairs, shown)
+        figures["timings"] = _timings(describer, demo, seed, workers, shown)
     besides = dict(figures)
     tables = _located(evaluator, pairs, turned, title, out, CONDITIONS if conditions else {})
+    for name, rows in tables.items():
+        shown.table(_table(name, rows))
+    shown.write("evaluate-anchors", figures_title)
     figures |= {
         name: {row: asdict(summary) for row, summary in rows.items()} for name, rows in tables.items()
     }
@@ -136,8 +149,6 @@ def _located(
     }
     if conditions:
         tables["condition"] = _summaries(conditions)
-    for name, rows in tables.items():
-        console.print(_table(name, rows))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         draw_summaries(
@@ -199,7 +210,9 @@ def _demo_pairs(
     return [anchor_pair(pair) for pair in rendered], [anchor_pair(pair) for pair in rolled]
 
 
-def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_dir: Path) -> dict[str, Any]:
+def _in_map(
+    evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_dir: Path, shown: Shown
+) -> dict[str, Any]:
     """Print and return how well cameras find themselves in the venue's map, and phones in corners taken out of it."""
     from bench.anchors.demo_anchors import map_pair
     from bench.demo import VENUE
@@ -222,7 +235,7 @@ def _in_map(evaluator: PairEvaluator, folder: Path, count: int, seed: int, data_
     table = Table("in the map", "value")
     for name, value in figures.items():
         table.add_row(name, str(value))
-    console.print(table)
+    shown.table(table)
     return figures
 
 
@@ -230,16 +243,18 @@ def _pairs_dir(folder: Path, count: int, seed: int) -> Path:
     return folder / f"pairs-{seed}-{count}"
 
 
-def _retrieval(evaluator: PairEvaluator, pairs: Sequence[AnchorPair]) -> dict[str, int]:
+def _retrieval(evaluator: PairEvaluator, pairs: Sequence[AnchorPair], shown: Shown) -> dict[str, int]:
     found = choose_first(evaluator, pairs)
-    console.print(
+    shown.line(
         f"A right one of 20 anchors is first by visual words for {found.by_words} of {found.asked} phones, by matches "
         f"for {found.by_matches}."
     )
     return asdict(found)
 
 
-def _timings(describer: AnchorDescriber, folder: Path, seed: int, workers: int) -> dict[str, Any]:
+def _timings(
+    describer: AnchorDescriber, folder: Path, seed: int, workers: int, shown: Shown
+) -> dict[str, Any]:
     from bench.anchors.demo_anchors import HD_PHONE, anchor_pair
     from bench.recordings.monitors import render_monitor_pairs
 
@@ -264,12 +279,12 @@ def _timings(describer: AnchorDescriber, folder: Path, seed: int, workers: int) 
     for stage, value in times.stages_ms.items():
         table.add_row(stage, f"{value:g}")
     table.add_row("total", f"{times.total_ms:g}")
-    console.print(table)
-    console.print(f"A-KAZE extraction is {100 * times.akaze_share:.0f} % of a query.")
+    shown.table(table)
+    shown.line(f"A-KAZE extraction is {100 * times.akaze_share:.0f} % of a query.")
     return asdict(times)
 
 
-def _matches(scan: Scan, seed: int) -> dict[str, dict[str, Any]]:
+def _matches(scan: Scan, seed: int, shown: Shown) -> dict[str, dict[str, Any]]:
     """Print and return the right matches of each feature method by the angle between the optical axes."""
     table = Table("axes apart (deg)", "features", "right %", "right matches", "extract ms")
     found: dict[str, dict[str, Any]] = {}
@@ -282,7 +297,7 @@ def _matches(scan: Scan, seed: int) -> dict[str, dict[str, Any]]:
             found.setdefault(f"{low}-{high}", {})[quality.features] = asdict(quality)
             cells = f"{quality.right_percent:g}", f"{quality.right:g}", f"{quality.extract_ms:g}"
             table.add_row(f"{low}-{high}", quality.features, *cells)
-    console.print(table)
+    shown.table(table)
     return found
 
 

@@ -26,6 +26,7 @@ from bench.evaluation.outcome import outcome_of
 from bench.evaluation.pose_errors import summarize
 from bench.evaluation.run import Evaluation, map_figures, median_stages
 from bench.evaluation.variations import PLAIN, VARIATIONS, Variation, parse_variations
+from bench.figures.shown import FiguresTitle, Shown
 from bench.reports.report import Report, ReportTable, Section
 from bench.reports.sections import cell, evaluation_sections
 
@@ -53,6 +54,7 @@ def evaluate_demo(
     report: Annotated[
         Path | None, typer.Option("--report", help="Write a page with plots into this folder.")
     ] = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Locate rendered phone pictures of every region in the demonstration venue's map (run `demo --whole` first)."""
     from bench.demo import REGIONS, VENUE, render_queries
@@ -78,7 +80,9 @@ def evaluate_demo(
                     )
     finally:
         resources.close()
-    console.print(_table(regions))
+    shown = Shown()
+    shown.table(_table(regions))
+    shown.write("evaluate-demo", figures_title)
     figures = [{**each.evaluation.as_dict(), "wrong_floor": each.wrong_floor} for each in regions]
     if json_file is not None:
         json_file.write_text(json.dumps(figures, indent=1, allow_nan=False))
@@ -140,7 +144,11 @@ def evaluate_region(
             wrong_floor += floor_of(found.world_from_camera) != query.floor
     figures = map_figures(region, localizer.map.artifact, int(localizer.map.index.descriptors.nbytes))
     evaluation = Evaluation(
-        figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
+        map=figures,
+        variation=variation.name,
+        summary=summarize(outcomes),
+        stages_ms=median_stages(timings),
+        outcomes=tuple(outcomes),
     )
     name = region if variation == PLAIN else f"{region}, {variation.name}"
     return RegionFigures(name, evaluation, wrong_floor)

@@ -9,12 +9,13 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from app.commands.console import console, progress_bars
+from app.commands.console import progress_bars
 from app.engine.mapping.options import parse_build_options
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Dataset, JsonFile, Options, Queries
 from bench.evaluation.extend import ExtendEvaluation, evaluate_extension, split_for_extension
+from bench.figures.shown import FiguresTitle, Shown
 from bench.reports.tables import ERROR_ROWS
 
 
@@ -28,6 +29,7 @@ def evaluate_extend(
     seed: Annotated[int, typer.Option(help="Of the frame that the second scan is moved to.")] = 0,
     options: Options = "{}",
     json_file: JsonFile = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Extend a map by a scan in another frame, and compare with a map of one scan of both parts."""
     cap_threads()
@@ -35,7 +37,9 @@ def evaluate_extend(
     split = split_for_extension(dataset, first, second, queries, base.format, base.scan)
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         figures = evaluate_extension(split, base, open_models(Settings()), executor, progress, seed)
-    console.print(_table(figures))
+    shown = Shown()
+    shown.table(_table(figures))
+    shown.write("evaluate-extend", figures_title)
     if json_file is not None:
         json_file.write_text(json.dumps(figures.as_dict(), indent=1))
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from rich.table import Table
 
-from app.commands.console import console, progress_bars
+from app.commands.console import progress_bars
 from app.engine.mapping.options import parse_build_options
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
@@ -15,6 +15,7 @@ from bench.commands.evaluate import Database, Dataset, JsonFile, Options, Querie
 from bench.evaluation.dataset import split_scan
 from bench.evaluation.phones import PhoneFigures
 from bench.evaluation.phones import evaluate_phones as run_evaluation
+from bench.figures.shown import FiguresTitle, Shown
 
 
 def evaluate_phones(
@@ -23,6 +24,7 @@ def evaluate_phones(
     queries: Queries = "1::2",
     options: Options = "{}",
     json_file: JsonFile = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Locate one part of a dataset in a map of the other, as phones would ask: with EXIF, or turned."""
     cap_threads()
@@ -30,7 +32,9 @@ def evaluate_phones(
     split = split_scan(dataset, database, queries, base.format, base.scan)
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         figures = run_evaluation(split, base, open_models(Settings()), executor, progress)
-    console.print(_table(figures))
+    shown = Shown()
+    shown.table(_table(figures))
+    shown.write("evaluate-phones", figures_title)
     if json_file is not None:
         json_file.write_text(json.dumps([row.as_dict() for row in figures], indent=1))
 

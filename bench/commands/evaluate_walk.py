@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from app.commands.console import console, progress_bars
+from app.commands.console import progress_bars
 from app.engine.mapping.build_map import build_map
 from app.engine.mapping.options import parse_build_options
 from app.engine.mapping.self_check import check_map
@@ -21,12 +21,14 @@ from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from app.vision.images import decode_image
 from bench.commands.demo import DEFAULT_DIR
+from bench.figures.shown import FiguresTitle, Shown
 
 
 def evaluate_walk(
     data_dir: Annotated[Path, typer.Option(help="The folder of `roomfix demo`.")] = DEFAULT_DIR,
     options: Annotated[str, typer.Option(help="JSON, as in POST /database/build.")] = "{}",
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Render a walk down a corridor, build its map by uniform motion, and locate pictures taken between its frames."""
     from bench.recordings.straight_walk import render_walk
@@ -60,7 +62,9 @@ def evaluate_walk(
     table = Table("walk by uniform motion", "")
     for name, value in figures.items():
         table.add_row(name, str(value))
-    console.print(table)
+    shown = Shown()
+    shown.table(table)
+    shown.write("evaluate-walk", figures_title)
     if json_file is not None:
         json_file.write_text(json.dumps(figures, indent=1))
 

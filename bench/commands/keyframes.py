@@ -13,7 +13,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from app.commands.console import console, progress_bars
+from app.commands.console import progress_bars
 from app.engine.mapping.build_map import scan_placement
 from app.engine.mapping.keyframe_rule import OPTIONS as RULE_OPTIONS
 from app.engine.mapping.keyframe_rule import KeyframeRule, parse_keyframe_rule
@@ -33,6 +33,7 @@ from bench.evaluation.dataset import parse_range
 from bench.evaluation.pipelines import PIPELINES, options_for
 from bench.evaluation.pose_errors import QueryOutcome
 from bench.evaluation.queries import Query, open_queries
+from bench.figures.shown import FiguresTitle, Shown
 from bench.keyframes.bursts import count_bursts
 from bench.keyframes.rules import (
     RuleFigures,
@@ -87,6 +88,7 @@ def keyframes(
     options: Options = "{}",
     plot: Annotated[Path | None, typer.Option(help="Draw cumulative errors into this file.")] = None,
     json_file: JsonFile = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Compare keyframe rules on a scan: number, similarity of neighbours, size, accuracy."""
     if (plot is not None or pipelines) and queries is None:
@@ -112,8 +114,9 @@ def keyframes(
                 named["suggested"] = parse_keyframe_rule(figures["suggested"])
             measured = bench.rules(named, sparse)
     if measured:
-        console.print(_table(measured))
+        bench.shown.table(_table(measured))
         figures["rules"] = [row.as_dict() for row in measured]
+    bench.shown.write("keyframes", figures_title)
     if plot is not None:
         draw_cumulative({row.name: row.outcomes for row in measured}, dataset.resolve().name, plot)
     if json_file is not None:
@@ -149,6 +152,7 @@ class _Bench:
     ) -> None:
         self._scan, self._options, self._queries = scan, options, queries
         self._models, self._executor, self._progress = models, executor, progress
+        self.shown = Shown()
 
     def rules(self, rules: dict[Any, KeyframeRule], sparse: bool) -> list[RuleFigures]:
         rows = []
@@ -181,12 +185,12 @@ class _Bench:
         frames = list(frame_contents(self._scan, poses, extractor, self._executor, self._progress))
         figures: dict[str, Any] = {}
         if sweep:
-            figures.update(_sweep(frames, extractor, rule))
+            figures.update(_sweep(frames, extractor, rule, self.shown))
         if bursts:
             counted = count_bursts(
                 self._scan, frames, rule.content, extractor, self._executor, self._progress
             )
-            console.print(_burst_table(counted))
+            self.shown.table(_burst_table(counted))
             figures["bursts"] = [{"stretch": a, "keyframes": b, "bare": c} for a, b, c in counted]
         return figures
 
@@ -199,19 +203,19 @@ def _json(text: str) -> object:
 
 
 def _sweep(
-    frames: Sequence[FrameContent], extractor: LocalFeatureExtractor, rule: KeyframeRule
+    frames: Sequence[FrameContent], extractor: LocalFeatureExtractor, rule: KeyframeRule, shown: Shown
 ) -> dict[str, Any]:
     """Print the paper's tables, those of eq. 6 as it stands, and the rule that suits; return both."""
     rows = sweep_content(frames, extractor, replace(rule.content, seen="join"))
     neighbours = frame_similarity(frames, extractor)
     best = suggest(rows, neighbours)
-    console.print(_sweep_table(rows, rule.content.combine))
-    console.print(f"Similarity of the scan's own neighbours: {neighbours:.3f}")
+    shown.table(_sweep_table(rows, rule.content.combine))
+    shown.line(f"Similarity of the scan's own neighbours: {neighbours:.3f}")
     suggested: dict[str, Any] = {"rule": "pose"}
     if best is not None:
         limits = {"alpha": best.alpha, "beta": best.beta, "combine": rule.content.combine}
         suggested = {"rule": "content", **limits}
-    console.print(f"Suggested for this scene: {json.dumps(suggested)}")
+    shown.line(f"Suggested for this scene: {json.dumps(suggested)}")
     return {"sweep": [asdict(row) for row in rows], "neighbours": neighbours, "suggested": suggested}
 
 

@@ -11,6 +11,7 @@ import typer
 from app.commands.console import console
 from bench.evaluation.pose_errors import QueryOutcome
 from bench.evaluation.reliability import measure_reliability, read_outcomes, with_pool
+from bench.figures.shown import FiguresTitle, Shown
 from bench.reports.report import Report
 from bench.reports.sections import reliability_section, reliability_table
 from bench.reports.tables import plain_table
@@ -25,6 +26,7 @@ def reliability(
         Path | None, typer.Option("--report", help="Write a page with both plots into this folder.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Compare confidence with the share within 0.5 m and 5 degrees, over the queries of several evaluations."""
     groups: dict[str, list[QueryOutcome]] = {}
@@ -32,7 +34,9 @@ def reliability(
         for name, outcomes in read_outcomes(path).items():
             groups.setdefault(name, []).extend(outcomes)
     measured = {name: measure_reliability(outcomes) for name, outcomes in with_pool(groups).items()}
-    console.print(plain_table(reliability_table(measured)))
+    shown = Shown()
+    shown.table(plain_table(reliability_table(measured)))
+    shown.write("reliability", figures_title)
     figures = {name: each.as_dict() for name, each in measured.items()}
     if json_file is not None:
         json_file.write_text(json.dumps(figures, indent=1, allow_nan=False))

@@ -13,6 +13,7 @@ from app.errors import InvalidInputError
 from app.services.resources import cap_threads
 from bench.commands.demo import DEFAULT_DIR
 from bench.commands.simulate_figures import show_figures
+from bench.figures.shown import FiguresTitle
 from bench.simulation.log import WalkLog
 from bench.simulation.summary import (
     Setting,
@@ -44,6 +45,7 @@ def simulate(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write tables and plots into this folder.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Let walkers follow guidance through the demonstration venue, and count who arrives."""
     settings_of = [
@@ -55,7 +57,7 @@ def simulate(
     wanted = _numbers(lengths, "lengths", 5.0, 500.0)
     outcomes = _walk(data_dir, settings_of, wanted, runs, width, seed, workers, WalkLog(log))
     figures = [row for setting in settings_of for row in figures_of(setting, outcomes[setting])]
-    show_figures(figures, outcomes, report, json_file)
+    show_figures(figures, outcomes, report, json_file).write("simulate", figures_title)
 
 
 def _walk(

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from app.commands.console import console
 from app.errors import InvalidInputError
+from bench.figures.shown import FiguresTitle, Shown
 from bench.simulation.log import WalkLog
 from bench.simulation.report import write_report
 from bench.simulation.summary import (
@@ -30,6 +31,7 @@ def simulate_figures(
     logs: Annotated[list[Path], typer.Argument(help="Files that `roomfix simulate --log` wrote.")],
     report: Annotated[Path | None, typer.Option(help="Write tables and plots into this folder.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Show the figures of logged walks together."""
     outcomes: dict[Setting, list[Outcome]] = {}
@@ -41,7 +43,7 @@ def simulate_figures(
     if not outcomes:
         raise InvalidInputError("No walk has ended yet: there are no figures.")
     figures = [row for setting, found in outcomes.items() for row in figures_of(setting, found)]
-    show_figures(figures, outcomes, report, json_file)
+    show_figures(figures, outcomes, report, json_file).write("simulate", figures_title)
 
 
 def show_figures(
@@ -49,15 +51,17 @@ def show_figures(
     outcomes: Mapping[Setting, Sequence[Outcome]],
     report: Path | None,
     json_file: Path | None,
-) -> None:
-    """Print the table of figures, and write report and file if they are asked for."""
-    console.print(_table(figures))
+) -> Shown:
+    """Print the table of figures, write report and file if they are asked for, and return what was printed."""
+    shown = Shown()
+    shown.table(_table(figures))
     if report is not None:
         console.print(f"Report: {write_report(report, figures, outcomes)}")
     if json_file is not None:
         trips = [{**asdict(setting), **asdict(one)} for setting, found in outcomes.items() for one in found]
         values = {"figures": [row.as_dict() for row in figures], "trips": trips}
         json_file.write_text(json.dumps(values, indent=1), encoding="utf-8")
+    return shown
 
 
 def _table(figures: Sequence[Figures]) -> Table:

@@ -12,9 +12,9 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from app.commands.console import console
 from app.commands.stream import DEFAULT_SERVER, CameraText, Fps, Server, Source, Venue, admin_key
 from app.commands.stream_client import StreamLog, read_frames, start_session, stream_frames
+from bench.figures.shown import FiguresTitle, Shown
 
 COLUMN = (
     "frames sent", "answered", "answers a second", "located %", "median ms", "95 % ms", "largest ms",
@@ -30,6 +30,7 @@ def stream_bench(
     fps: Fps = 10.0,
     phones: Annotated[int, typer.Option(min=1, max=100, help="Streams at the same time.")] = 4,
     seconds: Annotated[float, typer.Option(min=1, help="How long.")] = 20.0,
+    figures: FiguresTitle = None,
 ) -> None:
     """Stream from several phones at once; print how old answers are, and whether they get older."""
     frames, key = read_frames(source), admin_key()
@@ -39,10 +40,12 @@ def stream_bench(
     columns = [_column(log, seconds) for log in logs]
     for row, name in enumerate(COLUMN):
         table.add_row(name, *(column[row] for column in columns))
-    console.print(table)
-    console.print(
+    shown = Shown()
+    shown.table(table)
+    shown.line(
         f"queries that run or wait in the server: {np.mean(pending):.1f} on average, {max(pending)} at most"
     )
+    shown.write("stream-bench", figures)
 
 
 async def _bench(

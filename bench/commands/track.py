@@ -10,13 +10,14 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from app.commands.console import console, progress_bars
+from app.commands.console import progress_bars
 from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Database, Dataset, JsonFile, Options
 from bench.evaluation.dataset import split_scan
+from bench.figures.shown import FiguresTitle, Shown
 from bench.reports.plot_style import PLOT_SUFFIXES
 from bench.tracking.plot import draw_tracking
 from bench.tracking.sequences import TrackedFrame, TrackingFigures, VideoSettings, track_video
@@ -59,6 +60,7 @@ def track(
     options: Options = "{}",
     plot: Annotated[Path | None, typer.Option(help="Draw path and error into this file.")] = None,
     json_file: JsonFile = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Build a map from one part of a dataset and track the other part as a video."""
     if plot is not None and plot.suffix.lower() not in PLOT_SUFFIXES:
@@ -70,7 +72,9 @@ def track(
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         figures, tracked = track_video(split, parsed, video, open_models(Settings()), executor, progress)
     title = f"{dataset.resolve().name}, {figures.frames} frames, {describe(video)}"
-    console.print(_table(figures, title))
+    shown = Shown()
+    shown.table(_table(figures, title))
+    shown.write("track", figures_title)
     if plot is not None:
         draw_tracking(tracked, title, plot)
     if json_file is not None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from app.commands.console import console, direction, progress_bars
+from app.commands.console import direction, progress_bars
 from app.engine.anchors.features import AnchorDescriber
 from app.engine.mapping.options import parse_build_options
 from app.services.resources import cap_threads
@@ -17,6 +17,7 @@ from bench.anchors.pairs import PairEvaluator
 from bench.anchors.starts import Start, StartSettings, evaluate_starts, growth_rows, summarize_starts
 from bench.commands.evaluate import Dataset, JsonFile, Options
 from bench.evaluation.dataset import split_scan
+from bench.figures.shown import FiguresTitle, Shown
 
 GROWTH_HEAD = ("path m", "frames", "median error cm", "90 % cm", "stated sigma cm", "within three sigmas %")
 
@@ -38,12 +39,15 @@ def track_anchors(
     seed: Annotated[int, typer.Option(help="Which monitoring frames and POIs are drawn.")] = 1,
     options: Options = "{}",
     json_file: JsonFile = None,
+    figures: FiguresTitle = None,
 ) -> None:
     """Start sessions by one monitoring camera's frame and its POIs, with no map, and follow the video by odometry."""
     cap_threads()
     parsed = parse_build_options(json.loads(options))
     split = split_scan(dataset, monitors, frames, parsed.format, parsed.scan)
-    settings = StartSettings(starts, length, anchored, pois, seed, anywhere)
+    settings = StartSettings(
+        starts=starts, frames=length, anchored=anchored, pois=pois, seed=seed, anywhere=anywhere
+    )
     with progress_bars() as progress:
         outcomes = evaluate_starts(
             split.database,
@@ -59,11 +63,13 @@ def track_anchors(
     table = Table(show_header=False, title=f"{dataset.resolve().name}, {pois} POIs an anchor")
     for name, value in summary.items():
         table.add_row(name, str(value))
-    console.print(table)
+    shown = Shown()
+    shown.table(table)
     growth = Table(*GROWTH_HEAD, title="Error on the plan since the anchor was there")
     for row in growth_rows(found):
         growth.add_row(*row)
-    console.print(growth)
+    shown.table(growth)
+    shown.write("track-anchors", figures)
     if json_file is not None:
         json_file.write_text(
             json.dumps({**summary, "sessions": [asdict(start) for start in found]}, indent=1)

@@ -1,4 +1,4 @@
-"""Where the time of a located query goes: one thread, medians by stage, and the bare kernels beside them."""
+"""Where the time of a located query goes: one thread, medians by stage, and the bare kernels for comparison."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from bench.evaluation.dataset import Split
 from bench.evaluation.run import median_stages
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Benchmark:
     """Medians in milliseconds on one thread. `kernels_ms` are the bare library calls of the same query, one by
     one; `plain_sift_ms` is the plain pipeline of `plain_sift` in the same run, interleaved query by query."""

@@ -24,9 +24,12 @@ from app.geometry.se3 import Pose, attitude_difference_rad, rotation_from_vector
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.registry import open_scan
 from bench.evaluation.dataset import parse_range
-from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
+from bench.evaluation.outcome import outcome_of
+from bench.evaluation.pose_errors import ErrorSummary, summarize
 
-YAW_DEG, MAX_TILT_DEG, MAX_SHIFT_M = 137.0, 10.0, 30.0
+YAW_DEG = 137.0
+MAX_TILT_DEG = 10.0
+MAX_SHIFT_M = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ class ExtendSplit:
     queries: tuple[Frame, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExtendEvaluation:
     """The registration's figures and error (the median over the second scan's frames, and its turn), and the
     queries in the map of the first scan, in the extended map, and in the map of one scan of both parts."""
@@ -130,13 +133,13 @@ def evaluate_extension(
         name: _locate(localizer, split, truth, progress, name) for name, localizer in localizers.items()
     }
     return ExtendEvaluation(
-        found.tried,
-        found.located,
-        found.agreeing,
-        round(100 * registration_m, 3),
-        round(registration_deg, 4),
-        {name: localizer.map.artifact.keyframe_count for name, localizer in localizers.items()},
-        summaries,
+        tried=found.tried,
+        located=found.located,
+        agreeing=found.agreeing,
+        registration_cm=round(100 * registration_m, 3),
+        registration_deg=round(registration_deg, 4),
+        keyframes={name: localizer.map.artifact.keyframe_count for name, localizer in localizers.items()},
+        summaries=summaries,
     )
 
 
@@ -171,19 +174,7 @@ def _locate(
         started = time.perf_counter()
         found = localizer.localize(rgb, split.first.camera)
         milliseconds = 1e3 * (time.perf_counter() - started)
-        pose, errors = found.world_from_camera, (float("inf"), 180.0)
-        if pose is not None:
-            errors = pose_error(pose, world_from_scan @ frame.scan_from_camera)
-        outcomes.append(
-            QueryOutcome(
-                frame.name,
-                pose is not None,
-                *errors,
-                found.reason,
-                found.evidence.inliers,
-                found.confidence,
-                milliseconds,
-            )
-        )
+        truth = world_from_scan @ frame.scan_from_camera
+        outcomes.append(outcome_of(frame.name, found, truth, milliseconds))
     progress.report(stage, len(split.queries), len(split.queries))
     return summarize(outcomes)

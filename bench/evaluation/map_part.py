@@ -18,7 +18,7 @@ def part_of_map(
 ) -> tuple[MapArtifact, GlobalIndex]:
     """Return the map of some of a map's keyframes, and its index.
 
-    What looks like something elsewhere is found anew: a build of these keyframes alone knows nothing of the others.
+    What looks like something elsewhere is computed again: a build of these keyframes alone has no others.
     `extractor` is the one of the map's features.
     """
     arrays = artifact.arrays

@@ -1,4 +1,4 @@
-"""What the localizer found for one query, beside the truth."""
+"""What the localizer found for one query, compared with the true pose."""
 
 from __future__ import annotations
 

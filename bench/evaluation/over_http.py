@@ -53,7 +53,15 @@ def evaluate_over_http(
             ]
             outcomes = tuple(outcome for outcome, _ in answers)
             stages = median_stages([times for outcome, times in answers if outcome.located])
-            results.append(Evaluation(figures, variation.name, summarize(outcomes), stages, outcomes))
+            results.append(
+                Evaluation(
+                    map=figures,
+                    variation=variation.name,
+                    summary=summarize(outcomes),
+                    stages_ms=stages,
+                    outcomes=outcomes,
+                )
+            )
     finally:
         client.delete(f"/venues/{venue}")
     return results

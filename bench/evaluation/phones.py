@@ -28,7 +28,8 @@ from app.geometry.turns import camera_from_turned, turned_camera
 from app.vision.exif import EXIF_IFD, FOCAL_LENGTH, PIXEL_X, PIXEL_Y, PLANE_UNIT, PLANE_X_RESOLUTION
 from app.vision.images import Rgb
 from bench.evaluation.dataset import Split
-from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
+from bench.evaluation.outcome import outcome_of
+from bench.evaluation.pose_errors import ErrorSummary, summarize
 
 PHONE_FOCAL_MM = 4.2
 MILLIMETRE = 4
@@ -37,7 +38,7 @@ WORLD_DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True, slots=True)
 class PhoneCase:
-    """How queries are sent: with the camera, with EXIF whose focal length is off by a share, or with neither
+    """How queries are sent: with the camera, with EXIF whose focal length has a relative error, or with neither
     (`exif_error` None); turned by quarters counter-clockwise; with gravity or not."""
 
     name: str
@@ -59,7 +60,7 @@ CASES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PhoneFigures:
     """The figures of one case: the errors, the focal length's median and largest error in percent, the median of
     error over stated accuracy, and where the cameras came from."""
@@ -111,30 +112,19 @@ def _figures(
         )
         milliseconds = 1e3 * (time.perf_counter() - started)
         sources[known.source_of(found.camera)] += 1
-        pose, errors = found.world_from_camera, (float("inf"), 180.0)
-        if pose is not None and found.camera is not None and found.accuracy is not None:
-            errors = pose_error(pose, truth)
+        outcome = outcome_of(frame.name, found, truth, milliseconds)
+        if outcome.located and found.camera is not None and found.accuracy is not None:
             focal.append(100 * abs(found.camera.focal_px / true_focal_px - 1))
-            shares.append(errors[0] / found.accuracy.position_m)
-        outcomes.append(
-            QueryOutcome(
-                frame.name,
-                pose is not None,
-                *errors,
-                found.reason,
-                found.evidence.inliers,
-                found.confidence,
-                milliseconds,
-            )
-        )
+            shares.append(outcome.position_m / found.accuracy.position_m)
+        outcomes.append(outcome)
     progress.report(case.name, len(split.queries), len(split.queries))
     return PhoneFigures(
-        case.name,
-        summarize(outcomes),
-        round(float(np.median(focal)), 2) if focal else None,
-        round(float(np.max(focal)), 2) if focal else None,
-        round(float(np.median(shares)), 2) if shares else None,
-        dict(sources),
+        case=case.name,
+        summary=summarize(outcomes),
+        focal_median_percent=round(float(np.median(focal)), 2) if focal else None,
+        focal_max_percent=round(float(np.max(focal)), 2) if focal else None,
+        error_over_sigma=round(float(np.median(shares)), 2) if shares else None,
+        sources=dict(sources),
     )
 
 

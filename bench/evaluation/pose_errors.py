@@ -13,15 +13,16 @@ from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 
 GROSS_M = 0.5
-RIGHT_M, RIGHT_DEG = 0.5, 5.0
+RIGHT_M = 0.5
+RIGHT_DEG = 5.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class QueryOutcome:
     """One query: its errors when it was located, the reason when it was not, and what it took.
 
-    `truth_m` and `estimate_m` are camera centres in the world. What speaks for the pose, up to `sigma_deg`, is as in
-    `services.verification.Evidence` and `Localization` (None where it isn't known): the features of a model of
+    `truth_m` and `estimate_m` are camera centres in the world. The values up to `sigma_deg` are those of
+    `Evidence` and `Localization` in `app/engine/query` (None where they aren't known): the features of the model of
     confidence. `candidate_m` and `candidate_deg` are the errors of the pose that was judged, trusted or not.
     """
 
@@ -81,11 +82,11 @@ def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
     return position_difference_m(estimate, truth), float(np.degrees(attitude_difference_rad(estimate, truth)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
     """Shares are of all queries, located or not; means are of the located ones; medians and the 90 % figures
     count a query that was not located as infinitely far off (null when that makes them infinite). `gross_percent`
-    is off by over 0.5 m, `over_1m_percent` by over 1 m; `within_25cm_percent` asks nothing of the attitude."""
+    is the share with an error over 0.5 m, `over_1m_percent` over 1 m; `within_25cm_percent` ignores the attitude."""
 
     queries: int
     located_percent: float
@@ -144,7 +145,7 @@ def summarize(outcomes: Sequence[QueryOutcome]) -> ErrorSummary:
 
 
 def _quantile(values: np.ndarray[Any, np.dtype[np.float64]], share: float) -> float:
-    # The value that this share of the queries does not exceed; interpolation with infinity would be NaN.
+    # The smallest value that a given share of the queries does not exceed; interpolation with infinity would be NaN.
     ordered = np.sort(values)
     if share == 0.5 and len(ordered) % 2 == 0 and np.isfinite(ordered[len(ordered) // 2]):
         return float(np.median(ordered))

@@ -28,7 +28,7 @@ class Bin:
     right: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
     """How confidence compares with the share of located queries within 0.5 m and 5 degrees.
 

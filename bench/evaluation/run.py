@@ -27,13 +27,13 @@ from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, summarize
 from bench.evaluation.variations import PLAIN, Variation
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapFigures:
-    """What is known of the map behind an evaluation; `configuration` tells maps of one report apart.
+    """What is known of the map behind an evaluation; `configuration` distinguishes the maps of one report.
 
     `frames` are those that the map was made of, `thresholds` those of the pose rule (None for another rule),
     `lens_k1` is the radial coefficient that the scan showed where it states none, `keyframe_centres` (x, y, z) in the
-    world. What a map of unknown origin can't tell is None.
+    world. Values that aren't known for a map of unknown origin are None.
     """
 
     configuration: str
@@ -71,7 +71,7 @@ class MapFigures:
         }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
     """The figures of one variation of the queries on one map."""
 
@@ -152,12 +152,16 @@ def evaluate(
             timings.append(found.timings_ms)
     progress.report(stage, len(split.queries), len(split.queries))
     return Evaluation(
-        built.figures, variation.name, summarize(outcomes), median_stages(timings), tuple(outcomes)
+        map=built.figures,
+        variation=variation.name,
+        summary=summarize(outcomes),
+        stages_ms=median_stages(timings),
+        outcomes=tuple(outcomes),
     )
 
 
 def map_figures(configuration: str, artifact: MapArtifact, index_bytes: int) -> MapFigures:
-    """Return what a map's artefact tells of it; `index_bytes` is the size of its global descriptors."""
+    """Return the figures that a map's artefact holds; `index_bytes` is the size of its global descriptors."""
     arrays = artifact.arrays
     packed = sum(int(getattr(arrays, name).nbytes) for name in type(arrays).__slots__)
     return MapFigures(

@@ -17,8 +17,11 @@ from app.vision.content_keyframes import ContentRule, ContentSelector, FrameCont
 from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray, measure_quality, to_gray
 
-# Of every thirty frames ten are shaken, by streaks of about these lengths.
-SHAKEN_RUN, SHAKEN_EVERY = 10, 3
+# Frames of a run that is blurred or sharp as a whole.
+SHAKEN_RUN = 10
+# Of this number of runs one is blurred.
+SHAKEN_EVERY = 3
+# Lengths of the motion blur.
 STREAKS_PX = (6.0, 12.0, 25.0)
 HELD = 3
 

@@ -22,19 +22,20 @@ from app.vision.content_keyframes import ContentRule, ContentSelector, FrameCont
 from app.vision.features import LocalFeatureExtractor
 from app.vision.matching import to_unit_vectors
 from app.vision.similarity import content_similarity
+from bench.evaluation.outcome import outcome_of
 from bench.evaluation.pipelines import FrameLocalizer, Pipeline, open_pipeline
-from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, pose_error, summarize
+from bench.evaluation.pose_errors import ErrorSummary, QueryOutcome, summarize
 from bench.evaluation.queries import Query
 
 # The paper's tables end at 0.40.
 ALPHAS = (0.45, 0.40, 0.35, 0.30, 0.25)
 BETA_STEPS = (0.05, 0.10, 0.15, 0.20)
-# Neighbouring keyframes should share this much of what the scan's own neighbours share: with less, the map is
-# measurably less accurate than one of all frames (docs/visual-depth-map.md).
+# Least ratio of the similarity of neighbouring keyframes to that of the scan's own neighbours: below it the map is
+# less accurate than one of all frames (docs/figures/keyframes.md).
 WANTED_SHARE = 0.62
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RuleFigures:
     """One rule on one scan. `map_mb` is features and index, `pictures_mb` what the keyframes' images take more;
     similarities are those of neighbouring keyframes (B eq. 5)."""
@@ -100,20 +101,8 @@ def locate_all(
         started = time.perf_counter()
         found = localizer.localize(rgb, query.camera)
         milliseconds = 1e3 * (time.perf_counter() - started)
-        pose, errors = found.world_from_camera, (float("inf"), 180.0)
-        if pose is not None:
-            errors = pose_error(pose, world_from_scan @ query.scan_from_camera)
-        outcomes.append(
-            QueryOutcome(
-                query.name,
-                pose is not None,
-                *errors,
-                found.reason,
-                found.evidence.inliers,
-                found.confidence,
-                milliseconds,
-            )
-        )
+        truth = world_from_scan @ query.scan_from_camera
+        outcomes.append(outcome_of(query.name, found, truth, milliseconds))
     progress.report("locate", len(queries), len(queries))
     return outcomes
 

@@ -23,15 +23,24 @@ from bench.venue.walkable import free_space
 
 Floats = NDArray[np.float64]
 
-MONITOR_HEIGHT_M, PHONE_HEIGHT_M = (2.2, 2.6), (1.35, 1.65)
-# A POI is a whole print inside the picture, not too small in it, and not seen at a grazing angle.
-BORDER_PX, MIN_MONITOR_PX, MIN_PHONE_PX, MAX_INCIDENCE_DEG = 8.0, 45.0, 30.0, 65.0
-# An operator marks more than one POI, and no more than a few.
-MIN_POIS, MAX_POIS = 2, 4
+MONITOR_HEIGHT_M = (2.2, 2.6)
+PHONE_HEIGHT_M = (1.35, 1.65)
+# A POI is a whole print: this far inside the picture.
+BORDER_PX = 8.0
+# Least width and height of a POI in a monitoring frame.
+MIN_MONITOR_PX = 45.0
+# Least width and height of a POI in a phone's picture.
+MIN_PHONE_PX = 30.0
+# Largest angle between a line of sight and the normal of a POI: no grazing views.
+MAX_INCIDENCE_DEG = 65.0
+# An operator marks more than one POI, and only a few.
+MIN_POIS = 2
+MAX_POIS = 4
 MONITOR_M = (2.0, 12.5)
-# One of the two is no more than so many times as far from the POI as the other.
+# Largest ratio of the two cameras' distances to the POI.
 MAX_DISTANCE_RATIO = 2.0
-CAMERAS_TRIED, PHONES_TRIED = 40, 60
+CAMERAS_TRIED = 40
+PHONES_TRIED = 60
 GRID = np.array([(s, t) for s in (0.05, 0.5, 0.95) for t in (0.05, 0.5, 0.95)])
 
 
@@ -45,7 +54,7 @@ class PrintView:
     in_world: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SampledView:
     """A monitoring camera with its POIs, and a phone that sees the first of them; `seen` names all the prints that the
     phone sees."""
@@ -95,7 +104,14 @@ def sample_view(
                 others = [view for name, view in views.items() if name != main]
                 others.sort(key=lambda view: -_smaller_side_px(view.corners_px))
                 pois = (poi, *others[: MAX_POIS - 1])
-                return SampledView(world_from_monitor, pois, phone, tuple(seen), angle_deg, distance_m)
+                return SampledView(
+                    world_from_monitor=world_from_monitor,
+                    pois=pois,
+                    world_from_phone=phone,
+                    seen=tuple(seen),
+                    angle_deg=angle_deg,
+                    distance_m=distance_m,
+                )
     return None
 
 

@@ -32,7 +32,7 @@ TURNS = 6
 PROTOCOL_VERSION = 2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MonitorPair:
     """A monitoring camera's picture and a phone's; both show the first of the monitoring camera's `pois`.
 
@@ -139,20 +139,20 @@ def _jobs(directory: Path, pair: MonitorPair, seed: int, phone_camera: Camera) -
     number = int(pair.name.split("_")[1])
     return [
         FrameJob(
-            MONITOR_CAMERA,
-            pair.world_from_monitor,
-            directory / pair.monitor.name,
-            None,
-            (f"monitor{seed}", number),
-            fixed,
+            camera=MONITOR_CAMERA,
+            world_from_camera=pair.world_from_monitor,
+            colour_path=directory / pair.monitor.name,
+            depth_path=None,
+            seed=(f"monitor{seed}", number),
+            sensor=fixed,
         ),
         FrameJob(
-            phone_camera,
-            pair.world_from_phone,
-            directory / pair.phone.name,
-            None,
-            (f"phone{seed}", number),
-            held,
+            camera=phone_camera,
+            world_from_camera=pair.world_from_phone,
+            colour_path=directory / pair.phone.name,
+            depth_path=None,
+            seed=(f"phone{seed}", number),
+            sensor=held,
         ),
     ]
 
@@ -175,16 +175,16 @@ def _sampled(
             name = f"pair_{len(pairs):04d}"
             pairs.append(
                 MonitorPair(
-                    name,
-                    room.floor,
-                    directory / f"{name}_monitor.jpg",
-                    directory / f"{name}_phone.jpg",
-                    view.world_from_monitor,
-                    view.world_from_phone,
-                    view.pois,
-                    view.seen,
-                    view.angle_deg,
-                    view.distance_m,
+                    name=name,
+                    floor=room.floor,
+                    monitor=directory / f"{name}_monitor.jpg",
+                    phone=directory / f"{name}_phone.jpg",
+                    world_from_monitor=view.world_from_monitor,
+                    world_from_phone=view.world_from_phone,
+                    pois=view.pois,
+                    seen=view.seen,
+                    angle_deg=view.angle_deg,
+                    distance_m=view.distance_m,
                 )
             )
         if len(pairs) == count:
@@ -216,16 +216,16 @@ def _from_dict(directory: Path, values: dict[str, Any]) -> MonitorPair:
         PrintView(poi["id"], np.array(poi["region_px"]), np.array(poi["in_world"])) for poi in values["pois"]
     )
     return MonitorPair(
-        values["name"],
-        values["floor"],
-        directory / values["monitor"],
-        directory / values["phone"],
-        monitor,
-        phone,
-        pois,
-        tuple(values["seen"]),
-        values["angle_deg"],
-        values["distance_m"],
+        name=values["name"],
+        floor=values["floor"],
+        monitor=directory / values["monitor"],
+        phone=directory / values["phone"],
+        world_from_monitor=monitor,
+        world_from_phone=phone,
+        pois=pois,
+        seen=tuple(values["seen"]),
+        angle_deg=values["angle_deg"],
+        distance_m=values["distance_m"],
     )
 
 

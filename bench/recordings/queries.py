@@ -23,13 +23,12 @@ from bench.venue.layout import CORRIDORS, FLOOR_HEIGHT_M, WING_ROOMS, Room, room
 
 # A phone: another focal length than the scanner's, and a lens that bends lines a little.
 PHONE_CAMERA = Camera("OPENCV", 640, 480, (498.0, 498.5, 322.4, 236.8, 0.062, -0.105, 0.0006, -0.0004))
-# wing: what `render_wing` scans. corridors: the four look-alike ones. east: the ground floor outside the
-# wing.
-# upper: the floor above. venue: anywhere.
+# wing: what `render_wing` scans; corridors: the four look-alike ones; east: the ground floor outside the wing;
+# upper: the floor above; venue: anywhere.
 REGIONS = ("wing", "corridors", "east", "upper", "venue")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DemoQuery:
     """A phone picture: its file, camera and true pose, the room it was taken in and that room's floor."""
 
@@ -87,12 +86,12 @@ def render_queries_near(
     def fill(partial: Path) -> None:
         jobs = [
             FrameJob(
-                camera,
-                q.world_from_camera,
-                partial / q.path.name,
-                None,
-                (f"query{seed}", k),
-                phone_sensor(seeded("phone sensor", seed, k)),
+                camera=camera,
+                world_from_camera=q.world_from_camera,
+                colour_path=partial / q.path.name,
+                depth_path=None,
+                seed=(f"query{seed}", k),
+                sensor=phone_sensor(seeded("phone sensor", seed, k)),
             )
             for k, q in enumerate(queries)
         ]
@@ -136,7 +135,14 @@ def _is_in(room: Room | None, region: str) -> bool:
 def _query(directory: Path, number: int, camera: Camera, pose: Pose) -> DemoQuery:
     room = room_of(pose)
     name = f"query_{number:04d}"
-    return DemoQuery(name, directory / f"{name}.jpg", camera, pose, room.id if room else "", floor_of(pose))
+    return DemoQuery(
+        name=name,
+        path=directory / f"{name}.jpg",
+        camera=camera,
+        world_from_camera=pose,
+        room=room.id if room else "",
+        floor=floor_of(pose),
+    )
 
 
 def phone_sensor(rng: np.random.Generator) -> ColourSensor:

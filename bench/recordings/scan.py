@@ -16,7 +16,8 @@ from bench.render.scene import SCENE_VERSION
 from bench.render.sensor import DEPTH_SCALE, ColourSensor
 
 SCAN_CAMERA = Camera("PINHOLE", 640, 480, (REFERENCE_FOCAL_PX, REFERENCE_FOCAL_PX, 319.5, 239.5))
-WING_FRAMES, VENUE_FRAMES = 300, 2400
+WING_FRAMES = 300
+VENUE_FRAMES = 2400
 FRAME_INTERVAL_S = 0.4
 # Real colour and depth cameras don't fire together; here the depth pictures only claim to be a little later.
 DEPTH_DELAY_S = 0.004
@@ -76,7 +77,14 @@ def render_scan(
         for folder in ("rgb", "depth"):
             (partial / folder).mkdir(exist_ok=True)
         jobs = [
-            FrameJob(scan.camera, pose, part.colour_path(k), part.depth_path(k), (name, k), ColourSensor())
+            FrameJob(
+                camera=scan.camera,
+                world_from_camera=pose,
+                colour_path=part.colour_path(k),
+                depth_path=part.depth_path(k),
+                seed=(name, k),
+                sensor=ColourSensor(),
+            )
             for k, pose in enumerate(poses)
         ]
         make_frames(partial, jobs, workers, progress)

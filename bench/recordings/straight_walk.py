@@ -21,8 +21,10 @@ from bench.render.sensor import DEPTH_SCALE, ColourSensor
 # Down the middle of the ground floor's south corridor, at an easy pace.
 WALK = UniformMotion(start=(25.6, 6.2, SCAN_HEIGHT_M), speed_m_s=0.8, direction_deg=0.0, fps=5.0)
 WALK_FRAMES = 80
-# The hand that carries the camera: what the stated motion knows nothing of.
-BOB_M, SWAY_DEG = 0.01, 0.5
+# The hand that carries the camera moves it up and down; the stated motion doesn't have that.
+BOB_M = 0.01
+# It also turns the camera a little.
+SWAY_DEG = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +57,24 @@ def render_walk(
         for folder in (part.directory / "rgb", part.directory / "depth", partial / "queries"):
             folder.mkdir(parents=True, exist_ok=True)
         jobs = [
-            FrameJob(SCAN_CAMERA, pose, part.colour_path(k), part.depth_path(k), ("walk", k), ColourSensor())
+            FrameJob(
+                camera=SCAN_CAMERA,
+                world_from_camera=pose,
+                colour_path=part.colour_path(k),
+                depth_path=part.depth_path(k),
+                seed=("walk", k),
+                sensor=ColourSensor(),
+            )
             for k, pose in enumerate(poses)
         ]
         jobs += [
             FrameJob(
-                SCAN_CAMERA, pose, partial / "queries" / path.name, None, ("walk query", k), ColourSensor()
+                camera=SCAN_CAMERA,
+                world_from_camera=pose,
+                colour_path=partial / "queries" / path.name,
+                depth_path=None,
+                seed=("walk query", k),
+                sensor=ColourSensor(),
             )
             for k, (pose, path) in enumerate(zip(query_poses, queries, strict=True))
         ]

@@ -18,10 +18,13 @@ Floats = NDArray[np.float64]
 
 STEP_M = 0.02
 SCAN_HEIGHT_M = 1.45
-# One frame to the next: this far or this much turned counts the same.
-METRES_PER_FRAME, DEGREES_PER_FRAME = 0.35, 14.0
+# Distance between neighbouring frames of a camera that only moves.
+METRES_PER_FRAME = 0.35
+# Turn between neighbouring frames of a camera that only turns.
+DEGREES_PER_FRAME = 14.0
 # While walking, the scanner is swung to both sides.
-SWEEP_DEG, SWEEP_PERIOD_M = 30.0, 8.0
+SWEEP_DEG = 30.0
+SWEEP_PERIOD_M = 8.0
 
 
 @dataclass(frozen=True, slots=True)

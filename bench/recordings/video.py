@@ -13,11 +13,12 @@ from bench.recordings.scan import DemoScan, render_scan
 from bench.recordings.trajectory import Stop, Walk, scan_poses
 from bench.render.frames import Progress
 
-# A fourth of the wing's scan's steps: neighbours are 0.09 m or 3.5 degrees apart.
+# A quarter of the steps of the wing's scan: neighbours are 0.09 m or 3.5 degrees apart.
 VIDEO_WALK: tuple[Walk, ...] = (
     Walk(0, (Stop(2.0, 3.0, 300.0), Stop(3.3, 6.5), Stop(3.0, 10.0), Stop(3.4, 12.8, 200.0))),
 )
-VIDEO_FRAMES, VIDEO_QUERIES = 240, 60
+VIDEO_FRAMES = 240
+VIDEO_QUERIES = 60
 
 
 def render_video(

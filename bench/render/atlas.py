@@ -19,7 +19,7 @@ PADDING = 2
 ATLAS_WIDTH = 16384
 MATERIAL_TEXELS_PER_M = {1024: 250.0, 512: 400.0}
 PRINT_TEXELS_PER_M = 340.0
-# Far away (the world behind the windows) or seldom looked at closely, so texels may be larger.
+# Prints that are far away (the world behind the windows) or seldom seen from near: texels may be larger.
 COARSE_TEXELS_PER_M = {"outdoors": 24.0, "cardboard": 220.0, "drawers": 280.0}
 
 
@@ -61,7 +61,7 @@ def mipmaps(image: Bytes) -> list[Bytes]:
     return levels
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Atlas:
     """The image (h, w, 3) and, per texture and level, where it lies.
 

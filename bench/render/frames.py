@@ -27,7 +27,7 @@ Progress = Callable[[int, int], None]
 SCENE_FOLDER = ".scene"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameJob:
     """One frame to make: where it is seen from, the files to write (depth maybe none), the noise's seed."""
 

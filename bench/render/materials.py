@@ -18,7 +18,8 @@ Image = NDArray[np.float32]
 Colour = tuple[float, float, float]
 Maker = Callable[[np.random.Generator], Image]
 
-LARGE, SMALL = 1024, 512
+LARGE = 1024
+SMALL = 512
 
 
 def _tinted(colour: Colour, field: Field) -> Image:

@@ -20,9 +20,9 @@ Ints = NDArray[np.int32]
 
 # Where the rays of a pixel that two surfaces share are cast, in pixels from its centre.
 EDGE_OFFSETS_PX = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
-# Along the longer side of a pixel's footprint on the texture this many places are averaged.
+# Number of texels averaged along the longer side of a pixel's footprint on the texture.
 PROBES = 4
-# A little sharper than the footprint, as the averaging of neighbours inside a mipmap blurs already.
+# Added to the mipmap level. Negative, so sharper: interpolation inside a mipmap blurs already.
 LEVEL_BIAS = -0.35
 REMAP_COLUMNS = 1024
 
@@ -42,8 +42,7 @@ class Quality:
     smooth: bool = True
 
 
-# For long simulations: a third of the time, and what it leaves out is below a sensor's noise but for the thinnest
-# things.
+# For long simulations: a third of the time; except on the thinnest things the difference is below a sensor's noise.
 FAST = Quality(probes=2, blended=False, every_ray=False, smooth=False)
 FINE = Quality()
 UNKNOWN = -2
@@ -132,7 +131,7 @@ def _cast_where_needed(view: _View, rays: _Rays, shape: tuple[int, int]) -> Ints
     return flat
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Hits:
     """Where rays meet the scene: rectangle (n,), place s, t in metres, depth, and change of s, t from pixel
     to pixel."""
@@ -155,14 +154,14 @@ def _intersect(view: _View, surface: Ints, rays: _Rays) -> _Hits:
     s, t = (a * x + b * y + c) * inverse, (d * x + e * y + f) * inverse
     across, down = inverse * rays.step_x, inverse * rays.step_y
     return _Hits(
-        surface,
-        s,
-        t,
-        view.plane_depth.take(surface) * inverse,
-        (a - s * g) * across,
-        (b - s * h) * down,
-        (d - t * g) * across,
-        (e - t * h) * down,
+        surface=surface,
+        s=s,
+        t=t,
+        depth=view.plane_depth.take(surface) * inverse,
+        s_u=(a - s * g) * across,
+        s_v=(b - s * h) * down,
+        t_u=(d - t * g) * across,
+        t_v=(e - t * h) * down,
     )
 
 

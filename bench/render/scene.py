@@ -20,7 +20,7 @@ from bench.venue.decor import decoration
 
 Floats = NDArray[np.float64]
 
-# Raise it whenever a change makes the pictures differ: renders made before are then not used any more.
+# Raise it whenever a change makes the pictures differ: older renders are then not used any more.
 SCENE_VERSION = 1
 
 ARRAYS = (
@@ -47,7 +47,7 @@ class MissingRendererError(RoomfixError):
     code = "missing_renderer"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
     """n rectangles. `corner`, `right`, `down` (n, 3) in world metres; the front is where right x up points.
 

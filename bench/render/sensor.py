@@ -16,15 +16,21 @@ Colours = NDArray[np.uint8]
 
 DEPTH_SCALE = 1000.0
 JPEG_QUALITY = 90
-# Structured light: noise grows with the square of the distance (Nguyen et al., 2012).
-NOISE_FLOOR_M, NOISE_GROWTH, NOISE_NEAREST_M = 0.0012, 0.0019, 0.4
-# No return below the first; between the others ever fewer returns.
-NEAREST_M, FADE_START_M, FARTHEST_M = 0.35, 6.0, 8.0
+# Sigma of depth from structured light: floor + growth (z - nearest)^2, in metres (Nguyen et al., 2012).
+NOISE_FLOOR_M = 0.0012
+NOISE_GROWTH = 0.0019
+NOISE_NEAREST_M = 0.4
+# Nothing nearer gives depth.
+NEAREST_M = 0.35
+# From here on fewer and fewer pixels have depth.
+FADE_START_M = 6.0
+# Nothing farther away gives depth.
+FARTHEST_M = 8.0
 GRAZING_COSINE = 0.17
 EDGE_JUMP = 0.04
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ColourSensor:
     """A colour camera: noise deviations in grey levels, corner darkening 0 to 1, exposure factor, blur in
     pixels."""

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench.render.atlas import Texture
 from bench.render.noise import seeded
-from bench.venue.layout import Opening, Room, Side
+from bench.venue.layout import Room, Side
+from bench.venue.openings import Opening
 
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
     """A rectangle in the world: its top left corner seen from the front; its edges `right`, `down`; metres.
 
@@ -35,7 +36,7 @@ class Surface:
     is_bright: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
     """A box that stands on `base_m` (world z), turned by `yaw_deg` about its vertical middle line.
 
@@ -87,7 +88,14 @@ class Box:
         if picture is not None and not picture.is_material:
             size = (float(np.linalg.norm(right)), float(np.linalg.norm(down)))
             texture = replace(picture, size_m=(_rounded(size[0]), _rounded(size[1])))
-        return Surface(corner, right, down, texture, room, (float(offset[0]), float(offset[1])))
+        return Surface(
+            corner=corner,
+            right=right,
+            down=down,
+            texture=texture,
+            room=room,
+            offset_m=(float(offset[0]), float(offset[1])),
+        )
 
 
 def _rounded(side_m: float) -> float:
@@ -100,10 +108,10 @@ def rectangle(
 ) -> Surface:
     """Return a surface from plain triples of numbers."""
     a, b, c = (np.asarray(v, dtype=np.float64) for v in (corner, right, down))
-    return Surface(a, b, c, texture, room, look=look)
+    return Surface(corner=a, right=b, down=c, texture=texture, room=room, look=look)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wall:
     """The inner face of one side of a room: the world x or y `line_m` it lies at, and its extent along it and
     in z."""
@@ -121,7 +129,14 @@ class Wall:
         x0, y0, x1, y1 = room.interior
         line = {"N": y1, "S": y0, "E": x1, "W": x0}[side]
         start, end = (x0, x1) if side in "NS" else (y0, y1)
-        return Wall(side, line, start, end, room.base_m, room.base_m + room.height_m)
+        return Wall(
+            side=side,
+            line_m=line,
+            start_m=start,
+            end_m=end,
+            bottom_m=room.base_m,
+            top_m=room.base_m + room.height_m,
+        )
 
     @property
     def forward(self) -> bool:
@@ -153,12 +168,12 @@ class Wall:
         corner = self.point(left, z1)
         shift = seeded(look, self.side).uniform(0, 4, 2)
         return Surface(
-            corner,
-            self.point(right, z1) - corner,
-            np.array([0, 0, z0 - z1]),
-            texture,
-            room,
-            (abs(left - origin) + float(shift[0]), self.top_m - z1 + float(shift[1])),
+            corner=corner,
+            right=self.point(right, z1) - corner,
+            down=np.array([0, 0, z0 - z1]),
+            texture=texture,
+            room=room,
+            offset_m=(abs(left - origin) + float(shift[0]), self.top_m - z1 + float(shift[1])),
             plane=f"{room}/{self.side}",
             look=f"{look}/{self.side}/{a - self.start_m:.2f}/{z0 - self.bottom_m:.2f}",
         )

@@ -1,4 +1,4 @@
-"""The picture of a calibration: pairs, fitted curves, thresholds, the paper's curves beside them."""
+"""The picture of a calibration: pairs, fitted curves, thresholds, and the paper's curves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from app.engine.mapping.calibration_curves import Calibration, FittedCurve
 from app.errors import InvalidInputError
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw
 
-FIT_COLOR, VALIDATION_COLOR, CURVE_COLOR, PAPER_COLOR = "#4c78a8", "#f58518", "#111111", "#8a8a8a"
+FIT_COLOR = "#4c78a8"
+VALIDATION_COLOR = "#f58518"
+CURVE_COLOR = "#111111"
+PAPER_COLOR = "#8a8a8a"
 
 
 def calibration_from_dict(figures: dict[str, Any]) -> Calibration:

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from bench.evaluation.pose_errors import QueryOutcome
 
-NEAREST_M, FARTHEST_M = 1e-3, 10.0
+NEAREST_M = 1e-3
+FARTHEST_M = 10.0
 
 
 def draw_cumulative(curves: Mapping[str, Sequence[QueryOutcome]], title: str, path: Path) -> None:

@@ -13,7 +13,8 @@ from bench.evaluation.pose_errors import GROSS_M, QueryOutcome
 from bench.evaluation.run import Evaluation
 from bench.reports.plot_style import GREY, PALETTE, label_axes, line_style, new_figure, save
 
-SMALLEST_CM, SMALLEST_DEG = 0.1, 0.02
+SMALLEST_CM = 0.1
+SMALLEST_DEG = 0.02
 
 
 def curve_labels(evaluations: Sequence[Evaluation]) -> list[str]:

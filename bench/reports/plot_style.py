@@ -1,4 +1,4 @@
-"""One look for all plots of a report: colours that colour-blind readers can tell apart, one size, units on axes."""
+"""One style for all plots of a report: colours that colour-blind readers can distinguish, one size, units on axes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 LINE_STYLES = ("-", "--", ":")
 GREY = "#8a8a8a"
 DPI = 110
-# What a picture may be written as.
+# File formats of pictures.
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
 

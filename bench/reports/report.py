@@ -104,7 +104,7 @@ class Report:
         return path
 
     def write_json(self, name: str, value: Any) -> Path:
-        """Write figures for machines beside the page."""
+        """Write figures as JSON into the folder of the page."""
         path = self.directory / name
         path.write_text(json.dumps(value, indent=1, allow_nan=False), encoding="utf-8")
         return path

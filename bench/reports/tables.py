@@ -29,7 +29,7 @@ ERROR_ROWS = {
     "not located": "reasons",
     "median ms": "median_ms",
 }
-# The columns that the product's bars for degraded queries speak of.
+# Columns of the table of degraded queries.
 VARIATION_COLUMNS = {
     "located %": "located_percent",
     "median cm": "median_cm",

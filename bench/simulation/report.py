@@ -1,4 +1,4 @@
-"""The report of simulated navigation: tables, success and error by length of the path, the thesis's figures beside."""
+"""The report of simulated navigation: tables, success and error by length of the path, compared with the thesis's."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bench.simulation.walks import Outcome
 
 TEXT = (
     "A walker in the demonstration venue does only what guidance says. A trip succeeds when the walker comes within "
-    "2 m of every turn, stair and landmark of the route, in order, and is told of the arrival within 3 m of the "
+    "2 m of every turn, stair and landmark of the route, in order, and guidance says `arrived` within 3 m of the "
     "destination. Errors are of the place on the plan; of the 90 % errors of the trips the median is shown."
 )
 TRIP_COLUMNS = (

@@ -39,10 +39,10 @@ from bench.simulation.walks import Outcome, walk_trip
 from bench.simulation.world import DemoBuilding, Phone, SessionNavigator, phone_camera
 from bench.venue.venue import VENUE
 
-# Where nobody can tell corridors, shafts and washrooms of two floors apart, a walk doesn't begin.
+# Rooms where no walk begins: those of two floors look alike.
 NO_START = ("corridor", "stair", "lift", "restrooms")
 NEVER = 1_000_000_000
-# What `--relocation` means: the map all along, only when odometry is lost, only for the first fix.
+# What `--relocation` means: the map always, only when odometry is lost, only for the first fix.
 RELOCATION = {
     "on": TrackerSettings(),
     "lost": TrackerSettings(relocalize_every=NEVER, use_refresh=False),
@@ -95,7 +95,7 @@ class Place:
 
 
 def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -> list[Trip]:
-    """Return a trip for each run: from a room that can be told, at most `SHIFT_M` off its landmark and facing
+    """Return a trip for each run: from a room that looks like no other, at most `SHIFT_M` off its landmark and facing
     anywhere, to any landmark by a route of the demanded length."""
     marks = {
         mark.id: (floor.id, level, mark)
@@ -122,14 +122,14 @@ def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -
         route = place.routes.route(VENUE.id, place_on(floor, float(x), float(y)), goal)
         trips.append(
             Trip(
-                number,
-                length_m,
-                (float(x), float(y), level),
-                float(rng.uniform(-180, 180)),
-                goal,
-                route.distance_m,
-                spots_of(route),
-                PlanPlace(marks[end][0], marks[end][2].x, marks[end][2].y),
+                number=number,
+                length_m=length_m,
+                start=(float(x), float(y), level),
+                heading_deg=float(rng.uniform(-180, 180)),
+                destination=goal,
+                route_m=route.distance_m,
+                spots=spots_of(route),
+                end=PlanPlace(marks[end][0], marks[end][2].x, marks[end][2].y),
             )
         )
     return trips

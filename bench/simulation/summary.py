@@ -12,8 +12,10 @@ from scipy.stats import beta
 
 from bench.simulation.walks import Outcome
 
-# The thesis's own: mean position error in metres, share of navigations that succeeded.
-THESIS_MEAN_M, THESIS_SUCCESS_PERCENT = 0.46, 90.6
+# The thesis's mean position error.
+THESIS_MEAN_M = 0.46
+# The thesis's share of navigations that succeeded.
+THESIS_SUCCESS_PERCENT = 90.6
 COLUMNS = (
     "relocation", "frames / s", "light", "path m", "runs", "successful %", "95 % interval", "mean error m",
     "90 % error m", "located %", "wrong frames", "off route", "walked / route", "other ends", "ms a frame",
@@ -34,7 +36,7 @@ class Setting:
         return f"relocation {self.relocation}, {self.fps:g} frames/s, light x{self.light:g}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
     """The figures of trips under one setting; `length_m` is None for those of all lengths."""
 

@@ -15,11 +15,13 @@ from app.errors import InvalidInputError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
 
-# A route is as long as demanded within this share.
+# Largest relative difference of a route's length from the wanted one.
 LENGTH_SHARE = 0.15
-# So near a landmark counts as passed; so near the destination as reached.
-PASSED_M, REACHED_M = 2.0, 3.0
-# Before this the walker has not set out.
+# A landmark within this distance counts as passed.
+PASSED_M = 2.0
+# The destination within this distance counts as reached.
+REACHED_M = 3.0
+# A route counts from this distance on: before it the walker has not set out.
 START_M = 1.0
 
 
@@ -31,7 +33,7 @@ class Spot:
     place: PlanPlace
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Trip:
     """A trip: number, demanded length, start in world metres, destination's id, the route's length and spots."""
 

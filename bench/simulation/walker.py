@@ -10,22 +10,29 @@ import numpy as np
 
 from app.geometry.se3 import Pose
 
-# A person who follows a phone: strolls, turns slowly enough for pictures, looks around when told nothing.
-SPEED_M_S, TURN_DEG_S, LOOK_DEG_S = 1.2, 40.0, 30.0
-# Somebody who has to turn further than this stands while turning.
+SPEED_M_S = 1.2
+# Slow enough for sharp pictures.
+TURN_DEG_S = 40.0
+# While looking around without guidance.
+LOOK_DEG_S = 30.0
+# A walker who has to turn further than this stands while turning.
 STAND_DEG = 40.0
-# Nobody corrects so small a turn of an arrow.
+# Turns of the arrow below this are not corrected.
 UNSEEN_DEG = 8.0
-# Told no way they stand and look around once, then go back where they came from, or out by the door, and so on.
-LOOK_AROUND_S, GO_BACK_S = 13.0, 6.0
-# They remember where they walked by points so far apart.
+# Without guidance a walker looks around for this time.
+LOOK_AROUND_S = 13.0
+# Then the walker goes back, or out by the door, for this time, and looks around again.
+GO_BACK_S = 6.0
+# Distance between the remembered points of the walker's own path.
 TRAIL_M = 0.5
 STEP_S = 0.1
-# On stairs a person needs no arrow: told to take them, they go to their other end and out by the door there.
+# Turns of guidance that lead to the other end of the stairs; on stairs a walker needs no arrow.
 STAIRS = {"up": True, "down": False}
-# A person sees what stands in the way, and goes around it: how far to the side they try.
+# Directions in which a walker tries to pass what stands in the way.
 DETOURS_DEG = (0, 20, -20, 40, -40, 60, -60, 80, -80)
-EYE_HEIGHT_M, BOB_M, BOB_HZ = 1.5, 0.02, 1.8
+EYE_HEIGHT_M = 1.5
+BOB_M = 0.02
+BOB_HZ = 1.8
 
 
 class Building(Protocol):
@@ -59,7 +66,7 @@ class Gait:
     drift_deg_s: float = 3.0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Walker:
     """A person in a building, at world (x, y) of a floor, facing `heading_deg` counter-clockwise from world x.
 
@@ -80,27 +87,27 @@ class Walker:
     _climbs: bool = False
     _trail: list[tuple[float, float]] = field(default_factory=list)
     _stride: float = 1.0
-    _untold_s: float = 0.0
+    _unguided_s: float = 0.0
     _owed_deg: float = 0.0
     _gone_on_m: float = 0.0
 
     def __post_init__(self) -> None:
         self._stride = 1.0 + self.gait.person * float(np.clip(self.rng.standard_normal(), -2, 2))
 
-    def follow(self, told: Mapping[str, Any] | None, seconds: float) -> list[tuple[float, float, int]]:
-        """Walk for a while as told and return the places (x, y, floor) that were passed."""
-        stairs = self._on_stairs(told)
-        goes_on_m = 0.0 if told is None else (told.get("go_on_m") or 0.0) - self._gone_on_m
+    def follow(self, guidance: Mapping[str, Any] | None, seconds: float) -> list[tuple[float, float, int]]:
+        """Walk for a while by guidance and return the places (x, y, floor) that were passed."""
+        stairs = self._on_stairs(guidance)
+        goes_on_m = 0.0 if guidance is None else (guidance.get("go_on_m") or 0.0) - self._gone_on_m
         if stairs is not None:
-            self._untold_s, turn_deg, reach_m = 0.0, *stairs
-        elif told is not None and goes_on_m > 0.0:
-            self._untold_s, turn_deg, reach_m = 0.0, self._owed_deg, goes_on_m
-        elif told is None or told.get("problem") is not None:
-            self._untold_s += seconds
-            turn_deg, reach_m = self._untold(seconds)
+            self._unguided_s, turn_deg, reach_m = 0.0, *stairs
+        elif guidance is not None and goes_on_m > 0.0:
+            self._unguided_s, turn_deg, reach_m = 0.0, self._owed_deg, goes_on_m
+        elif guidance is None or guidance.get("problem") is not None:
+            self._unguided_s += seconds
+            turn_deg, reach_m = self._without_guidance(seconds)
         else:
-            self._untold_s = self._gone_on_m = 0.0
-            turn_deg, reach_m = self._told(told)
+            self._unguided_s = self._gone_on_m = 0.0
+            turn_deg, reach_m = self._by_guidance(guidance)
             here = (self.x, self.y)
             if (
                 not self._trail
@@ -115,15 +122,15 @@ class Walker:
                 reach_m -= self._walk(min(SPEED_M_S * step_s, max(reach_m, 0.0)))
             self.time_s += step_s
             passed.append((self.x, self.y, self.floor))
-        # Who was told to turn does so to the end, seen or not.
+        # A turn that guidance asked for is finished, located or not.
         self._owed_deg, self._gone_on_m = turn_deg, self._gone_on_m + self.walked_m - before_m
         self.turned_deg_s = ((self.heading_deg - before_deg + 180.0) % 360.0 - 180.0) / seconds
         return passed
 
-    def _on_stairs(self, told: Mapping[str, Any] | None) -> tuple[float, float] | None:
+    def _on_stairs(self, guidance: Mapping[str, Any] | None) -> tuple[float, float] | None:
         """Return how far to turn and to walk on stairs that guidance said to take, None when there are none here."""
-        if told is not None and "turn" in told and not self._climbs:
-            self._stairs = STAIRS.get(told["turn"])
+        if guidance is not None and "turn" in guidance and not self._climbs:
+            self._stairs = STAIRS.get(guidance["turn"])
         end = None if self._stairs is None else self.building.stairs_end(self.x, self.y, bool(self._stairs))
         if end is None:
             self._stairs, self._climbs = (None if self._climbs else self._stairs), False
@@ -131,21 +138,21 @@ class Walker:
         self._climbs = True
         return self._towards(*end)
 
-    def _told(self, told: Mapping[str, Any]) -> tuple[float, float]:
+    def _by_guidance(self, guidance: Mapping[str, Any]) -> tuple[float, float]:
         """Return how far to turn and to walk by guidance, as this person does it."""
-        if told["off_route"] or told["arrived"]:
+        if guidance["off_route"] or guidance["arrived"]:
             return 0.0, 0.0
-        bearing_deg = told["bearing_deg"] or 0.0
+        bearing_deg = guidance["bearing_deg"] or 0.0
         if abs(bearing_deg) < UNSEEN_DEG:
             bearing_deg = 0.0
         exact = 1.0 + self.gait.turn * float(self.rng.standard_normal())
         turn_deg = bearing_deg * exact
-        remaining_m = told["remaining_m"]
+        remaining_m = guidance["remaining_m"]
         return turn_deg, np.inf if remaining_m is None else remaining_m
 
-    def _untold(self, seconds: float) -> tuple[float, float]:
-        """Return how far to turn and to walk when no way is told: around, then back, and so on."""
-        phase_s = self._untold_s % (LOOK_AROUND_S + GO_BACK_S)
+    def _without_guidance(self, seconds: float) -> tuple[float, float]:
+        """Return how far to turn and to walk without guidance: around, then back, and so on."""
+        phase_s = self._unguided_s % (LOOK_AROUND_S + GO_BACK_S)
         if phase_s <= LOOK_AROUND_S:
             return LOOK_DEG_S * seconds, 0.0
         return self._back(begins=phase_s - LOOK_AROUND_S <= seconds)

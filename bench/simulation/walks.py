@@ -14,11 +14,12 @@ from app.geometry.se3 import Pose
 from bench.simulation.trips import Progress, Trip, apart_m
 from bench.simulation.walker import Building, Walker
 
-# A walker gives up after so long, and so much longer for each metre of the route.
-PATIENCE_S, PATIENCE_S_PER_M = 60.0, 3.0
-# A place further from the true one, or on another floor, is wrong.
+# A walker gives up after this time, and the next one for each metre of the route.
+PATIENCE_S = 60.0
+PATIENCE_S_PER_M = 3.0
+# A place with a larger error, or on another floor, is wrong.
 WRONG_M = 0.5
-# Told no way for so long, looking around and going back three times, the walker puts the phone away.
+# A walker without guidance for this time, enough to look around and go back three times, is lost.
 SILENCE_S = 60.0
 
 
@@ -35,7 +36,7 @@ class Shot:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Answer:
     """What came back for a picture: guidance, the place on a plan if there is one, and how long it took."""
 
     guidance: Mapping[str, Any] | None
@@ -54,18 +55,18 @@ class Navigator(Protocol):
     def begin(self, destination: str, /) -> None:
         """Begin a new session that leads to a landmark."""
 
-    def ask(self, shot: Shot, rng: np.random.Generator, /) -> Told:
+    def ask(self, shot: Shot, rng: np.random.Generator, /) -> Answer:
         """Take a picture, send it, and return what comes back."""
 
     def end(self) -> None:
         """End the session."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark`, `lost` or
     `gave up`; errors are those of the place on the plan, metres, of the frames with one on the right floor.
-    `wrong_frames` were told a place more than 0.5 m off, or on another floor."""
+    `wrong_frames` got a place with an error above 0.5 m, or on another floor."""
 
     trip: int
     length_m: float
@@ -89,33 +90,33 @@ class Outcome:
 
     @property
     def is_success(self) -> bool:
-        """Whether every spot was passed in order and arrival was told at the destination."""
+        """Whether every spot was passed in order and guidance said `arrived` at the destination."""
         return self.end == "arrived"
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Log:
     """What is noted on the way."""
 
     errors_m: list[float] = field(default_factory=list)
     milliseconds: list[float] = field(default_factory=list)
     frames: int = 0
-    told: int = 0
+    located: int = 0
     off_route: int = 0
     wrong_floor: int = 0
-    was_told: bool = False
+    was_guided: bool = False
 
-    def note(self, told: Told, truth: PlanPlace) -> None:
+    def note(self, answer: Answer, truth: PlanPlace) -> None:
         """Note an answer."""
         self.frames += 1
-        self.milliseconds.append(told.milliseconds)
-        self.was_told = told.leads
-        if told.place is None:
+        self.milliseconds.append(answer.milliseconds)
+        self.was_guided = answer.leads
+        if answer.place is None:
             return
-        self.told += 1
-        self.off_route += bool(told.guidance and told.guidance.get("off_route"))
-        if told.place.floor == truth.floor:
-            self.errors_m.append(apart_m(told.place, truth))
+        self.located += 1
+        self.off_route += bool(answer.guidance and answer.guidance.get("off_route"))
+        if answer.place.floor == truth.floor:
+            self.errors_m.append(apart_m(answer.place, truth))
         else:
             self.wrong_floor += 1
 
@@ -133,21 +134,21 @@ def walk_trip(
     """Walk a trip by guidance alone and return what came of it. `floors` are those of the building by number."""
     x, y, floor = trip.start
     rng = np.random.default_rng([seed, 2, trip.number])
-    walker = Walker(building, x, y, floor, trip.heading_deg, rng)
+    walker = Walker(building=building, x=x, y=y, floor=floor, heading_deg=trip.heading_deg, rng=rng)
     pictures = np.random.default_rng([seed, 3, trip.number])
     progress, log, arrived = Progress(trip, floors), _Log(), False
     navigator.begin(trip.destination)
     try:
-        told_s = 0.0
+        guided_s = 0.0
         until_s = PATIENCE_S + PATIENCE_S_PER_M * trip.route_m
-        while not arrived and walker.time_s < min(until_s, told_s + SILENCE_S):
+        while not arrived and walker.time_s < min(until_s, guided_s + SILENCE_S):
             pose = walker.camera_pose()
             shot = Shot(pose, walker.floor, walker.time_s, walker.turned_deg_s, light)
-            told = navigator.ask(shot, pictures)
-            log.note(told, progress.place(walker.x, walker.y, walker.floor))
-            told_s = walker.time_s if told.leads else told_s
-            arrived = told.guidance is not None and bool(told.guidance["arrived"])
-            for place in [] if arrived else walker.follow(told.guidance, 1.0 / fps):
+            answer = navigator.ask(shot, pictures)
+            log.note(answer, progress.place(walker.x, walker.y, walker.floor))
+            guided_s = walker.time_s if answer.leads else guided_s
+            arrived = answer.guidance is not None and bool(answer.guidance["arrived"])
+            for place in [] if arrived else walker.follow(answer.guidance, 1.0 / fps):
                 progress.come_to(*place)
     finally:
         navigator.end()
@@ -156,7 +157,7 @@ def walk_trip(
 
 def _outcome(trip: Trip, walker: Walker, progress: Progress, log: _Log, arrived: bool) -> Outcome:
     here = (walker.x, walker.y, walker.floor)
-    end = "gave up" if log.was_told else "lost"
+    end = "gave up" if log.was_guided else "lost"
     if arrived and not progress.is_there(*here):
         end = "arrived elsewhere"
     elif arrived:
@@ -173,7 +174,7 @@ def _outcome(trip: Trip, walker: Walker, progress: Progress, log: _Log, arrived:
         walked_m=round(walker.walked_m, 1),
         seconds=round(walker.time_s, 1),
         frames=log.frames,
-        told_percent=round(100.0 * log.told / max(log.frames, 1), 1),
+        told_percent=round(100.0 * log.located / max(log.frames, 1), 1),
         off_route_frames=log.off_route,
         wrong_floor_frames=log.wrong_floor,
         wrong_frames=log.wrong_floor + sum(error > WRONG_M for error in log.errors_m),

@@ -16,7 +16,7 @@ from app.services.sessions import SessionFrame, SessionService
 from bench.render.raycast import FAST, render
 from bench.render.scene import Scene
 from bench.render.sensor import JPEG_QUALITY, ColourSensor, colour_picture
-from bench.simulation.walks import Shot, Told
+from bench.simulation.walks import Answer, Shot
 from bench.venue.layout import (
     DOORS,
     STAIR_RISERS,
@@ -26,17 +26,21 @@ from bench.venue.layout import (
 )
 from bench.venue.walkable import CELL_M, grid_of, ground_z_m, way_out
 
-# A person's shoulders fit where the middle is this far from walls.
+# Least distance of a person's middle from walls.
 BODY_M = 0.2
 STAIR_TOP_Y_M = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
-# So far beyond its door a walker has left the stairwell.
+# Distance beyond its door at which a walker has left the stairwell.
 OUTSIDE_M = 1.0
 # The lens of the demonstration's phone, a horizontal field of view of 65 degrees.
 FOCAL_SHARE = 498.0 / 640.0
 EXPOSURE_S = 1.0 / 100.0
-# One passer-by after so many seconds in the mean; how near they come by, and how tall and wide they are.
-PASSER_EVERY_S, PASSER_WALKS_S = 15.0, 4.0
-PASSER_HEIGHT_M, PASSER_WIDTH_M, PASSER_SPEED_M_S = 1.7, 0.5, 1.1
+# Mean time from one passer-by to the next.
+PASSER_EVERY_S = 15.0
+# How long a passer-by walks.
+PASSER_WALKS_S = 4.0
+PASSER_HEIGHT_M = 1.7
+PASSER_WIDTH_M = 0.5
+PASSER_SPEED_M_S = 1.1
 NEAREST_M = 0.7
 
 
@@ -198,7 +202,7 @@ class SessionNavigator:
         numbers = ",".join(f"{value:g}" for value in camera.params)
         self._session = self._service.create(self._venue, numbers, destination, "en").id
 
-    def ask(self, shot: Shot, rng: np.random.Generator) -> Told:
+    def ask(self, shot: Shot, rng: np.random.Generator) -> Answer:
         """Take a picture and return the answer to it."""
         image = self._phone.take(shot, rng)
         begun = time.perf_counter()
@@ -206,7 +210,7 @@ class SessionNavigator:
         milliseconds = 1e3 * (time.perf_counter() - begun)
         floor, plan = answer.result.floor, answer.result.plan
         place = None if floor is None or plan is None else PlanPlace(floor.id, plan.x, plan.y)
-        return Told(answer.guidance, place, milliseconds)
+        return Answer(answer.guidance, place, milliseconds)
 
     def end(self) -> None:
         """End the session."""

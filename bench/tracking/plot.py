@@ -10,7 +10,10 @@ from matplotlib.figure import Figure
 
 from bench.tracking.sequences import TrackedFrame
 
-TRUTH_COLOR, TRACKED_COLOR, SIGMA_COLOR, LOST_COLOR = "#8a8a8a", "#4c78a8", "#b9cbe0", "#e45756"
+TRUTH_COLOR = "#8a8a8a"
+TRACKED_COLOR = "#4c78a8"
+SIGMA_COLOR = "#b9cbe0"
+LOST_COLOR = "#e45756"
 
 
 def draw_tracking(frames: Sequence[TrackedFrame], title: str, path: Path) -> None:

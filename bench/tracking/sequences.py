@@ -31,7 +31,7 @@ from bench.evaluation.pose_errors import pose_error
 
 @dataclass(frozen=True, slots=True)
 class VideoSettings:
-    """When the map may be used: always, or, with `map_frames`, on so many first frames and then on every
+    """When the map may be used: always, or, with `map_frames`, on that number of first frames and then on every
     `relocalize_every`-th, if that is given. Every `locate_every`-th frame is located by itself too, for its time."""
 
     map_frames: int | None = None
@@ -67,7 +67,7 @@ class _Gate:
         return self.source.nearby(frame, camera, near, reach_m) if self.is_open else None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrackedFrame:
     """One frame: state, errors (infinite when it was not located), sigma, time, and both positions."""
 
@@ -82,7 +82,7 @@ class TrackedFrame:
     position: list[float] | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingFigures:
     """The figures of one video.
 
@@ -145,17 +145,18 @@ def track_video(
         milliseconds = 1e3 * (time.perf_counter() - started)
         truth = built.world_from_scan @ frame.scan_from_camera
         pose = None if tracked.placed is None else tracked.placed.frame_from_camera
-        errors = (float("inf"), 180.0) if pose is None else pose_error(pose, truth)
+        error_m, error_deg = (float("inf"), 180.0) if pose is None else pose_error(pose, truth)
         frames.append(
             TrackedFrame(
-                frame.name,
-                tracked.state,
-                tracked.reason,
-                *errors,
-                None if tracked.accuracy is None else tracked.accuracy.position_m,
-                milliseconds,
-                truth.translation.tolist(),
-                None if pose is None else pose.translation.tolist(),
+                name=frame.name,
+                state=tracked.state,
+                reason=tracked.reason,
+                error_m=error_m,
+                error_deg=error_deg,
+                sigma_m=None if tracked.accuracy is None else tracked.accuracy.position_m,
+                milliseconds=milliseconds,
+                truth=truth.translation.tolist(),
+                position=None if pose is None else pose.translation.tolist(),
             )
         )
         if i % settings.locate_every == 0:

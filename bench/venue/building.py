@@ -17,14 +17,12 @@ from bench.venue.layout import (
     WALL_THICKNESS_M,
     WINDOWS,
     Door,
-    Opening,
     Room,
     Side,
     Window,
-    openings_of,
     room_by_id,
-    shared_wall,
 )
+from bench.venue.openings import Opening, openings_of, shared_wall
 
 SIDES: tuple[Side, ...] = ("N", "E", "S", "W")
 LAMP_SIZE_M = 0.6
@@ -77,11 +75,11 @@ def _lamp(room: Room, place: tuple[float, float, float]) -> Surface:
     half = LAMP_SIZE_M / 2
     texture = Texture("lamp", size_m=(LAMP_SIZE_M, LAMP_SIZE_M))
     return Surface(
-        np.array([x - half, y - half, z]),
-        np.array([2 * half, 0, 0]),
-        np.array([0, 2 * half, 0]),
-        texture,
-        room.id,
+        corner=np.array([x - half, y - half, z]),
+        right=np.array([2 * half, 0, 0]),
+        down=np.array([0, 2 * half, 0]),
+        texture=texture,
+        room=room.id,
         is_bright=True,
     )
 
@@ -118,7 +116,16 @@ def _trim(wall: Wall, opening: Opening, material: str, with_sill: bool) -> list[
     for low, high, bottom, top in boards:
         x, y, _ = wall.point((low + high) / 2, bottom, 0.012)
         size = (high - low, 0.024, top - bottom)
-        found.append(Box((float(x), float(y)), bottom, size, wall.yaw_deg, material, is_obstacle=False))
+        found.append(
+            Box(
+                centre=(float(x), float(y)),
+                base_m=bottom,
+                size_m=size,
+                yaw_deg=wall.yaw_deg,
+                material=material,
+                is_obstacle=False,
+            )
+        )
     return found
 
 
@@ -138,13 +145,13 @@ def _door(door: Door) -> list[Surface]:
         centre = (door.at_m, line) if side_a in "NS" else (line, door.at_m)
         picture = Texture("door")
         leaf = Box(
-            centre,
-            base,
-            (door.width_m, 0.05, door.height_m),
-            Wall.of_room(room_by_id(door.a), side_a).yaw_deg,
-            "wood_light",
-            picture,
-            picture,
+            centre=centre,
+            base_m=base,
+            size_m=(door.width_m, 0.05, door.height_m),
+            yaw_deg=Wall.of_room(room_by_id(door.a), side_a).yaw_deg,
+            material="wood_light",
+            front=picture,
+            back=picture,
         )
         found += leaf.surfaces(door.a, "leaf")
     return found
@@ -164,7 +171,15 @@ def _window(window: Window) -> list[Surface]:
         (window.at_m, window.width_m, bottom + window.height_m * 0.68, 0.05),
     ):
         x, y, _ = wall.point(along, z0, -0.1)
-        bars.append(Box((float(x), float(y)), z0, (width, 0.04, height), wall.yaw_deg, "plain_white"))
+        bars.append(
+            Box(
+                centre=(float(x), float(y)),
+                base_m=z0,
+                size_m=(width, 0.04, height),
+                yaw_deg=wall.yaw_deg,
+                material="plain_white",
+            )
+        )
     return found + [face for bar in bars for face in bar.surfaces(room.id, "bar")]
 
 
@@ -175,9 +190,9 @@ def stair_boxes() -> list[Box]:
     middle, width = (x0 + x1) / 2, x1 - x0
     steps = [
         Box(
-            (middle, STAIR_START_Y_M + (k + 0.5) * STAIR_TREAD_M),
-            0.0,
-            (width, STAIR_TREAD_M, (k + 1) * rise),
+            centre=(middle, STAIR_START_Y_M + (k + 0.5) * STAIR_TREAD_M),
+            base_m=0.0,
+            size_m=(width, STAIR_TREAD_M, (k + 1) * rise),
             material="concrete",
         )
         for k in range(STAIR_RISERS - 1)
@@ -185,7 +200,10 @@ def stair_boxes() -> list[Box]:
     landing = STAIR_START_Y_M + (STAIR_RISERS - 1) * STAIR_TREAD_M
     steps.append(
         Box(
-            (middle, (landing + y1) / 2), 0.0, (width, y1 - landing, FLOOR_HEIGHT_M), material="linoleum_grey"
+            centre=(middle, (landing + y1) / 2),
+            base_m=0.0,
+            size_m=(width, y1 - landing, FLOOR_HEIGHT_M),
+            material="linoleum_grey",
         )
     )
     return steps
@@ -197,7 +215,9 @@ def _stairs() -> list[Surface]:
         for k in range(STAIR_RISERS):
             y = STAIR_START_Y_M + k * STAIR_TREAD_M
             top = (k + 1) * FLOOR_HEIGHT_M / STAIR_RISERS
-            post = Box((x, y), min(top, FLOOR_HEIGHT_M), (0.04, 0.04, 0.9), material="metal")
+            post = Box(
+                centre=(x, y), base_m=min(top, FLOOR_HEIGHT_M), size_m=(0.04, 0.04, 0.9), material="metal"
+            )
             found += post.surfaces("stair", f"post{k}")
     return found
 
@@ -213,32 +233,32 @@ def _outdoors() -> list[Surface]:
         size = (abs(xb - xa) + abs(yb - ya), high - low)
         found.append(
             Surface(
-                np.array([xa, ya, high]),
-                np.array([xb - xa, yb - ya, 0]),
-                np.array([0, 0, low - high]),
-                Texture("outdoors", k, size),
-                "",
+                corner=np.array([xa, ya, high]),
+                right=np.array([xb - xa, yb - ya, 0]),
+                down=np.array([0, 0, low - high]),
+                texture=Texture("outdoors", k, size),
+                room="",
                 is_bright=True,
             )
         )
     span_x, span_y = w + 2 * far, d + 2 * far
     found.append(
         Surface(
-            np.array([-far, d + far, low]),
-            np.array([span_x, 0, 0]),
-            np.array([0, -span_y, 0]),
-            Texture("grass"),
-            "",
+            corner=np.array([-far, d + far, low]),
+            right=np.array([span_x, 0, 0]),
+            down=np.array([0, -span_y, 0]),
+            texture=Texture("grass"),
+            room="",
             is_bright=True,
         )
     )
     found.append(
         Surface(
-            np.array([-far, -far, high]),
-            np.array([span_x, 0, 0]),
-            np.array([0, span_y, 0]),
-            Texture("outdoors", 9, (4.0, 4.0)),
-            "",
+            corner=np.array([-far, -far, high]),
+            right=np.array([span_x, 0, 0]),
+            down=np.array([0, span_y, 0]),
+            texture=Texture("outdoors", 9, (4.0, 4.0)),
+            room="",
             is_bright=True,
         )
     )

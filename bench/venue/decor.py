@@ -13,16 +13,8 @@ from bench.render.surfaces import Box, Surface, Wall
 from bench.venue.building import SIDES, stair_boxes
 from bench.venue.furnishing import FURNITURE
 from bench.venue.furniture import build
-from bench.venue.layout import (
-    CORRIDORS,
-    DOORS,
-    ROOMS,
-    Opening,
-    Room,
-    openings_of,
-    room_by_id,
-    shared_wall,
-)
+from bench.venue.layout import CORRIDORS, DOORS, ROOMS, Room, room_by_id
+from bench.venue.openings import Opening, openings_of, shared_wall
 
 # kinds of art with their shares, and the gaps (metres) between pieces
 STYLES: dict[str, tuple[dict[str, float], tuple[float, float]]] = {
@@ -41,7 +33,7 @@ SIZES_M: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
 }
 PRINTS = ("painting", "poster", "noticeboard")
 MIDDLE_HEIGHT_M = 1.55
-# In each corridor the piece of this number is another one: who knows where to look can tell them apart.
+# The one piece that differs from corridor to corridor, by its number along the wall.
 ODD_POSTER = 4
 
 
@@ -141,12 +133,12 @@ def _plaque(
 ) -> Box:
     x, y, _ = wall.point(at, base, depth / 2 + 0.001)
     return Box(
-        (float(x), float(y)),
-        base,
-        (size[0], depth, size[1]),
-        wall.yaw_deg,
-        "wood_dark",
-        texture,
+        centre=(float(x), float(y)),
+        base_m=base,
+        size_m=(size[0], depth, size[1]),
+        yaw_deg=wall.yaw_deg,
+        material="wood_dark",
+        front=texture,
         is_obstacle=False,
     )
 

@@ -19,12 +19,12 @@ STAIR_TREAD_M = 0.28
 STAIR_RISERS = 20
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Room:
     """A rectangular room; `bounds` (x0, y0, x1, y1) are the centre lines of its walls in world metres.
 
     Rooms that share a `look` get the same textures, lamps and posters at the same places, so that they can
-    hardly be told apart. `accent` gives one wall another material.
+    hardly be distinguished. `accent` gives one wall another material.
     """
 
     id: str
@@ -57,7 +57,7 @@ class Room:
         return self.look or self.id
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Door:
     """An opening between two rooms, centred at `at_m` along their common wall; a closed one has a leaf in
     it."""
@@ -71,7 +71,7 @@ class Door:
     closed: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
     """An opening in an outer wall, centred at `at_m` along it."""
 
@@ -89,7 +89,16 @@ def _east_rooms(floor: int, names: dict[str, str]) -> list[Room]:
 
     def plain(key: str, bounds: tuple[float, float, float, float], wall: str, ground: str, art: str) -> Room:
         look = "corridor" if art == "corridor" else ""
-        return Room(f"{floor}-{key}", names[key], floor, bounds, wall, ground, art=art, look=look)
+        return Room(
+            id=f"{floor}-{key}",
+            name=names[key],
+            floor=floor,
+            bounds=bounds,
+            wall=wall,
+            ground=ground,
+            art=art,
+            look=look,
+        )
 
     return [
         plain("corridor-s", (25, 5, 42, 7.4), "plaster_cream", "linoleum_blue", "corridor"),
@@ -111,22 +120,22 @@ def _east_doors(floor: int) -> list[Door]:
     """Return the doors of the east half; both corridors have theirs at the same places along them."""
     p = f"{floor}-"
     return [
-        Door(p + "hall", p + "lobby", 12.0, floor, 2.2, 2.4),
-        Door(p + "lobby", p + "corridor-s", 6.2, floor, 1.8, 2.3),
-        Door(p + "lobby", p + "corridor-n", 20.0, floor, 1.8, 2.3),
-        Door(p + "lobby", p + "lift", 17.9, floor, 1.1, 2.1),
-        Door(p + "corridor-s", p + "strip-sw", 30.5, floor, closed=True),
-        Door(p + "corridor-s", p + "strip-se", 38.0, floor),
-        Door(p + "corridor-s", p + "room-1", 32.0, floor),
-        Door(p + "corridor-s", p + "room-2", 40.0, floor, closed=True),
-        Door(p + "corridor-n", p + "room-3", 30.5, floor, closed=True),
-        Door(p + "corridor-n", p + "room-4", 38.0, floor),
-        Door(p + "corridor-n", p + "strip-nw", 32.0, floor),
-        Door(p + "corridor-n", p + "strip-ne", 40.0, floor, closed=True),
-        Door(p + "strip-sw", p + "strip-se", 2.5, floor),
-        Door(p + "room-1", p + "room-2", 10.0, floor),
-        Door(p + "room-3", p + "room-4", 16.0, floor),
-        Door(p + "strip-nw", p + "strip-ne", 23.6, floor),
+        Door(a=p + "hall", b=p + "lobby", at_m=12.0, floor=floor, width_m=2.2, height_m=2.4),
+        Door(a=p + "lobby", b=p + "corridor-s", at_m=6.2, floor=floor, width_m=1.8, height_m=2.3),
+        Door(a=p + "lobby", b=p + "corridor-n", at_m=20.0, floor=floor, width_m=1.8, height_m=2.3),
+        Door(a=p + "lobby", b=p + "lift", at_m=17.9, floor=floor, width_m=1.1, height_m=2.1),
+        Door(a=p + "corridor-s", b=p + "strip-sw", at_m=30.5, floor=floor, closed=True),
+        Door(a=p + "corridor-s", b=p + "strip-se", at_m=38.0, floor=floor),
+        Door(a=p + "corridor-s", b=p + "room-1", at_m=32.0, floor=floor),
+        Door(a=p + "corridor-s", b=p + "room-2", at_m=40.0, floor=floor, closed=True),
+        Door(a=p + "corridor-n", b=p + "room-3", at_m=30.5, floor=floor, closed=True),
+        Door(a=p + "corridor-n", b=p + "room-4", at_m=38.0, floor=floor),
+        Door(a=p + "corridor-n", b=p + "strip-nw", at_m=32.0, floor=floor),
+        Door(a=p + "corridor-n", b=p + "strip-ne", at_m=40.0, floor=floor, closed=True),
+        Door(a=p + "strip-sw", b=p + "strip-se", at_m=2.5, floor=floor),
+        Door(a=p + "room-1", b=p + "room-2", at_m=10.0, floor=floor),
+        Door(a=p + "room-3", b=p + "room-4", at_m=16.0, floor=floor),
+        Door(a=p + "strip-nw", b=p + "strip-ne", at_m=23.6, floor=floor),
     ]
 
 
@@ -161,120 +170,164 @@ _UPPER_NAMES = {
 
 ROOMS: tuple[Room, ...] = (
     Room(
-        "0-reception", "Reception", 0, (0, 0, 10, 8), "plaster_sand", "stone_tile", accent=("E", "wood_panel")
+        id="0-reception",
+        name="Reception",
+        floor=0,
+        bounds=(0, 0, 10, 8),
+        wall="plaster_sand",
+        ground="stone_tile",
+        accent=("E", "wood_panel"),
     ),
     Room(
-        "0-gallery-a",
-        "Gallery A",
-        0,
-        (0, 8, 10, 17),
-        "plaster_white",
-        "parquet_oak",
+        id="0-gallery-a",
+        name="Gallery A",
+        floor=0,
+        bounds=(0, 8, 10, 17),
+        wall="plaster_white",
+        ground="parquet_oak",
         accent=("W", "brick_red"),
         art="gallery",
     ),
     Room(
-        "0-gallery-b",
-        "Gallery B",
-        0,
-        (0, 17, 10, 26),
-        "plaster_red",
-        "parquet_dark",
-        "ceiling_panel",
+        id="0-gallery-b",
+        name="Gallery B",
+        floor=0,
+        bounds=(0, 17, 10, 26),
+        wall="plaster_red",
+        ground="parquet_dark",
+        ceiling="ceiling_panel",
         art="gallery",
     ),
     Room(
-        "0-gallery-c",
-        "Gallery C",
-        0,
-        (10, 17, 21, 26),
-        "plaster_blue",
-        "carpet_grey",
-        "ceiling_panel",
+        id="0-gallery-c",
+        name="Gallery C",
+        floor=0,
+        bounds=(10, 17, 21, 26),
+        wall="plaster_blue",
+        ground="carpet_grey",
+        ceiling="ceiling_panel",
         accent=("E", "wallpaper"),
         art="gallery",
     ),
     Room(
-        "0-hall",
-        "Central hall",
-        0,
-        (10, 8, 21, 17),
-        "plaster_cream",
-        "terrazzo",
+        id="0-hall",
+        name="Central hall",
+        floor=0,
+        bounds=(10, 8, 21, 17),
+        wall="plaster_cream",
+        ground="terrazzo",
         accent=("N", "brick_white"),
         art="mixed",
     ),
-    Room("0-cafe", "Cafe", 0, (10, 0, 17.5, 8), "plaster_green", "stone_check", accent=("W", "brick_red")),
-    Room("0-restrooms", "Restrooms", 0, (17.5, 0, 21, 8), "wall_tile", "stone_tile", art="none"),
     Room(
-        "stair",
-        "Stairs",
-        0,
-        (25, 7.4, 28, 17),
-        "plaster_white",
-        "concrete",
+        id="0-cafe",
+        name="Cafe",
+        floor=0,
+        bounds=(10, 0, 17.5, 8),
+        wall="plaster_green",
+        ground="stone_check",
+        accent=("W", "brick_red"),
+    ),
+    Room(
+        id="0-restrooms",
+        name="Restrooms",
+        floor=0,
+        bounds=(17.5, 0, 21, 8),
+        wall="wall_tile",
+        ground="stone_tile",
+        art="none",
+    ),
+    Room(
+        id="stair",
+        name="Stairs",
+        floor=0,
+        bounds=(25, 7.4, 28, 17),
+        wall="plaster_white",
+        ground="concrete",
         art="sparse",
         height_m=FLOOR_HEIGHT_M + ROOM_HEIGHT_M,
     ),
     *_east_rooms(0, _GROUND_NAMES),
     Room(
-        "1-library", "Library", 1, (0, 0, 10, 13), "plaster_green", "carpet_red", accent=("W", "wood_panel")
+        id="1-library",
+        name="Library",
+        floor=1,
+        bounds=(0, 0, 10, 13),
+        wall="plaster_green",
+        ground="carpet_red",
+        accent=("W", "wood_panel"),
     ),
     Room(
-        "1-lecture",
-        "Lecture room",
-        1,
-        (0, 13, 10, 26),
-        "plaster_white",
-        "carpet_grey",
-        "ceiling_panel",
+        id="1-lecture",
+        name="Lecture room",
+        floor=1,
+        bounds=(0, 13, 10, 26),
+        wall="plaster_white",
+        ground="carpet_grey",
+        ceiling="ceiling_panel",
         accent=("N", "wood_panel"),
         art="sparse",
     ),
     Room(
-        "1-gallery-d",
-        "Gallery D",
-        1,
-        (10, 17, 21, 26),
-        "plaster_sand",
-        "parquet_oak",
+        id="1-gallery-d",
+        name="Gallery D",
+        floor=1,
+        bounds=(10, 17, 21, 26),
+        wall="plaster_sand",
+        ground="parquet_oak",
         accent=("N", "brick_white"),
         art="gallery",
     ),
     Room(
-        "1-hall",
-        "Upper hall",
-        1,
-        (10, 8, 21, 17),
-        "plaster_blue",
-        "stone_tile",
+        id="1-hall",
+        name="Upper hall",
+        floor=1,
+        bounds=(10, 8, 21, 17),
+        wall="plaster_blue",
+        ground="stone_tile",
         accent=("S", "brick_red"),
         art="mixed",
     ),
-    Room("1-members", "Members' room", 1, (10, 0, 17.5, 8), "wallpaper", "parquet_dark", art="gallery"),
-    Room("1-restrooms", "Restrooms", 1, (17.5, 0, 21, 8), "wall_tile", "stone_tile", art="none"),
+    Room(
+        id="1-members",
+        name="Members' room",
+        floor=1,
+        bounds=(10, 0, 17.5, 8),
+        wall="wallpaper",
+        ground="parquet_dark",
+        art="gallery",
+    ),
+    Room(
+        id="1-restrooms",
+        name="Restrooms",
+        floor=1,
+        bounds=(17.5, 0, 21, 8),
+        wall="wall_tile",
+        ground="stone_tile",
+        art="none",
+    ),
     *_east_rooms(1, _UPPER_NAMES),
 )
 
 DOORS: tuple[Door, ...] = (
-    Door("0-reception", "0-gallery-a", 3.0, 0, 2.4, 2.4),
-    Door("0-reception", "0-cafe", 5.6, 0, 1.6),
-    Door("0-gallery-a", "0-gallery-b", 7.0, 0, 1.6, 2.3),
-    Door("0-gallery-a", "0-hall", 12.5, 0, 2.0, 2.4),
-    Door("0-gallery-b", "0-gallery-c", 23.0, 0, 1.6, 2.3),
-    Door("0-hall", "0-gallery-c", 14.0, 0, 1.8, 2.3),
-    Door("0-cafe", "0-hall", 14.5, 0, 1.6),
-    Door("0-restrooms", "0-hall", 19.0, 0, 1.0),
-    Door("0-lobby", "stair", 8.3, 0, 1.4),
+    Door(a="0-reception", b="0-gallery-a", at_m=3.0, floor=0, width_m=2.4, height_m=2.4),
+    Door(a="0-reception", b="0-cafe", at_m=5.6, floor=0, width_m=1.6),
+    Door(a="0-gallery-a", b="0-gallery-b", at_m=7.0, floor=0, width_m=1.6, height_m=2.3),
+    Door(a="0-gallery-a", b="0-hall", at_m=12.5, floor=0, width_m=2.0, height_m=2.4),
+    Door(a="0-gallery-b", b="0-gallery-c", at_m=23.0, floor=0, width_m=1.6, height_m=2.3),
+    Door(a="0-hall", b="0-gallery-c", at_m=14.0, floor=0, width_m=1.8, height_m=2.3),
+    Door(a="0-cafe", b="0-hall", at_m=14.5, floor=0, width_m=1.6),
+    Door(a="0-restrooms", b="0-hall", at_m=19.0, floor=0, width_m=1.0),
+    Door(a="0-lobby", b="stair", at_m=8.3, floor=0, width_m=1.4),
     *_east_doors(0),
-    Door("1-lobby", "stair", 15.8, 1, 1.4),
-    Door("1-library", "1-lecture", 5.0, 1, 1.4),
-    Door("1-library", "1-hall", 10.5, 1, 1.6, 2.3),
-    Door("1-library", "1-members", 4.0, 1, 1.2),
-    Door("1-lecture", "1-gallery-d", 21.5, 1, 1.4),
-    Door("1-hall", "1-gallery-d", 15.5, 1, 2.0, 2.3),
-    Door("1-members", "1-hall", 13.0, 1, 1.2),
-    Door("1-restrooms", "1-hall", 19.0, 1, 1.0),
+    Door(a="1-lobby", b="stair", at_m=15.8, floor=1, width_m=1.4),
+    Door(a="1-library", b="1-lecture", at_m=5.0, floor=1, width_m=1.4),
+    Door(a="1-library", b="1-hall", at_m=10.5, floor=1, width_m=1.6, height_m=2.3),
+    Door(a="1-library", b="1-members", at_m=4.0, floor=1, width_m=1.2),
+    Door(a="1-lecture", b="1-gallery-d", at_m=21.5, floor=1, width_m=1.4),
+    Door(a="1-hall", b="1-gallery-d", at_m=15.5, floor=1, width_m=2.0, height_m=2.3),
+    Door(a="1-members", b="1-hall", at_m=13.0, floor=1, width_m=1.2),
+    Door(a="1-restrooms", b="1-hall", at_m=19.0, floor=1, width_m=1.0),
     *_east_doors(1),
 )
 
@@ -296,7 +349,7 @@ _WINDOW_PLACES: tuple[tuple[str, Side, tuple[float, ...]], ...] = (
     ("1-strip-nw", "N", (25.0, 31.0)),
 )
 WINDOWS: tuple[Window, ...] = tuple(
-    Window(room, side, at) for room, side, ats in _WINDOW_PLACES for at in ats
+    Window(room=room, side=side, at_m=at) for room, side, ats in _WINDOW_PLACES for at in ats
 )
 
 # The rooms of the main wing: what `render_wing` scans.
@@ -309,58 +362,6 @@ _ROOM_BY_ID = {room.id: room for room in ROOMS}
 def room_by_id(room_id: str) -> Room:
     """Return the room of an id."""
     return _ROOM_BY_ID[room_id]
-
-
-@dataclass(frozen=True, slots=True)
-class Opening:
-    """A hole in one wall of a room: `start_m..end_m` along the wall (world x or y), `bottom_m..top_m` in
-    world z."""
-
-    side: Side
-    start_m: float
-    end_m: float
-    bottom_m: float
-    top_m: float
-
-
-def shared_wall(door: Door) -> tuple[Side, Side, float]:
-    """Return the side of the wall in rooms `a` and `b` of a door, and the world x or y of its centre line."""
-    a, b = room_by_id(door.a).bounds, room_by_id(door.b).bounds
-    candidates: tuple[tuple[float, float, Side, Side], ...] = (
-        (a[2], b[0], "E", "W"),
-        (a[0], b[2], "W", "E"),
-        (a[3], b[1], "N", "S"),
-        (a[1], b[3], "S", "N"),
-    )
-    for line_a, line_b, side_a, side_b in candidates:
-        if abs(line_a - line_b) < 1e-6 and _spans(a, side_a, door) and _spans(b, side_b, door):
-            return side_a, side_b, line_a
-    raise ValueError(f"{door.a} and {door.b} share no wall at {door.at_m}")
-
-
-def _spans(bounds: tuple[float, float, float, float], side: Side, door: Door) -> bool:
-    low, high = (bounds[0], bounds[2]) if side in "NS" else (bounds[1], bounds[3])
-    return low < door.at_m - door.width_m / 2 and door.at_m + door.width_m / 2 < high
-
-
-def openings_of(room: Room) -> list[Opening]:
-    """Return the holes in a room's walls: doors (closed ones too, their leaf stands in the hole) and
-    windows."""
-    found = []
-    for door in DOORS:
-        if room.id in (door.a, door.b):
-            side_a, side_b, _ = shared_wall(door)
-            base = door.floor * FLOOR_HEIGHT_M
-            half = door.width_m / 2
-            side = side_a if room.id == door.a else side_b
-            found.append(Opening(side, door.at_m - half, door.at_m + half, base, base + door.height_m))
-    for window in WINDOWS:
-        if window.room == room.id:
-            half, base = window.width_m / 2, room.base_m + window.sill_m
-            found.append(
-                Opening(window.side, window.at_m - half, window.at_m + half, base, base + window.height_m)
-            )
-    return found
 
 
 def room_at(x_m: float, y_m: float, floor: int) -> Room | None:

@@ -16,7 +16,8 @@ import shapely  # type: ignore[import-untyped]
 from numpy.typing import ArrayLike
 
 from bench.venue.furnishing import FURNITURE
-from bench.venue.layout import CORRIDORS, DOORS, FLOOR_COUNT, ROOMS, Door, Room, room_by_id, shared_wall
+from bench.venue.layout import CORRIDORS, DOORS, FLOOR_COUNT, ROOMS, Door, Room, room_by_id
+from bench.venue.openings import shared_wall
 from bench.venue.plan_image import to_plan
 from bench.venue.walkable import CELL_M, grid_of, way
 
@@ -30,8 +31,10 @@ POI_NAMES = {
     "pedestal": "Sculpture",
 }
 STAIR_LANDMARKS = {0: (26.5, 8.3), 1: (26.5, 15.8)}
-# Between the floors one walks this far: the stair's slope; a lift ride counts as a detour of this length.
-STAIR_LENGTH_M, LIFT_LENGTH_M = 8.6, 15.0
+# Length of the way up the stairs, along their slope.
+STAIR_LENGTH_M = 8.6
+# Length that a ride in the lift counts as.
+LIFT_LENGTH_M = 15.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,20 +18,26 @@ from bench.venue.layout import (
     Door,
     Room,
     room_by_id,
-    shared_wall,
 )
+from bench.venue.openings import shared_wall
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 METERS_PER_PIXEL = 0.02
-# Turned against the world, each floor shifted in its own way: mixing plan and world up can't go unnoticed.
+# Plans are turned against the world, and each floor is shifted differently: code that mixes up plan and world fails.
 PLAN_TURN_DEG = 90.0
 PLAN_SHIFT_M = {0: (30.5, 3.25), 1: (28.25, 1.5)}
 MARGIN_M = 1.0
 
-PAPER, WALL, GROUND, WET = (255, 255, 255), (52, 48, 46), (250, 248, 246), (242, 236, 226)
-FURNITURE, INK, GLASS, FAINT = (178, 174, 168), (60, 52, 44), (214, 176, 120), (120, 116, 112)
+PAPER = (255, 255, 255)
+WALL = (52, 48, 46)
+GROUND = (250, 248, 246)
+WET = (242, 236, 226)
+FURNITURE = (178, 174, 168)
+INK = (60, 52, 44)
+GLASS = (214, 176, 120)
+FAINT = (120, 116, 112)
 
 
 def plan_from_world(floor: int) -> Pose:

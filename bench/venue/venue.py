@@ -29,7 +29,7 @@ class DemoVenue:
 VENUE = DemoVenue("demo", "Meridian House (demonstration)", ("0", "1"))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DemoFloor:
     """A floor: `plan_from_world` (4, 4), its range of world heights, its drawing and its GeoJSON features.
 

@@ -24,17 +24,17 @@ from bench.venue.layout import (
     Door,
     room_at,
     room_by_id,
-    shared_wall,
 )
+from bench.venue.openings import shared_wall
 
 Floats = NDArray[np.float64]
 
 # The camera and the arms that hold it.
 CLEARANCE_M = 0.25
 CELL_M = 0.1
-# So far beyond a door somebody is out of the room.
+# Distance beyond a door at which a person is out of the room.
 OUTSIDE_M = 1.0
-# Higher than this nobody walks into a thing.
+# A thing above this height stops nobody.
 HEAD_ROOM_M = 1.9
 
 

@@ -12,7 +12,18 @@ from app.errors import InvalidInputError
 from bench.evaluation.confidence_fit import fit_confidence
 from bench.evaluation.pose_errors import QueryOutcome
 
-PLAIN = QueryOutcome("q", False, float("inf"), 180.0, None, 40, 0.0, 1.0, matches=100, rival_share=0.0)
+PLAIN = QueryOutcome(
+    name="q",
+    located=False,
+    position_m=float("inf"),
+    orientation_deg=180.0,
+    reason=None,
+    inliers=40,
+    confidence=0.0,
+    milliseconds=1.0,
+    matches=100,
+    rival_share=0.0,
+)
 
 
 def outcomes(count: int = 400, seed: int = 0) -> list[QueryOutcome]:

@@ -36,7 +36,14 @@ def upper(scan: Path, queries: list[View]) -> RegionFigures:
             open_models(Settings(_env_file=None)), executor, NoProgress(),
         )  # fmt: skip
     asked = [
-        DemoQuery(frame.name, frame.color, CAMERA, view.world_from_camera, "", 0)
+        DemoQuery(
+            name=frame.name,
+            path=frame.color,
+            camera=CAMERA,
+            world_from_camera=view.world_from_camera,
+            room="",
+            floor=0,
+        )
         for frame, view in zip(split.queries, queries, strict=True)
     ]
     asked[0] = replace(asked[0], world_from_camera=lifted @ asked[0].world_from_camera, floor=1)

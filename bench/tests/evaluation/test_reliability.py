@@ -14,11 +14,29 @@ from bench.evaluation.reliability import equal_count_bins, measure_reliability, 
 
 
 def outcome(confidence: float, position_m: float = 0.01, orientation_deg: float = 0.5) -> QueryOutcome:
-    return QueryOutcome("q", True, position_m, orientation_deg, None, 50, confidence, 10.0)
+    return QueryOutcome(
+        name="q",
+        located=True,
+        position_m=position_m,
+        orientation_deg=orientation_deg,
+        reason=None,
+        inliers=50,
+        confidence=confidence,
+        milliseconds=10.0,
+    )
 
 
 def missed() -> QueryOutcome:
-    return QueryOutcome("q", False, float("inf"), 180.0, "no_match", 3, 0.0, 10.0)
+    return QueryOutcome(
+        name="q",
+        located=False,
+        position_m=float("inf"),
+        orientation_deg=180.0,
+        reason="no_match",
+        inliers=3,
+        confidence=0.0,
+        milliseconds=10.0,
+    )
 
 
 WRONG_M = 0.6
@@ -80,7 +98,16 @@ def test_the_surest_are_answered_first() -> None:
 
 
 def test_outcomes_come_back_from_json_with_the_false_fixes(tmp_path: Path) -> None:
-    false_fix = QueryOutcome("wall", True, float("inf"), 180.0, None, 20, 0.7, 5.0)
+    false_fix = QueryOutcome(
+        name="wall",
+        located=True,
+        position_m=float("inf"),
+        orientation_deg=180.0,
+        reason=None,
+        inliers=20,
+        confidence=0.7,
+        milliseconds=5.0,
+    )
     item = {
         "name": "kitchen default",
         "features": "sift",
@@ -96,7 +123,16 @@ def test_outcomes_come_back_from_json_with_the_false_fixes(tmp_path: Path) -> No
 
 def missed_again() -> QueryOutcome:
     """A query without a pose, as it comes back: both of its errors are infinite."""
-    return QueryOutcome("q", False, float("inf"), float("inf"), "no_match", 3, 0.0, 10.0)
+    return QueryOutcome(
+        name="q",
+        located=False,
+        position_m=float("inf"),
+        orientation_deg=float("inf"),
+        reason="no_match",
+        inliers=3,
+        confidence=0.0,
+        milliseconds=10.0,
+    )
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from bench.simulation.log import WalkLog
 from bench.simulation.summary import Setting, figures_of, interval_percent
 from bench.simulation.trips import Trip, pairs_by_length, shuffled, spots_of
 from bench.simulation.walker import Walker
-from bench.simulation.walks import Outcome, Shot, Told, walk_trip
+from bench.simulation.walks import Answer, Outcome, Shot, walk_trip
 from tests.engine.navigation.test_navigation import network_of, route
 from tests.plans import GROUND, UPPER
 
@@ -82,14 +82,14 @@ class KnowsAll:
     def begin(self, _destination: str) -> None:
         self.along_m = 0.0
 
-    def ask(self, shot: Shot, _rng: np.random.Generator) -> Told:
+    def ask(self, shot: Shot, _rng: np.random.Generator) -> Answer:
         if self.way is None:
-            return Told(None, None)
+            return Answer(None, None)
         x, y, heading_deg = plan_position(np.eye(4), shot.world_from_camera)
         told = guide(self.way, "ground", x + self.ahead_m, y, heading_deg, "en", self.along_m)
         if told.along_m is not None and not told.off_route:
             self.along_m = told.along_m
-        return Told({**asdict(told), "problem": None}, PlanPlace("ground", x + self.ahead_m, y))
+        return Answer({**asdict(told), "problem": None}, PlanPlace("ground", x + self.ahead_m, y))
 
     def end(self) -> None:
         pass
@@ -104,7 +104,16 @@ def way() -> Route:
 @pytest.fixture(scope="module")
 def trip(way: Route) -> Trip:
     end = PlanPlace("ground", 2.0, 1.0)
-    return Trip(0, 10.0, (8.0, 5.0, 0), 90.0, "kitchen-door", way.distance_m, spots_of(way), end)
+    return Trip(
+        number=0,
+        length_m=10.0,
+        start=(8.0, 5.0, 0),
+        heading_deg=90.0,
+        destination="kitchen-door",
+        route_m=way.distance_m,
+        spots=spots_of(way),
+        end=end,
+    )
 
 
 def walked(trip: Trip, navigator: KnowsAll, wall_m: float = 100.0) -> Outcome:
@@ -133,7 +142,7 @@ def test_who_is_told_nothing_looks_around_and_gives_up(trip: Trip) -> None:
 
 
 def test_who_is_lost_goes_back_where_they_came_from() -> None:
-    walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
+    walker = Walker(building=Yard(), x=2.0, y=1.0, floor=0, heading_deg=0.0, rng=np.random.default_rng(0))
     ahead = {
         "turn": "straight",
         "off_route": False,
@@ -150,7 +159,7 @@ def test_who_is_lost_goes_back_where_they_came_from() -> None:
 
 
 def test_who_was_nowhere_yet_goes_out_by_the_door() -> None:
-    walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
+    walker = Walker(building=Yard(), x=2.0, y=1.0, floor=0, heading_deg=0.0, rng=np.random.default_rng(0))
     for _ in range(44):
         walker.follow(
             {"instruction": "Stand still.", "arrived": False, "problem": "lost", "go_on_m": None}, 0.5
@@ -159,7 +168,7 @@ def test_who_was_nowhere_yet_goes_out_by_the_door() -> None:
 
 
 def test_who_was_told_to_turn_turns_and_goes_on_unseen() -> None:
-    walker = Walker(Yard(), 2.0, 1.0, 0, 0.0, np.random.default_rng(0))
+    walker = Walker(building=Yard(), x=2.0, y=1.0, floor=0, heading_deg=0.0, rng=np.random.default_rng(0))
     told = {"turn": "left", "off_route": False, "arrived": False, "bearing_deg": 90.0, "remaining_m": 20.0}
     walker.follow(told, 0.25)
     for _ in range(24):
@@ -171,7 +180,9 @@ def test_who_was_told_to_turn_turns_and_goes_on_unseen() -> None:
 
 
 def test_stairs_are_taken_without_an_arrow_and_without_a_word() -> None:
-    walker = Walker(Stairwell(), 8.7, 5.0, 0, 90.0, np.random.default_rng(0))
+    walker = Walker(
+        building=Stairwell(), x=8.7, y=5.0, floor=0, heading_deg=90.0, rng=np.random.default_rng(0)
+    )
     told = {"turn": "up", "off_route": False, "arrived": False, "bearing_deg": None, "remaining_m": 20.0}
     walker.follow({**told, "problem": None}, 0.5)
     for _ in range(16):
@@ -181,7 +192,9 @@ def test_stairs_are_taken_without_an_arrow_and_without_a_word() -> None:
 
 
 def test_walls_stop_walkers(way: Route, trip: Trip) -> None:
-    walker = Walker(Yard(wall_m=8.5), 8.0, 5.0, 0, 0.0, np.random.default_rng(0))
+    walker = Walker(
+        building=Yard(wall_m=8.5), x=8.0, y=5.0, floor=0, heading_deg=0.0, rng=np.random.default_rng(0)
+    )
     ahead = {**asdict(guide(way, "ground", 8.0, 5.0, 0.0)), "bearing_deg": 0.0}
     places = [place for _ in range(10) for place in walker.follow(ahead, 0.5)]
     assert max(x for x, _, _ in places) < 8.5

@@ -5,7 +5,8 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 
 from bench.render.surfaces import Wall
-from bench.venue.layout import BUILDING_M, DOORS, FLOOR_COUNT, ROOMS, openings_of, shared_wall
+from bench.venue.layout import BUILDING_M, DOORS, FLOOR_COUNT, ROOMS
+from bench.venue.openings import openings_of, shared_wall
 from bench.venue.walkable import clearance_m, grid_of
 
 

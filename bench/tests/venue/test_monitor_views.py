@@ -57,7 +57,16 @@ def test_a_phone_that_is_rolled_sees_its_picture_turned(tmp_path: Path) -> None:
     pose = pose_at(0.5 * (x0 + x1), 0.5 * (y0 + y1), 1.5, 20.0, 5.0)
     name = "pair_0000"
     pair = MonitorPair(
-        name, 0, tmp_path / "monitor.jpg", tmp_path / "phone.jpg", pose, pose, (), (), 0.0, 3.0
+        name=name,
+        floor=0,
+        monitor=tmp_path / "monitor.jpg",
+        phone=tmp_path / "phone.jpg",
+        world_from_monitor=pose,
+        world_from_phone=pose,
+        pois=(),
+        seen=(),
+        angle_deg=0.0,
+        distance_m=3.0,
     )
     shown = {}
     for roll_deg in (0.0, 90.0):

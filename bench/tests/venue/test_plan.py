@@ -8,7 +8,8 @@ from PIL import Image
 
 from app.geometry.plan import PlanTransform, pixels_from_plan
 from bench.demo import VENUE, floor_plans, write_floor_plans
-from bench.venue.layout import DOORS, ROOMS, shared_wall
+from bench.venue.layout import DOORS, ROOMS
+from bench.venue.openings import shared_wall
 from bench.venue.venue import DemoFloor
 from bench.venue.walkable import free_space
 

@@ -1,0 +1,1 @@
+"""Pages of measured figures: docs/figures, each section written by the command that measured it."""

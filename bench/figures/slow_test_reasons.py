@@ -1,0 +1,32 @@
+"""Why tests take as long as they do: the start of a test's name -> the reason; the longest that fits counts."""
+
+from __future__ import annotations
+
+MAP_OVER_HTTP = "builds a map from a rendered room through the real server and worker"
+MAP_IN_PROCESS = "builds a map from a rendered room"
+RENDERED_BUILDING = "renders pictures of the demonstration building"
+
+REASONS = {
+    "tests/api/": MAP_OVER_HTTP,
+    "tests/api/test_anchor": "describes monitoring frames and phone pictures and estimates relative poses",
+    "tests/api/test_anchor_sessions": "tracks a phone frame by frame from a monitoring camera's view",
+    "tests/api/test_fisheye_anchor": "describes fisheye frames at 1280 px and estimates relative poses",
+    "tests/api/test_calibrate": "matches hundreds of pairs of frames",
+    "tests/api/test_session": "builds a map and tracks a video frame by frame through the real server",
+    "tests/commands/": "runs a command against a server of its own",
+    "tests/engine/anchors/": "describes monitoring frames and estimates relative poses",
+    "tests/engine/mapping/": MAP_IN_PROCESS,
+    "tests/engine/mapping/test_calibrate": "matches hundreds of pairs of frames",
+    "tests/engine/maps/": MAP_IN_PROCESS,
+    "tests/engine/query/": "builds maps and locates pictures in them, the refused ones by all second searches",
+    "tests/engine/tracking/": "builds a map and tracks a video frame by frame",
+    "tests/jobs/": "starts servers and workers as processes of their own, and kills them",
+    "tests/services/": MAP_IN_PROCESS,
+    "tests/vision/": "describes pictures with the shipped models",
+    "tests/web/": "drives a real browser against a live server",
+    "bench/tests/commands/": "runs a measuring command on a small scan, maps included",
+    "bench/tests/evaluation/": "runs a measuring command on a small scan, maps included",
+    "bench/tests/evaluation/test_simulation": "walks through the demonstration building, rendering each frame",
+    "bench/tests/venue/": RENDERED_BUILDING,
+    "bench/tests/venue/test_trajectory": "plans the path of a scan of 2400 frames through both floors",
+}
