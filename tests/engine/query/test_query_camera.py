@@ -45,10 +45,11 @@ def test_a_room_shows_the_focal_length() -> None:
     assert found.focal_px == pytest.approx(FOCAL_PX, rel=0.01)
 
 
-def test_a_wall_seen_squarely_shows_none() -> None:
+@pytest.mark.parametrize("lens", [None, Lens()], ids=["lens stated", "lens not known"])
+def test_a_wall_seen_squarely_shows_none(lens: Lens | None) -> None:
     # Nearer with a wider lens is the same picture, so that no focal length is the best one.
     for focal_px in (0.7 * FOCAL_PX, FOCAL_PX, 1.3 * FOCAL_PX):
-        assert fitted(seen(300, PINHOLE, is_flat=True), pinhole(WIDTH, HEIGHT, focal_px), None, Lens()) is None
+        assert fitted(seen(300, PINHOLE, is_flat=True), pinhole(WIDTH, HEIGHT, focal_px), None, lens) is None
 
 
 def test_enough_features_show_the_lens_and_fewer_could_be_a_wrong_pose() -> None:
