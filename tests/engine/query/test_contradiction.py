@@ -104,7 +104,7 @@ def test_map_and_picture_must_both_lack_what_the_other_has(
 
 def test_what_the_pose_sees_from_the_other_side_is_not_expected() -> None:
     # The wall that the map knows, at the same distance, from behind it.
-    behind = Pose(HERE.rotation @ np.diag([-1.0, 1.0, -1.0]), HERE.translation + [4.0, 0.0, 0.0])
+    behind = Pose(HERE.rotation @ np.diag([-1.0, 1.0, -1.0]), HERE.translation + np.array([4.0, 0.0, 0.0]))
     features = PIXELS, to_unit_vectors(PRINTS[1], binary=False)
     assert contradicted_share(MAP, [0], behind, CAMERA, features, PIXELS[LEFT], False) == 0.0
     assert contradicted_share(MAP, [0], HERE, CAMERA, features, PIXELS[LEFT], False) > 0.4

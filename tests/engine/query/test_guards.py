@@ -31,7 +31,7 @@ def mapped_part(view: View, first: int, last: int, moved_m: float = 0.0) -> View
     depth_m = np.zeros_like(view.depth_m)
     depth_m[:, first:last] = view.depth_m[:, first:last]
     pose = view.world_from_camera
-    return View(Pose(pose.rotation, pose.translation + [moved_m, 0.0, 0.0]), view.rgb, depth_m)
+    return View(Pose(pose.rotation, pose.translation + np.array([moved_m, 0.0, 0.0])), view.rgb, depth_m)
 
 
 def error_m(found: Localization, truth: Pose = QUERY) -> float:
