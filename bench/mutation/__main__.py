@@ -50,15 +50,18 @@ def _run(target: Target, function: str | None) -> Result:
         and (function is None or function in mutant.function)
     ]
     seconds = baseline_s(target.tests)
-    print(f"{target.path}: {len(mutants)} mutants, the tests take {seconds:.1f} s", flush=True)
+    print(
+        f"{target.path}: {len(mutants)} mutants, the tests take {seconds:.1f} s of processor time", flush=True
+    )
     began = time.monotonic()
     reasons = read_reasons(target.path)
     tried = []
     for mutant in mutants:
         tried.append(try_mutant(target.path, mutant, target.tests, seconds))
-        if tried[-1].outcome == "survived":
+        if tried[-1].outcome != "killed":
             known = reasons.get((mutant.function, mutant.before, mutant.after))
-            print(f"  {target.path}:{mutant}{'' if known is None else f' (equivalent: {known})'}", flush=True)
+            said = "" if known is None else f" (equivalent: {known})"
+            print(f"  {tried[-1].outcome} {target.path}:{mutant}{said}", flush=True)
     result = Result.of(target.path, tried)
     minutes = (time.monotonic() - began) / 60
     print(f"  {result.killed} of {result.mutants} killed in {minutes:.1f} min", flush=True)

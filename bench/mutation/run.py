@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import importlib
 import os
+import resource
 import signal
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
@@ -17,7 +17,9 @@ from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import spec_from_file_location
 from pathlib import Path
 from types import CodeType
-from typing import Literal
+from typing import Literal, NoReturn
+
+import pytest
 
 from bench.mutation.mutants import Mutant
 
@@ -36,16 +38,16 @@ LIBRARIES = (
     "onnxruntime",
     "poselib",
     "pydantic_settings",
-    "pytest",
     "scipy.optimize",
     "scipy.spatial",
     "scipy.stats",
     "shapely",
     "sqlalchemy",
 )
-# A mutant that takes so much longer than the module itself doesn't end.
-PATIENCE, LEAST_PATIENCE_S = 4.0, 20.0
-POLL_S = 0.02
+# A mutant that takes so much longer than the module itself doesn't end. Time of the processor, which a busy machine
+# doesn't stretch; a mutant that sleeps is ended by pytest's own limit.
+PATIENCE = 4.0
+LEAST_PATIENCE_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,50 +93,42 @@ def module_name(path: str) -> str:
 
 
 def baseline_s(tests: Sequence[str]) -> float:
-    """Return how long the tests take without any change; raises `RuntimeError` when they fail."""
-    began = time.monotonic()
-    if _outcome(_fork(None, tests), None) != "survived":
+    """Return the processor time of the tests without any change; raises `RuntimeError` when they fail."""
+    outcome, seconds = _run(None, tests, None)
+    if outcome != "survived":
         raise RuntimeError(f"The tests fail without a mutant: {' '.join(tests)}")
-    return time.monotonic() - began
+    return seconds
 
 
 def try_mutant(path: str, mutant: Mutant, tests: Sequence[str], seconds: float) -> Tried:
-    """Return what the tests make of a mutant of the module at `path`, in `seconds` times `PATIENCE` at most."""
-    limit_s = max(PATIENCE * seconds, LEAST_PATIENCE_S)
+    """Return what the tests make of a mutant of the module at `path`, which take `seconds` without it."""
     finder = _Mutated(module_name(path), Path(path).resolve(), mutant)
-    return Tried(mutant, _outcome(_fork(finder, tests), limit_s))
+    return Tried(mutant, _run(finder, tests, max(PATIENCE * seconds, LEAST_PATIENCE_S))[0])
 
 
-def _fork(finder: MetaPathFinder | None, tests: Sequence[str]) -> int:
-    """Start pytest in a copy of this process, and return its number."""
+def _run(finder: MetaPathFinder | None, tests: Sequence[str], limit_s: float | None) -> tuple[Outcome, float]:
+    """Run pytest in a copy of this process; return what came of it, and its processor time."""
     sys.stdout.flush()
     child = os.fork()
-    if child:
-        return child
+    if child == 0:
+        _become_pytest(finder, tests, limit_s)
+    _, status, usage = os.wait4(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    ended: Outcome = "killed" if code else "survived"
+    return "timed out" if code == -signal.SIGXCPU else ended, usage.ru_utime + usage.ru_stime
+
+
+def _become_pytest(finder: MetaPathFinder | None, tests: Sequence[str], limit_s: float | None) -> NoReturn:
     # Whatever happens here, the copy must not go on with the parent's work.
     code = 1
     try:
-        os.setpgid(0, 0)
         nowhere = os.open(os.devnull, os.O_RDWR)
         for stream in (1, 2):
             os.dup2(nowhere, stream)
+        if limit_s is not None:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s), int(limit_s) + 5))
         if finder is not None:
             sys.meta_path.insert(0, finder)
-        import pytest
-
         code = int(pytest.main(["-x", "-q", "--tb=no", "-p", "no:cacheprovider", *tests]))
     finally:
         os._exit(code)
-
-
-def _outcome(child: int, limit_s: float | None) -> Outcome:
-    began = time.monotonic()
-    while True:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return "survived" if os.waitstatus_to_exitcode(status) == 0 else "killed"
-        if limit_s is not None and time.monotonic() - began > limit_s:
-            os.killpg(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            return "timed out"
-        time.sleep(POLL_S)

@@ -25,24 +25,23 @@ TARGETS = (
             f"{QUERY}/test_verification.py",
             f"{QUERY}/test_abstention.py",
             f"--deselect={MUSEUM}",
-            f"{QUERY}/test_guards.py",
         ),
     ),
     Target(
         "app/engine/query/contradiction.py",
-        (f"{QUERY}/test_contradiction.py", f"{QUERY}/test_guards.py"),
+        (f"{QUERY}/test_contradiction.py",),
     ),
     Target(
         "app/engine/query/accuracy.py",
-        (f"{QUERY}/test_accuracy.py", f"{QUERY}/test_guards.py"),
+        (f"{QUERY}/test_accuracy.py",),
     ),
     Target(
         "app/engine/query/camera.py",
-        (f"{QUERY}/test_query_camera.py", f"{QUERY}/test_guards.py"),
+        (f"{QUERY}/test_query_camera.py",),
     ),
     Target(
         "app/engine/tracking/tracker.py",
-        (f"{TRACKING}/test_confirmation.py", f"{TRACKING}/test_tracker.py"),
+        (f"{TRACKING}/test_belief.py", f"{TRACKING}/test_confirmation.py"),
         (
             "Tracker._search",
             "Tracker._just_searched",
@@ -61,6 +60,6 @@ TARGETS = (
     ),
     Target(
         "app/services/run_build.py",
-        (f"{SERVICES}/test_run_build.py",),
+        (f"{SERVICES}/test_publishing.py", f"{SERVICES}/test_run_build.py"),
     ),
 )

@@ -105,35 +105,53 @@ def test_what_another_place_explains_must_not_be_more_than_what_is_nowhere_else(
     assert judge(replace(AT_THE_EDGE, unrepeated=20, rival=21), 0.1, limits) == "ambiguous"
 
 
-def test_the_limits_in_use_are_between_a_clear_view_and_chance() -> None:
-    # A clear view of a room that is in the map, as in docs/features.md.
-    clear = Evidence(
-        matches=400,
-        inliers=240,
-        coverage=0.6,
-        distinct=200,
-        rival=20,
-        rival_only=0,
-        pose_only=0,
-        keyframe_distance_m=1.0,
-        position_sigma_m=0.02,
-        unrepeated=170,
-        contradicted=0.05,
-    )
-    assert judge(clear, 0.02, LIMITS) is None
-    for changes, sigma_m in (
-        ({"inliers": 9, "distinct": 9, "matches": 20, "unrepeated": 9, "rival": 0}, 0.02),
-        ({"matches": 5000}, 0.02),
-        ({"coverage": 0.1}, 0.02),
-        ({"distinct": 110}, 0.02),
-        ({"distinct": 140, "coverage": 0.15}, 0.02),
-        ({"unrepeated": 55}, 0.02),
-        ({"contradicted": 0.35}, 0.02),
-        ({"rival": 150, "unrepeated": 170}, 0.02),
-        ({}, 0.25),
-        ({"keyframe_distance_m": 20.0}, 0.02),
-    ):
-        assert judge(replace(clear, **changes), sigma_m, LIMITS) is not None, changes
+# A clear view of a room that is in the map.
+CLEAR = Evidence(
+    matches=400,
+    inliers=240,
+    coverage=0.6,
+    distinct=200,
+    rival=20,
+    rival_only=0,
+    pose_only=0,
+    keyframe_distance_m=1.0,
+    position_sigma_m=0.02,
+    unrepeated=170,
+    contradicted=0.05,
+)
+
+
+@pytest.mark.parametrize(
+    ("passes", "fails"),
+    [
+        ({"inliers": 16, "matches": 30}, {"inliers": 9, "matches": 20}),
+        ({"matches": 2600}, {"matches": 6000}),
+        ({"coverage": 0.18}, {"coverage": 0.1}),
+        ({"distinct": 150}, {"distinct": 110}),
+        ({"coverage": 0.2, "distinct": 144}, {"coverage": 0.15, "distinct": 140}),
+        ({"unrepeated": 100}, {"unrepeated": 55}),
+        ({"contradicted": 0.18}, {"contradicted": 0.3}),
+        ({"rival": 80}, {"rival": 150}),
+        ({"sigma_m": 0.12}, {"sigma_m": 0.2}),
+        ({"keyframe_distance_m": 9.0}, {"keyframe_distance_m": 16.0}),
+    ],
+    ids=str,
+)
+def test_the_limits_in_use_are_between_a_clear_view_and_chance(
+    passes: dict[str, float], fails: dict[str, float]
+) -> None:
+    def reason(changes: dict[str, float]) -> str | None:
+        rest = {name: value for name, value in changes.items() if name != "sigma_m"}
+        inliers = rest.get("inliers", CLEAR.inliers)
+        # What isn't asked about grows and shrinks with the inliers.
+        others = {
+            name: round(getattr(CLEAR, name) * inliers / CLEAR.inliers)
+            for name in ("distinct", "rival", "unrepeated")
+        }
+        return judge(replace(CLEAR, **{**others, **rest}), changes.get("sigma_m", 0.02), LIMITS)
+
+    assert reason(passes) is None
+    assert reason(fails) is not None
 
 
 def test_no_limits_let_everything_pass() -> None:
@@ -165,7 +183,7 @@ def test_shares_are_of_the_inliers() -> None:
     assert nothing.keyframe_distance_m == nothing.position_sigma_m == float("inf")
     assert (nothing.inlier_ratio, nothing.distinct_share, nothing.unrepeated_share) == (0.0, 0.0, None)
     assert replace(nothing, unrepeated=0).unrepeated_share is None
-    assert Evidence.none().inlier_ratio == 0.0
+    assert (Evidence.none().matches, Evidence.none().inlier_ratio) == (0, 0.0)
 
 
 def test_features_count_once_however_often_they_were_matched() -> None:
