@@ -14,8 +14,6 @@ from app.geometry.camera import Camera
 from app.geometry.focal import pinhole
 from app.geometry.se3 import Pose
 from app.geometry.turns import camera_from_turned
-from app.storage.db import now
-from app.storage.maps import MapVersion
 from app.vision.exif import EXIF_IFD, FOCAL_35MM, MAKE, MODEL
 from tests.api.test_locate import pose_errors
 from tests.scenes import CAMERA, Room, View, pose_at, scan_files, zipped
@@ -157,31 +155,6 @@ def test_gravity_is_not_checked_where_the_maps_down_is_not_known(museum: Server,
 
 def test_gravity_along_the_axis_turns_nothing(museum: Server, queries: list[View]) -> None:
     assert museum.locate(queries[0].jpeg(), venue="museum", gravity="0,0.1,9.8")["located"]
-
-
-@pytest.mark.parametrize(
-    ("placement", "z_up"),
-    [
-        ({"source": "gravity"}, True),
-        ({"source": "scan_frame"}, False),
-        ({"source": "registered"}, False),
-        ({"source": "registered", "z_up": True}, True),
-        ({}, False),
-    ],
-)
-def test_which_maps_know_up(placement: dict[str, Any], z_up: bool) -> None:
-    assert (
-        MapVersion(
-            venue_id="v",
-            version=1,
-            build_id=None,
-            artifact_blob="a",
-            index_blob="b",
-            statistics={"placement": placement},
-            created_at=now(),
-        ).z_up
-        is z_up
-    )
 
 
 BAD = {

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.engine.query.contradiction import contradicted_share
+from app.engine.query.contradiction import GRID, contradicted_share
+from app.geometry.se3 import Pose
 from app.vision.matching import to_unit_vectors
 from tests.maps import map_of
 from tests.scenes import CAMERA, pose_at
@@ -50,3 +51,60 @@ def test_what_was_scanned_from_far_away_is_not_expected() -> None:
 def test_a_pose_that_no_keyframe_shares_a_view_with_is_not_judged() -> None:
     features = PIXELS, to_unit_vectors(PRINTS[1], binary=False)
     assert contradicted_share(MAP, [], HERE, CAMERA, features, PIXELS[LEFT], False) == 0.0
+
+
+def of_cells(expected: int, own: int, shared: int) -> float:
+    """Return the share that contradicts where each cell of the right half has `expected` features in the map and `own`
+    ones in the picture, `shared` of them the same, and each cell of the left half an inlier."""
+    drawn = np.random.default_rng(1)
+    size_px = np.array([CAMERA.width, CAMERA.height]) / GRID
+    corners = np.array([(x, y) for x in range(GRID[0] // 2, GRID[0]) for y in range(GRID[1])]) * size_px
+
+    def made(count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return pixels (cells, count, 2) and descriptors (cells, count, 128) of new features in each cell."""
+        pixels = corners[:, None] + drawn.uniform(0.1, 0.9, (len(corners), count, 2)) * size_px
+        prints = (drawn.exponential(30, (len(corners), count, 128)) ** 1.5 / 10).clip(0, 255)
+        return pixels, prints.astype(np.uint8)
+
+    map_px, map_prints = made(expected)
+    new_px, new_prints = made(own - shared)
+    points = HERE.apply(CAMERA.unproject(map_px.reshape(-1, 2), np.full(map_px.size // 2, 2.0)))
+    pixels = np.concatenate([map_px[:, :shared], new_px], axis=1).reshape(-1, 2)
+    prints = np.concatenate([map_prints[:, :shared], new_prints], axis=1).reshape(-1, 128)
+    mapped = map_of([HERE], [points], [map_prints.reshape(-1, 128)])
+    features = pixels, to_unit_vectors(prints, binary=False)
+    left = (np.array([(x, y) for x in range(GRID[0] // 2) for y in range(GRID[1])]) + 0.5) * size_px
+    return contradicted_share(mapped, [0], HERE, CAMERA, features, left, False)
+
+
+@pytest.mark.parametrize(
+    ("expected", "own", "shared", "share"),
+    [
+        (60, 60, 0, 0.5),
+        # A blurred picture shows a twelfth of the map's features, and nothing else.
+        (60, 5, 5, 0.0),
+        (60, 5, 0, 0.5),
+        # A sharp one shows all of the map's and twelve times as many.
+        (12, 150, 12, 0.0),
+        (12, 150, 0, 0.5),
+        # A tenth of either in the other is still chance, a little more is not.
+        (50, 50, 5, 0.5),
+        (50, 50, 6, 0.0),
+        # Too few in the map or in the picture say nothing.
+        (10, 4, 0, 0.5),
+        (9, 40, 0, 0.0),
+        (40, 3, 0, 0.0),
+    ],
+)
+def test_map_and_picture_must_both_lack_what_the_other_has(
+    expected: int, own: int, shared: int, share: float
+) -> None:
+    assert of_cells(expected, own, shared) == share
+
+
+def test_what_the_pose_sees_from_the_other_side_is_not_expected() -> None:
+    # The wall that the map knows, at the same distance, from behind it.
+    behind = Pose(HERE.rotation @ np.diag([-1.0, 1.0, -1.0]), HERE.translation + np.array([4.0, 0.0, 0.0]))
+    features = PIXELS, to_unit_vectors(PRINTS[1], binary=False)
+    assert contradicted_share(MAP, [0], behind, CAMERA, features, PIXELS[LEFT], False) == 0.0
+    assert contradicted_share(MAP, [0], HERE, CAMERA, features, PIXELS[LEFT], False) > 0.4

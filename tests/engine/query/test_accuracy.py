@@ -1,0 +1,98 @@
+"""How accurate a pose is by what it rests on, and from which side points were seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.engine.query.accuracy import (
+    accuracy_in_map,
+    accuracy_of,
+    seen_from_one_side,
+    sigma_across,
+)
+from app.engine.query.matches import Matches
+from app.geometry.se3 import Pose
+from tests.scenes import CAMERA
+
+ORIGIN = np.zeros(3)
+POINT = np.array([[0.0, 0.0, 2.0]])
+
+
+def around(degrees: float, distance_m: float = 2.0) -> np.ndarray:
+    """Return a place at a distance from the point, so many degrees around it."""
+    angle = np.radians(degrees)
+    return POINT[0] + distance_m * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 2.0, 7.0])
+def test_one_side_ends_eighty_degrees_around_a_point(distance_m: float) -> None:
+    sides = {
+        angle: seen_from_one_side(POINT, around(angle, distance_m), ORIGIN)[0] for angle in range(0, 181, 10)
+    }
+    assert [angle for angle, same in sides.items() if same] == [0, 10, 20, 30, 40, 50, 60, 70, 80]
+    assert not seen_from_one_side(POINT, around(81.0, distance_m), ORIGIN)[0]
+    assert seen_from_one_side(POINT, around(25.0), ORIGIN, min_cosine=0.9)[0]
+    assert not seen_from_one_side(POINT, around(26.0), ORIGIN, min_cosine=0.9)[0]
+
+
+def test_each_point_has_its_own_keyframe_or_all_have_one() -> None:
+    points = np.repeat(POINT, 3, axis=0)
+    centres = np.stack([around(0), around(100), around(60)])
+    assert seen_from_one_side(points, centres, ORIGIN).tolist() == [True, False, True]
+    assert seen_from_one_side(points, centres[1], ORIGIN).tolist() == [False] * 3
+
+
+def test_noise_along_a_keyframes_ray_counts_as_far_as_the_camera_sees_it_from_beside() -> None:
+    points = np.repeat(POINT, 4, axis=0)
+    sigma_m = np.array([0.1, 0.1, 0.1, 0.3])
+    centres = np.stack([around(0), around(30, 5.0), around(90), around(-90, 1.0)])
+    assert sigma_across(sigma_m, points, centres, ORIGIN) == pytest.approx([0.0, 0.05, 0.1, 0.3])
+    # A point in the keyframe's own centre has no ray.
+    assert sigma_across(np.array([0.1]), POINT, POINT[0], ORIGIN) == pytest.approx([0.0])
+
+
+def spread(count: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Return pixels and points of a camera in the origin."""
+    rng = np.random.default_rng(5)
+    pixels = rng.uniform([0, 0], [CAMERA.width, CAMERA.height], (count, 2))
+    return pixels, CAMERA.unproject(pixels, rng.uniform(1.5, 4.0, count))
+
+
+def test_accuracy_is_of_what_the_points_show() -> None:
+    pixels, points = spread()
+    exact, noisy = np.zeros(len(points)), np.full(len(points), 0.05)
+    by_exact = accuracy_of(pixels, points, exact, CAMERA, Pose.identity())
+    by_noisy = accuracy_of(pixels, points, noisy, CAMERA, Pose.identity())
+    assert 0 < by_exact[0] < by_noisy[0] < 0.2
+    assert 0 < by_exact[1] < by_noisy[1] < 2.0
+    # What is not known of the focal length or the lens makes the place less certain.
+    for extra in ((0.05, 0.0), (0.0, 0.03)):
+        assert accuracy_of(pixels, points, exact, CAMERA, Pose.identity(), *extra)[0] > by_exact[0]
+
+
+def test_points_that_leave_the_pose_open_give_no_accuracy() -> None:
+    pixels, points = spread()
+    same = np.repeat(points[:1], 40, axis=0), np.repeat(pixels[:1], 40, axis=0)
+    found = accuracy_of(same[1], same[0], np.zeros(40), CAMERA, Pose.identity())
+    assert found == (float("inf"), 180.0)
+
+
+def test_in_a_map_only_the_noise_across_the_cameras_rays_counts() -> None:
+    pixels, points = spread()
+    rows = np.arange(len(points))
+    matches = Matches(
+        pixels,
+        points,
+        np.full(len(points), 0.05),
+        rows,
+        np.zeros(len(rows), np.intp),
+        np.ones(len(rows), bool),
+    )
+    here = np.zeros((len(points), 3))
+    from_here = accuracy_in_map(matches, here, CAMERA, Pose.identity())
+    from_beside = accuracy_in_map(matches, here + np.array([2.0, 0.0, 0.0]), CAMERA, Pose.identity())
+    assert from_here == accuracy_of(pixels, points, np.zeros(len(points)), CAMERA, Pose.identity())
+    assert from_beside[0] > 1.5 * from_here[0]
+    for extra in ((0.05, 0.0), (0.0, 0.03)):
+        assert accuracy_in_map(matches, here, CAMERA, Pose.identity(), *extra)[0] > from_here[0]

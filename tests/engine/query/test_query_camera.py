@@ -1,0 +1,74 @@
+"""When a picture's matches say something about focal length and lens, and when they leave it open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.engine.query.camera import MIN_FEATURES, fit_query_camera
+from app.engine.query.matches import Matches
+from app.geometry.camera import Camera
+from app.geometry.focal import pinhole
+from app.geometry.lens import Lens
+from app.geometry.pnp import PnpEstimate, refine_pose
+from app.geometry.se3 import Pose
+
+WIDTH, HEIGHT, FOCAL_PX = 640, 480, 525.0
+PINHOLE = pinhole(WIDTH, HEIGHT, FOCAL_PX)
+BENT = Lens(-0.1).of(PINHOLE)
+
+
+def seen(count: int, camera: Camera, is_flat: bool = False, noise_px: float = 0.3) -> Matches:
+    """Return matches of a camera in the origin with points 2 to 5 m ahead, or on a wall that it faces squarely."""
+    rng = np.random.default_rng(count)
+    depth_m = np.full(count, 3.0) if is_flat else rng.uniform(2.0, 5.0, count)
+    points = PINHOLE.unproject(rng.uniform([30, 30], [WIDTH - 30, HEIGHT - 30], (count, 2)), depth_m)
+    pixels = camera.project(points) + rng.normal(0, noise_px, (count, 2))
+    rows = np.arange(count)
+    return Matches(pixels, points, np.full(count, 0.01), rows, np.zeros(count, np.intp), np.ones(count, bool))
+
+
+def fitted(
+    matches: Matches, camera: Camera, known: Camera | None, lens: Lens | None = None, ahead: bool = True
+) -> Camera | None:
+    """Return the camera fitted to matches, from the pose that they have with the given one."""
+    pose = Pose.identity() if ahead else Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
+    if ahead:
+        pose = refine_pose(matches.points_px, matches.points_in_world, camera, pose)
+    estimate = PnpEstimate(pose, np.ones(len(matches), bool), 0.0, 1)
+    return fit_query_camera(matches, estimate, camera, known, lens)
+
+
+def test_a_room_shows_the_focal_length() -> None:
+    found = fitted(seen(300, PINHOLE), pinhole(WIDTH, HEIGHT, 1.04 * FOCAL_PX), None)
+    assert found is not None
+    assert found.focal_px == pytest.approx(FOCAL_PX, rel=0.01)
+
+
+@pytest.mark.parametrize("lens", [None, Lens()], ids=["lens stated", "lens not known"])
+def test_a_wall_seen_squarely_shows_none(lens: Lens | None) -> None:
+    # Nearer with a wider lens is the same picture, so that no focal length is the best one.
+    for focal_px in (0.7 * FOCAL_PX, FOCAL_PX, 1.3 * FOCAL_PX):
+        assert fitted(seen(300, PINHOLE, is_flat=True), pinhole(WIDTH, HEIGHT, focal_px), None, lens) is None
+
+
+def test_enough_features_show_the_lens_and_fewer_could_be_a_wrong_pose() -> None:
+    lens = fitted(seen(300, BENT), PINHOLE, PINHOLE, Lens())
+    assert lens is not None
+    assert lens.params[4] == pytest.approx(-0.1, abs=0.03)
+    assert fitted(seen(MIN_FEATURES, BENT), PINHOLE, PINHOLE, Lens()) != PINHOLE
+    assert fitted(seen(MIN_FEATURES - 1, BENT), PINHOLE, PINHOLE, Lens()) == PINHOLE
+
+
+def test_features_count_once_however_many_keyframes_they_were_matched_in() -> None:
+    few = seen(MIN_FEATURES - 1, BENT)
+    assert fitted(Matches.merge([few, few]), PINHOLE, PINHOLE, Lens()) == PINHOLE
+
+
+def test_a_lens_that_is_stated_is_left_alone() -> None:
+    assert fitted(seen(300, BENT), PINHOLE, PINHOLE, None) == PINHOLE
+
+
+def test_where_no_lens_fits_a_given_camera_is_kept() -> None:
+    # All points behind the camera: nothing to fit.
+    assert fitted(seen(300, PINHOLE), PINHOLE, PINHOLE, Lens(), ahead=False) == PINHOLE

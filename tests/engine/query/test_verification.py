@@ -1,0 +1,252 @@
+"""What counts as evidence for a pose, and the limits of it: at each limit a pose passes, beyond it it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.engine.query.verification import (
+    CONFIDENCE,
+    ConfidenceModel,
+    Evidence,
+    Limits,
+    confidence_of,
+    coverage,
+    features_of,
+    gather_evidence,
+    judge,
+)
+
+SIZE_PX = (320, 240)
+LIMITS = Limits()
+# At each limit at once: binary fractions, so that shares are what they are said to be.
+EDGE = Limits(
+    min_inliers=64,
+    min_inlier_ratio=0.25,
+    min_coverage=0.5,
+    min_distinct_share=0.5,
+    min_distinct_coverage=0.25,
+    min_unrepeated_share=0.25,
+    max_contradicted_share=0.25,
+    max_rival_share=0.25,
+    max_position_sigma_m=0.125,
+    max_keyframe_distance_m=8.0,
+    min_confidence=0.0,
+)
+AT_THE_EDGE = Evidence(
+    matches=256,
+    inliers=64,
+    coverage=0.5,
+    distinct=32,
+    rival=16,
+    rival_only=0,
+    pose_only=0,
+    keyframe_distance_m=8.0,
+    position_sigma_m=0.01,
+    unrepeated=16,
+    contradicted=0.25,
+)
+
+
+def test_at_its_limits_a_pose_is_trusted() -> None:
+    assert judge(AT_THE_EDGE, 0.125, EDGE) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "sigma_m", "reason"),
+    [
+        ({"matches": 63}, 0.125, "no_match"),
+        ({"inliers": 63, "rival": 0}, 0.125, "too_few_inliers"),
+        ({"matches": 257}, 0.125, "too_few_inliers"),
+        ({"coverage": 0.499}, 0.125, "too_few_inliers"),
+        ({}, 0.126, "too_few_inliers"),
+        ({"distinct": 31, "coverage": 1.0}, 0.125, "ambiguous"),
+        ({"unrepeated": 15, "rival": 0}, 0.125, "ambiguous"),
+        ({"contradicted": 0.251}, 0.125, "ambiguous"),
+        ({"rival": 17, "unrepeated": 64}, 0.125, "ambiguous"),
+        ({"keyframe_distance_m": 8.01}, 0.125, "outside_venue"),
+    ],
+    ids=str,
+)
+def test_beyond_any_of_them_it_is_not(changes: dict[str, float], sigma_m: float, reason: str) -> None:
+    assert judge(replace(AT_THE_EDGE, **changes), sigma_m, EDGE) == reason
+
+
+def test_what_is_distinct_must_cover_enough_of_the_picture() -> None:
+    limits = replace(EDGE, min_distinct_coverage=0.375)
+    # Three quarters of half the picture, or half of three quarters.
+    assert judge(replace(AT_THE_EDGE, distinct=48), 0.1, limits) is None
+    assert judge(replace(AT_THE_EDGE, coverage=0.75), 0.1, limits) is None
+    assert judge(replace(AT_THE_EDGE, distinct=47), 0.1, limits) == "ambiguous"
+    assert judge(replace(AT_THE_EDGE, coverage=0.74), 0.1, limits) == "ambiguous"
+
+
+def test_a_pose_of_less_than_the_least_confidence_is_not_trusted() -> None:
+    confidence = confidence_of(AT_THE_EDGE)
+    assert judge(AT_THE_EDGE, 0.125, replace(EDGE, min_confidence=confidence)) is None
+    sure = replace(EDGE, min_confidence=confidence + 1e-6)
+    assert judge(AT_THE_EDGE, 0.125, sure) == "too_few_inliers"
+
+
+def test_repetition_counts_only_where_it_was_counted() -> None:
+    repeated = replace(AT_THE_EDGE, unrepeated=0, rival=0)
+    assert judge(repeated, 0.1, EDGE) == "ambiguous"
+    assert judge(replace(repeated, unrepeated=None), 0.1, EDGE) is None
+    # Limits may leave it out, whatever another place explains.
+    free = replace(EDGE, min_unrepeated_share=0.0, max_rival_share=1.0)
+    assert judge(replace(AT_THE_EDGE, unrepeated=0, rival=16), 0.1, free) is None
+
+
+def test_what_another_place_explains_must_not_be_more_than_what_is_nowhere_else() -> None:
+    limits = replace(EDGE, max_rival_share=1.0)
+    assert judge(replace(AT_THE_EDGE, unrepeated=20, rival=20), 0.1, limits) is None
+    assert judge(replace(AT_THE_EDGE, unrepeated=20, rival=21), 0.1, limits) == "ambiguous"
+
+
+# A clear view of a room that is in the map.
+CLEAR = Evidence(
+    matches=400,
+    inliers=240,
+    coverage=0.6,
+    distinct=200,
+    rival=20,
+    rival_only=0,
+    pose_only=0,
+    keyframe_distance_m=1.0,
+    position_sigma_m=0.02,
+    unrepeated=170,
+    contradicted=0.05,
+)
+
+
+@pytest.mark.parametrize(
+    ("passes", "fails"),
+    [
+        ({"inliers": 16, "matches": 30}, {"inliers": 9, "matches": 20}),
+        ({"matches": 2600}, {"matches": 6000}),
+        ({"coverage": 0.18}, {"coverage": 0.1}),
+        ({"distinct": 150}, {"distinct": 110}),
+        ({"coverage": 0.2, "distinct": 144}, {"coverage": 0.15, "distinct": 140}),
+        ({"unrepeated": 100}, {"unrepeated": 55}),
+        ({"contradicted": 0.18}, {"contradicted": 0.3}),
+        ({"rival": 80}, {"rival": 150}),
+        ({"sigma_m": 0.12}, {"sigma_m": 0.2}),
+        ({"keyframe_distance_m": 9.0}, {"keyframe_distance_m": 16.0}),
+    ],
+    ids=str,
+)
+def test_the_limits_in_use_are_between_a_clear_view_and_chance(
+    passes: dict[str, float], fails: dict[str, float]
+) -> None:
+    def reason(changes: dict[str, float]) -> str | None:
+        rest = {name: value for name, value in changes.items() if name != "sigma_m"}
+        inliers = rest.get("inliers", CLEAR.inliers)
+        # What isn't asked about grows and shrinks with the inliers.
+        others = {
+            name: round(getattr(CLEAR, name) * inliers / CLEAR.inliers)
+            for name in ("distinct", "rival", "unrepeated")
+        }
+        return judge(replace(CLEAR, **{**others, **rest}), changes.get("sigma_m", 0.02), LIMITS)
+
+    assert reason(passes) is None
+    assert reason(fails) is not None
+
+
+def test_no_limits_let_everything_pass() -> None:
+    worst = Evidence(
+        matches=100,
+        inliers=1,
+        coverage=0.0,
+        distinct=0,
+        rival=1,
+        rival_only=1,
+        pose_only=0,
+        keyframe_distance_m=1e9,
+        unrepeated=0,
+        contradicted=1.0,
+    )
+    assert judge(worst, 1e9, Limits.none()) is None
+    assert judge(Evidence.none(), float("inf"), Limits.none()) is None
+
+
+def test_shares_are_of_the_inliers() -> None:
+    assert AT_THE_EDGE.inlier_ratio == 0.25
+    assert AT_THE_EDGE.distinct_share == 0.5
+    assert AT_THE_EDGE.distinct_coverage == 0.25
+    assert AT_THE_EDGE.unrepeated_share == 0.25
+    assert replace(AT_THE_EDGE, unrepeated=None).unrepeated_share is None
+    nothing = Evidence.none(7)
+    assert (nothing.matches, nothing.inliers, nothing.distinct, nothing.coverage) == (7, 0, 0, 0.0)
+    assert (nothing.rival, nothing.rival_only, nothing.pose_only) == (0, 0, 0)
+    assert nothing.keyframe_distance_m == nothing.position_sigma_m == float("inf")
+    assert (nothing.inlier_ratio, nothing.distinct_share, nothing.unrepeated_share) == (0.0, 0.0, None)
+    assert replace(nothing, unrepeated=0).unrepeated_share is None
+    assert (Evidence.none().matches, Evidence.none().inlier_ratio) == (0, 0.0)
+
+
+def test_features_count_once_however_often_they_were_matched() -> None:
+    pixels = np.array([[10.0, 10.0], [10.0, 10.0], [300.0, 200.0]])
+    found = gather_evidence(
+        np.array([0, 0, 1, 2, 3, 3, 4, 5]),
+        np.array([0, 0, 1]),
+        pixels,
+        2,
+        np.array([1, 2, 2, 3]),
+        SIZE_PX,
+        1.5,
+    )
+    assert (found.matches, found.inliers, found.distinct) == (6, 2, 2)
+    # The rival has 2 and 3 for itself, the pose 0.
+    assert (found.rival, found.rival_only, found.pose_only) == (3, 2, 1)
+    assert (found.coverage, found.keyframe_distance_m) == (2 / 48, 1.5)
+    assert (found.unrepeated, found.contradicted) == (None, 0.0)
+
+
+def test_coverage_is_the_share_of_an_8_by_6_grid() -> None:
+    cells = np.array([(x, y) for x in range(8) for y in range(6)], float)
+    centres = (cells + 0.5) * 40.0
+    assert coverage(centres, SIZE_PX) == 1.0
+    assert coverage(centres[:12], SIZE_PX) == 0.25
+    assert coverage(np.zeros((0, 2)), SIZE_PX) == 0.0
+    # A cell has its left and upper border; what is just outside of the picture counts as its border.
+    assert coverage(np.array([[39.9, 0.0], [40.0, 0.0]]), SIZE_PX) == 2 / 48
+    assert coverage(np.array([[-0.4, -0.4], [0.0, 0.0]]), SIZE_PX) == 1 / 48
+    assert coverage(np.array([[320.4, 240.4], [319.0, 239.0]]), SIZE_PX) == 1 / 48
+    # Two cells that are neighbours in a column of the grid are not one.
+    assert coverage(np.array([[10.0, 230.0], [50.0, 10.0]]), SIZE_PX) == 2 / 48
+
+
+def test_confidence_is_a_logistic_model_of_five_features() -> None:
+    assert features_of(AT_THE_EDGE) == pytest.approx([0.25, 0.5, 2.0, 0.5, 0.25])
+    model = ConfidenceModel(-1.0, (1.0, 2.0, 0.5, -1.0, 4.0))
+    assert model(AT_THE_EDGE) == pytest.approx(1 / (1 + np.exp(-(-1 + 0.25 + 1.0 + 1.0 - 0.5 + 1.0))))
+    # The position counts from 3 mm to 1 m.
+    for sigma_m, feature in ((0.001, -np.log10(0.003)), (5.0, 0.0), (float("inf"), 0.0)):
+        assert features_of(replace(AT_THE_EDGE, position_sigma_m=sigma_m))[2] == pytest.approx(feature)
+    assert features_of(Evidence.none())[4] == 0.0
+    assert confidence_of(Evidence.none(50)) == 0.0
+    assert confidence_of(AT_THE_EDGE) == CONFIDENCE(AT_THE_EDGE)
+
+
+@pytest.mark.parametrize(
+    "better",
+    [
+        {"matches": 128},
+        {"coverage": 0.75},
+        {"position_sigma_m": 0.005},
+        {"distinct": 48},
+        {"rival": 4},
+    ],
+    ids=str,
+)
+def test_better_evidence_gives_more_confidence(better: dict[str, float]) -> None:
+    assert confidence_of(replace(AT_THE_EDGE, **better)) > confidence_of(AT_THE_EDGE)
+
+
+def test_confidence_of_clear_and_of_poor_evidence() -> None:
+    clear = replace(AT_THE_EDGE, matches=80, coverage=0.6, distinct=56, rival=2)
+    assert confidence_of(clear) > 0.98
+    poor = replace(AT_THE_EDGE, matches=640, coverage=0.15, distinct=24, rival=40, position_sigma_m=0.15)
+    assert confidence_of(poor) < 0.3

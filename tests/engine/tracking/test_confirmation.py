@@ -1,0 +1,82 @@
+"""When a fix that nothing leads to is believed: seen twice, nearby or after a while."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.engine.tracking.fix import MapFixes
+from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.tracked import Tracked
+from app.engine.tracking.tracker import Tracker
+from app.geometry.se3 import Pose
+from tests.rendered_maps import localizer_of
+from tests.scenes import CAMERA, Room, View, pose_at
+
+# The other room is so far along x: out of reach of a prior, and of whoever walks for a few seconds.
+APART_M = 8.0
+KEYFRAMES = [pose_at(1.8 + 0.05 * i, 1.5, 1.4, -8.0 + 16.0 * i) for i in range(2)]
+HERE = pose_at(1.85, 1.45, 1.42, 2.0, 1.0)
+
+
+def moved(pose: Pose, by_m: float) -> Pose:
+    return Pose(pose.rotation, pose.translation + np.array([by_m, 0.0, 0.0]))
+
+
+def elsewhere(view: View) -> View:
+    """Return a view of the other room, where that room is."""
+    return replace(view, world_from_camera=moved(view.world_from_camera, APART_M))
+
+
+@pytest.fixture(scope="module")
+def fixes(room: Room, foreign_room: Room) -> MapFixes:
+    """Fixes by a map of two rooms that look different."""
+    there = [elsewhere(foreign_room.view(pose)) for pose in KEYFRAMES]
+    return MapFixes(localizer_of([*(room.view(pose) for pose in KEYFRAMES), *there]))
+
+
+@pytest.fixture(scope="module")
+def there(foreign_room: Room) -> View:
+    """What a camera sees in the other room."""
+    return elsewhere(foreign_room.view(HERE))
+
+
+def states(tracker: Tracker, view: View, times_s: list[float]) -> list[Tracked]:
+    return [tracker.process(TrackingFrame.of(view.rgb, time_s), CAMERA) for time_s in times_s]
+
+
+def seen_here(fixes: MapFixes, room: Room) -> Tracker:
+    """Return a tracker that saw the first room at 0 s."""
+    tracker = Tracker(fixes)
+    assert states(tracker, room.view(HERE), [0.0])[0].state == "tracking"
+    return tracker
+
+
+def assert_found(tracked: Tracked, view: View) -> None:
+    assert tracked.state == "relocalized"
+    assert tracked.world_from_camera is not None
+    off = tracked.world_from_camera.translation - view.world_from_camera.translation
+    assert np.linalg.norm(off) < 0.03
+
+
+def test_a_place_out_of_reach_is_not_believed_however_often_it_is_seen(
+    fixes: MapFixes, room: Room, there: View
+) -> None:
+    tracker = seen_here(fixes, room)
+    # From one look-alike all frames confirm each other.
+    for tracked in states(tracker, there, [1.0, 1.2, 9.9]):
+        assert (tracked.state, tracked.reason, tracked.world_from_camera) == ("lost", "ambiguous", None)
+    # Ten seconds are enough to have walked there.
+    assert_found(states(tracker, there, [10.1])[0], there)
+
+
+def test_a_place_out_of_reach_is_believed_when_the_camera_can_have_left_its_floor(
+    fixes: MapFixes, room: Room, there: View
+) -> None:
+    tracker = seen_here(fixes, room)
+    tracker.can_change_floor = lambda _, away_s: away_s > 1.1
+    first, second = states(tracker, there, [1.0, 1.2])
+    assert (first.state, first.reason) == ("lost", "ambiguous")
+    assert_found(second, there)

@@ -1,0 +1,204 @@
+"""What a build publishes: where its scan lies in the world, what its report says, and which pictures it keeps."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.engine.progress import NoProgress
+from app.errors import InvalidScanError
+from app.geometry.se3 import Pose
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources
+from app.services.run_build import run_build
+from app.services.submit_build import submit_build
+from app.settings import Settings
+from app.storage.builds import claim_build, get_build
+from app.storage.maps import MapVersion, get_map, list_keyframe_images, list_maps
+from app.storage.venues import create_venue
+from tests.scenes import CAMERA_TEXT, Room, View, pose_at, scan_files, zipped
+
+POSES = [pose_at(1.6 + 0.2 * i, 1.4 + 0.02 * i, 1.4, -24.0 + 8.0 * i) for i in range(7)]
+IDENTITY = np.eye(4).tolist()
+# Another frame: beside the scan's, and turned about the vertical.
+TURNED = Pose(pose_at(0, 0, 0, 40).rotation @ pose_at(0, 0, 0, 0).rotation.T, np.array([3.0, -2.0, 0.5]))
+
+
+@dataclass
+class Venue:
+    """A venue whose builds run in this process."""
+
+    resources: Resources
+
+    def build(self, views: list[View], scan_from_world: Pose | None = None, **options: object) -> MapVersion:
+        """Build a map of views, their poses in the frame that `scan_from_world` leads to, and return it."""
+        archive = io.BytesIO(zipped(scan_files(views, scan_from_world)))
+        submit_build(self.resources, "v", {"camera": CAMERA_TEXT, **options}, archive)
+        with self.resources.database.write() as connection:
+            claimed = claim_build(connection)
+        assert claimed is not None
+        version = run_build(claimed, self.resources, MapLibrary(self.resources), NoProgress())
+        with self.resources.database.read() as connection:
+            published = get_map(connection, "v", version)
+            build = get_build(connection, claimed.id)
+        assert (build.state, build.map_version, build.report) == ("succeeded", version, published.statistics)
+        assert published.build_id == build.id
+        return published
+
+    def versions(self) -> int:
+        """Return how many versions there are."""
+        with self.resources.database.read() as connection:
+            return len(list_maps(connection, "v"))
+
+    def pictures(self, version: int) -> int:
+        """Return how many keyframes of a version have their pictures."""
+        with self.resources.database.read() as connection:
+            return len(list_keyframe_images(connection, "v", version))
+
+
+@pytest.fixture
+def venue(tmp_path: Path) -> Iterator[Venue]:
+    """A venue without maps."""
+    resources = Resources.open(Settings(_env_file=None, data_dir=tmp_path, open=True))
+    with resources.database.write() as connection:
+        create_venue(connection, "v", "V")
+    yield Venue(resources)
+    resources.close()
+
+
+@pytest.fixture(scope="module")
+def hall(room: Room) -> list[View]:
+    """A scan of the room, long enough to be registered."""
+    return [room.view(pose) for pose in POSES]
+
+
+def placed(version: MapVersion) -> tuple[str, bool]:
+    """Return where the placement comes from, and whether up is known by it."""
+    placement = version.statistics["placement"]
+    return placement["source"], placement["z_up"]
+
+
+def off_m(version: MapVersion, world_from_scan: Pose) -> float:
+    """Return how far a version's scan is from where it should be."""
+    found = np.array(version.statistics["world_from_scan"])
+    return float(np.abs(found - world_from_scan.matrix).max())
+
+
+def test_without_a_word_the_first_scans_frame_is_the_world(venue: Venue, hall: list[View]) -> None:
+    first = venue.build(hall[:4], store_images=False)
+    assert placed(first) == ("scan_frame", False)
+    assert off_m(first, Pose.identity()) == 0.0
+    assert (first.version, venue.pictures(1)) == (1, 0)
+
+
+def test_gravity_says_which_way_is_up(venue: Venue, hall: list[View]) -> None:
+    found = venue.build(hall[:4], gravity=[0, 0, -1], store_images=False)
+    assert placed(found) == ("gravity", True)
+    # A placement that is given is taken, whatever else is known.
+    given = venue.build(hall[:4], world_from_scan=TURNED.matrix.tolist(), store_images=False)
+    assert placed(given) == ("given", True)
+    assert off_m(given, TURNED) < 1e-9
+
+
+def test_a_scan_of_the_same_place_is_registered_to_the_map_that_serves(
+    venue: Venue, hall: list[View]
+) -> None:
+    venue.build(hall, world_from_scan=IDENTITY, store_images=False)
+    # In the same frame its own poses stay.
+    again = venue.build(hall, store_images=False)
+    assert placed(again) == ("registered", True)
+    assert off_m(again, Pose.identity()) == 0.0
+    figures = again.statistics["placement"]
+    assert (figures["tried"], figures["located"], figures["agreeing"]) == (7, 7, 7)
+    other = venue.build(hall, TURNED, store_images=False)
+    assert placed(other) == ("registered", True)
+    assert 0.0 < off_m(other, TURNED.inverse()) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("scan_from_world", "gravity", "z_up"),
+    [(None, None, False), (None, [0, 0, -1], True), (TURNED, [0, 0, -1], False)],
+    ids=["nothing said", "gravity in the same frame", "gravity in another frame"],
+)
+def test_up_is_known_by_the_map_that_serves_or_by_gravity_in_its_frame(
+    venue: Venue, hall: list[View], scan_from_world: Pose | None, gravity: list[float] | None, z_up: bool
+) -> None:
+    venue.build(hall, store_images=False)
+    said = {} if gravity is None else {"gravity": gravity}
+    assert placed(venue.build(hall, scan_from_world, store_images=False, **said)) == ("registered", z_up)
+
+
+def test_a_scan_of_another_place_replaces_the_map_but_does_not_extend_it(
+    venue: Venue, hall: list[View], foreign_room: Room
+) -> None:
+    venue.build(hall[:4], world_from_scan=IDENTITY, store_images=False)
+    other = [foreign_room.view(pose) for pose in POSES[:4]]
+    before = venue.resources.blobs.digests()
+    with pytest.raises(InvalidScanError, match="can't be placed"):
+        venue.build(other, mode="extend", store_images=False)
+    assert venue.versions() == 1
+    assert placed(venue.build(other, store_images=False)) == ("scan_frame", False)
+    assert placed(venue.build(hall[:4], gravity=[0, 0, -1], store_images=False)) == ("gravity", True)
+    assert before < venue.resources.blobs.digests()
+
+
+def test_a_map_grows_by_a_scan_and_keeps_the_pictures_of_all_keyframes(
+    venue: Venue, hall: list[View]
+) -> None:
+    first = venue.build(hall[:4], world_from_scan=IDENTITY)
+    assert venue.pictures(1) == first.statistics["keyframes"]
+    second = venue.build(hall[2:], world_from_scan=IDENTITY, mode="extend")
+    keyframes = first.statistics["keyframes"] + second.statistics["keyframes"]
+    assert second.statistics["map_keyframes"] == venue.pictures(2) == keyframes
+    # The version before stays what it was.
+    assert venue.pictures(1) == first.statistics["map_keyframes"] == first.statistics["keyframes"]
+    # Another map in its place begins anew.
+    third = venue.build(hall[2:], world_from_scan=IDENTITY)
+    assert third.statistics["map_keyframes"] == venue.pictures(3) == second.statistics["keyframes"]
+    # Without the pictures of some keyframes there are none of any.
+    fourth = venue.build(hall[:4], world_from_scan=IDENTITY, store_images=False, mode="extend")
+    assert fourth.statistics["map_keyframes"] == keyframes
+    assert venue.pictures(4) == 0
+    fifth = venue.build(hall[:4], world_from_scan=IDENTITY, mode="extend")
+    assert (venue.pictures(5), fifth.statistics["map_keyframes"]) == (0, keyframes + 4)
+
+
+def test_the_report_says_what_was_built_and_what_was_left_out(venue: Venue, hall: list[View]) -> None:
+    dark = [View(view.world_from_camera, view.rgb // 60, view.depth_m) for view in hall[4:6]]
+    version = venue.build([*hall[:4], *dark], world_from_scan=IDENTITY, store_images=False)
+    report: dict[str, Any] = version.statistics
+    assert (report["frames"], report["keyframes"], report["map_keyframes"]) == (6, 4, 4)
+    assert sum(report["discarded"].values()) == 2
+    assert {reason: len(names) for reason, names in report["discarded_frames"].items()} == report["discarded"]
+    assert report["feature_method"] == "sift"
+    assert report["features"] > 1000
+    paths = [
+        venue.resources.blobs.local_path(digest) for digest in (version.artifact_blob, version.index_blob)
+    ]
+    assert list(report["bytes"].values()) == [path.stat().st_size for path in paths]
+    assert {"unpack", "place", "verify", "store"} < set(report["seconds"])
+    assert all(seconds >= 0.0 for seconds in report["seconds"].values())
+    assert report["self_check"]["located"] == report["self_check"]["tried"] > 0
+    assert report["self_check"]["median_position_m"] < 0.02
+    assert "calibration" not in report
+    assert not list(venue.resources.scratch_dir.iterdir())
+
+
+def test_what_a_killed_worker_left_is_no_hindrance(venue: Venue, hall: list[View]) -> None:
+    archive = io.BytesIO(zipped(scan_files(hall[:4])))
+    submit_build(venue.resources, "v", {"camera": CAMERA_TEXT, "store_images": False}, archive)
+    with venue.resources.database.write() as connection:
+        claimed = claim_build(connection)
+    assert claimed is not None
+    left = venue.resources.scratch_dir / claimed.id / "scan" / "rgb"
+    left.mkdir(parents=True)
+    (left / "0.000000.png").write_bytes(b"half a picture")
+    assert run_build(claimed, venue.resources, MapLibrary(venue.resources), NoProgress()) == 1
+    with venue.resources.database.read() as connection:
+        assert get_map(connection, "v", 1).statistics["frames"] == 4

@@ -1,0 +1,135 @@
+"""Map versions: numbered in each venue, the newest one serves, and none changes when another is added."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from sqlalchemy.exc import IntegrityError
+
+from app.errors import NotFoundError
+from app.storage.db import Database
+from app.storage.maps import (
+    KeyframeImages,
+    MapVersion,
+    get_map,
+    list_keyframe_images,
+    list_maps,
+    publish_map,
+)
+from app.storage.venues import create_venue, get_venue, set_active_map
+
+IMAGES = [KeyframeImages(f"color{i}", f"depth{i}") for i in range(3)]
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    """A migrated database with the venues `one` and `two`."""
+    opened = Database(f"sqlite:///{tmp_path / 'test.db'}")
+    opened.migrate()
+    with opened.write() as connection:
+        create_venue(connection, "one", "One")
+        create_venue(connection, "two", "Two")
+    yield opened
+    opened.close()
+
+
+def publish(database: Database, venue: str, name: str, images: list[KeyframeImages] | None = None) -> int:
+    with database.write() as connection:
+        return publish_map(
+            connection, venue, f"build {name}", f"map {name}", f"index {name}", {"name": name}, images or []
+        )
+
+
+def serving(database: Database, venue: str) -> int | None:
+    with database.read() as connection:
+        return get_venue(connection, venue).active_map_version
+
+
+def test_versions_are_counted_in_each_venue_and_the_newest_serves(database: Database) -> None:
+    assert [publish(database, "one", name) for name in "abc"] == [1, 2, 3]
+    assert publish(database, "two", "d") == 1
+    assert (serving(database, "one"), serving(database, "two")) == (3, 1)
+    with database.read() as connection:
+        assert [each.version for each in list_maps(connection, "one")] == [3, 2, 1]
+        assert [each.artifact_blob for each in list_maps(connection, "two")] == ["map d"]
+        assert list_maps(connection, "three") == []
+
+
+def test_after_a_step_back_the_next_version_still_has_a_number_of_its_own(database: Database) -> None:
+    for name in "ab":
+        publish(database, "one", name)
+    with database.write() as connection:
+        set_active_map(connection, "one", 1)
+    assert serving(database, "one") == 1
+    assert publish(database, "one", "c") == 3
+    assert serving(database, "one") == 3
+
+
+def test_a_version_is_what_was_published(database: Database) -> None:
+    before = datetime.now(UTC)
+    publish(database, "one", "a")
+    publish(database, "two", "b")
+    with database.read() as connection:
+        found = get_map(connection, "one", 1)
+    assert (found.venue_id, found.version, found.build_id) == ("one", 1, "build a")
+    assert (found.artifact_blob, found.index_blob, found.statistics) == ("map a", "index a", {"name": "a"})
+    assert before <= found.created_at <= datetime.now(UTC)
+
+
+def test_a_version_that_is_not_there_is_named(database: Database) -> None:
+    publish(database, "one", "a")
+    with database.read() as connection:
+        for venue, version in (("one", 2), ("two", 1), ("three", 1)):
+            with pytest.raises(NotFoundError, match=f"'{venue}' has no map version {version}"):
+                get_map(connection, venue, version)
+
+
+def test_pictures_belong_to_a_version_in_the_order_of_its_keyframes(database: Database) -> None:
+    publish(database, "one", "a", IMAGES)
+    publish(database, "one", "b", IMAGES[:1])
+    publish(database, "one", "c")
+    publish(database, "two", "d", IMAGES[::-1])
+    with database.read() as connection:
+        kept = [list_keyframe_images(connection, "one", version) for version in (1, 2, 3)]
+        assert kept == [IMAGES, IMAGES[:1], []]
+        assert list_keyframe_images(connection, "two", 1) == IMAGES[::-1]
+
+
+def test_a_map_that_can_not_be_published_changes_nothing(database: Database) -> None:
+    publish(database, "one", "a")
+    with pytest.raises(IntegrityError):
+        publish(database, "one", "b", [KeyframeImages("color", None)])  # type: ignore[arg-type]
+    assert serving(database, "one") == 1
+    with database.read() as connection:
+        assert len(list_maps(connection, "one")) == 1
+
+
+@pytest.mark.parametrize(
+    ("statistics", "z_up"),
+    [
+        ({}, False),
+        ({"placement": {"source": "scan_frame"}}, False),
+        ({"placement": {"source": "given"}}, True),
+        ({"placement": {"source": "gravity"}}, True),
+        ({"placement": {"source": "registered"}}, False),
+        ({"placement": {"source": "registered", "z_up": True}}, True),
+        ({"placement": {"source": "given", "z_up": False}}, False),
+    ],
+    ids=str,
+)
+def test_whether_z_points_up_is_stated_or_follows_from_the_placement(
+    statistics: dict[str, object], z_up: bool
+) -> None:
+    version = MapVersion(
+        venue_id="one",
+        version=1,
+        build_id=None,
+        artifact_blob="",
+        index_blob="",
+        statistics=statistics,
+        created_at=datetime.now(UTC),
+    )
+    assert version.z_up is z_up
