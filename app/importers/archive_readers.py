@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, BinaryIO, Protocol, cast
 
 from app.errors import InvalidScanError
+from app.importers.zip_names import zip_name
 from app.limits import limit
 
 MIB = 1024 * 1024
@@ -43,9 +44,7 @@ class HeaderLimits:
 
 
 _HEADERS = HeaderLimits()
-# Zip: the flag of a name in UTF-8, and Info-ZIP's extra field with the name in UTF-8.
-_UTF8_FLAG = 0x800
-_UNICODE_PATH_FIELD = 0x7075
+
 
 _DAMAGE = "The archive is damaged or was cut off; pack and send it again."
 _DAMAGED = (
@@ -237,7 +236,7 @@ class _ZipReader:
 
 def _entry_of_zip(info: zipfile.ZipInfo) -> Entry:
     # `filename` ends at the first NUL; the name as it was written shows what it hides.
-    name = _zip_name(info)
+    name = zip_name(info)
     kind = EntryKind.FOLDER if name.endswith(("/", "\\")) else EntryKind.FILE
     mode = stat.S_IFMT(info.external_attr >> 16)
     if mode == stat.S_IFLNK:
@@ -246,33 +245,6 @@ def _entry_of_zip(info: zipfile.ZipInfo) -> Entry:
         kind = EntryKind.SPECIAL
     encrypted = bool(info.flag_bits & 0x41)
     return Entry(name, info.file_size, info.compress_size, kind, encrypted)
-
-
-def _zip_name(info: zipfile.ZipInfo) -> str:
-    """Return an entry's name: by its flag, else by Info-ZIP's field, else as UTF-8 where its bytes are that.
-
-    Packers of macOS and Java write UTF-8 without the flag. Other bytes stay in code page 437, as the format says;
-    `ScanFolder` compares them with the names of lists in other code pages.
-    """
-    if info.flag_bits & _UTF8_FLAG:
-        return info.orig_filename
-    raw = info.orig_filename.encode("cp437", errors="replace")
-    unicode_path = _unicode_path(info.extra, raw)
-    try:
-        return (unicode_path or raw).decode("utf-8")
-    except UnicodeDecodeError:
-        return info.orig_filename
-
-
-def _unicode_path(extra: bytes, raw_name: bytes) -> bytes | None:
-    """Return the name of Info-ZIP's Unicode Path field, None without one or when it is for another name."""
-    while len(extra) >= 4:
-        kind, size = struct.unpack("<HH", extra[:4])
-        content, extra = extra[4 : 4 + size], extra[4 + size :]
-        if kind == _UNICODE_PATH_FIELD and len(content) > 5:
-            version, checksum = struct.unpack("<BI", content[:5])
-            return content[5:] if version == 1 and checksum == zlib.crc32(raw_name) else None
-    return None
 
 
 class _TarReader:
