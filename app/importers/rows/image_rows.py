@@ -16,6 +16,7 @@ from app.importers.scan_files import Row, numbers, rows
 _ROW = re.compile(r"([-+]?\d+,\d+(?=[;\s]+[^\d\s])|[^,;\s]+)[,;\s]+(\S.*)$")
 _PAIR = re.compile(r"(\S.*?)[,;\s]+([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)[,;\s]+(\S.*)$")
 _PATH = re.compile(r"[./\\]")
+_SUFFIX = re.compile(r"\.\w{2,5}[\"']?$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,11 @@ def parse_associations(text: str, name: str) -> tuple[ImageRows, ImageRows] | No
         where = f"{name} line {row.line}"
         match = _ROW.match(row.text)
         pair = _PAIR.match(match.group(2)) if match else None
-        if match is None or pair is None or not (_PATH.search(pair.group(1)) and _PATH.search(pair.group(3))):
+        if (
+            match is None
+            or pair is None
+            or not (_SUFFIX.search(pair.group(1)) and _SUFFIX.search(pair.group(3)))
+        ):
             return None
         first.add(match.group(1), pair.group(1), where)
         second.add(pair.group(2), pair.group(3), where)

@@ -27,9 +27,20 @@ class TimeOptions:
         chosen="By hand: a tracker that repeats rows repeats a few; lost digits merge tens of rows.",
     )
     min_step_s: float = limit(
-        1e-3,
-        "Of units that are possible, the one in which rows are at least this far apart is taken.",
+        1e-4,
+        "A unit in which rows are nearer to each other is not the unit of the list.",
         chosen="By hand: trackers write up to 1000 rows a second.",
+    )
+    max_step_s: float = limit(
+        20.0,
+        "A unit in which rows are farther apart is not the unit of the list.",
+        chosen="By hand: a scan of fewer frames has no two that show one place.",
+    )
+    min_epoch_s: float = limit(
+        3e8, "Seconds since 1970 are later than this.", chosen="By hand: 1979, before any digital camera."
+    )
+    max_epoch_s: float = limit(
+        4e9, "Seconds since 1970 are earlier than this.", chosen="By hand: 2096; a clock may be set wrongly."
     )
 
 
@@ -47,18 +58,27 @@ class TimesInSeconds:
 def in_seconds(times: Times) -> TimesInSeconds:
     """Return the times (n,) of a list in seconds.
 
-    Times that are too large for seconds are milli-, micro- or nanoseconds: the largest unit that puts rows at least
-    a millisecond apart.
+    Times that are too large for seconds are milli-, micro- or nanoseconds: of the units in which rows are apart as
+    those of a scan are, the one in which they are seconds since 1970, else the largest.
     """
     finite = times[np.isfinite(times)]
-    if len(finite) == 0 or np.abs(finite).max() < LARGEST_SECONDS:
+    largest = float(np.abs(finite).max()) if len(finite) else 0.0
+    if largest < LARGEST_SECONDS:
         return TimesInSeconds(times)
     steps = np.diff(np.unique(finite))
-    step = float(np.median(steps)) if len(steps) else float(np.abs(finite).max())
-    for unit, per_s in reversed(UNITS_PER_S.items()):
-        if step / per_s >= OPTIONS.min_step_s:
-            return TimesInSeconds(times / per_s, unit)
-    return TimesInSeconds(times / UNITS_PER_S["milliseconds"], "milliseconds")
+    step = float(np.median(steps)) if len(steps) else 0.0
+    fitting = {
+        unit: per_s
+        for unit, per_s in UNITS_PER_S.items()
+        if len(steps) == 0 or OPTIONS.min_step_s <= step / per_s <= OPTIONS.max_step_s
+    }
+    since_1970 = [
+        unit
+        for unit, per_s in fitting.items()
+        if OPTIONS.min_epoch_s <= largest / per_s <= OPTIONS.max_epoch_s
+    ]
+    unit = next(iter([*since_1970, *fitting]), None)
+    return TimesInSeconds(times) if unit is None else TimesInSeconds(times / UNITS_PER_S[unit], unit)
 
 
 def check_distinct(lists: dict[str, Times]) -> None:

@@ -99,11 +99,13 @@ def _check_columns(lines: list[Row], cells: list[list[str]], name: str) -> int:
     usual = counts.most_common(1)[0][0]
     known = (POSE_COLUMNS, POSE_AND_ID_COLUMNS, *COUNTS, *MATRIX_COLUMNS)
     first = next((i for i, c in enumerate(cells) if len(c) != usual), 0)
-    if len(counts) == 1 and usual in known:
+    # Numbers with decimal commas between commas come apart into twice as many, without any point.
+    doubled = usual == 2 * POSE_COLUMNS and "," in lines[0].text and not any("." in row.text for row in lines)
+    if len(counts) == 1 and usual in known and not doubled:
         return usual
     line, found = lines[first], len(cells[first])
     where = f"{name} line {line.line}"
-    if "," in line.text and re.search(r"\d,\d", line.text) and usual not in known:
+    if re.search(r"\d,\d", line.text) and (doubled or usual not in known):
         raise InvalidScanError(
             f"{where}: expected 8 columns, {COLUMNS}, and found {found}: decimal commas? Write numbers with points."
         )
