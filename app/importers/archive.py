@@ -5,17 +5,34 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
 from app.errors import InvalidScanError
 from app.importers.archive_readers import ArchiveLimits, Entry, EntryKind, damage_reported, open_reader
 
-# What the importers read. Anything else in an archive, from thumbnails to recordings, stays in it.
-NEEDED_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".txt", ".csv", ".json"})
+# What the importers read, and image files that they refuse by name. All else in an archive, from thumbnails'
+# data bases to meshes, stays in it.
+NEEDED_SUFFIXES = frozenset(
+    {
+        ".png", ".jpg", ".jpeg", ".jpe", ".webp", ".heic", ".heif", ".avif", ".tif", ".tiff", ".bmp", ".gif",
+        ".pgm", ".ppm", ".pnm", ".exr", ".npy", ".npz", ".pfm", ".hdr", ".jp2", ".raw", ".bin", ".depth",
+        ".txt", ".csv", ".json", ".log", ".traj", ".tum",
+    }
+)  # fmt: skip
+# Recordings that no importer reads. They are unpacked as empty files, so that what they are can be said.
+RECORDING_SUFFIXES = frozenset(
+    {".mp4", ".mov", ".mkv", ".avi", ".bag", ".mcap", ".db", ".sens", ".r3d", ".klg", ".oni", ".svo", ".svo2"}
+)
+# What file managers add unasked.
+_OF_DESKTOPS = frozenset({"__macosx", "thumbs.db", "desktop.ini"})
 ARCHIVE_SUFFIXES = frozenset({".zip", ".tar", ".tgz", ".gz", ".xz", ".bz2", ".7z", ".rar"})
 
+# What file systems take: 255 bytes a name on all of them, and folders as deep as no scan has them.
 MAX_PATH_BYTES = 512
 MAX_NAME_BYTES = 200
 MAX_FOLDERS = 16
@@ -34,54 +51,79 @@ def extract_archive(
 
     Zip and tar (plain, gzip, xz or bzip2) are told apart by their contents. `destination` must not exist or
     be empty. `progress(done_bytes, total_bytes)` is called while writing; it cancels by raising. Only files
-    that the importers read are written. On any failure, the cancellation too, the destination is removed.
+    that the importers read are written, under names in Unicode's composed form (NFC); recordings that no importer
+    reads become empty files. An entry that is there twice is written once if both are the same. On any failure, the
+    cancellation too, the destination is removed.
 
     Raises `InvalidScanError` for what is no archive, is damaged or encrypted; for absolute paths, `..`,
-    links, devices, duplicates and names that can't be used; and for more entries, bytes or compression than
-    `limits`.
+    links, devices, one name with different contents, and names that can't be used; and for more entries, bytes or
+    compression than `limits`.
     """
     limits = limits or ArchiveLimits()
     if destination.exists() and any(destination.iterdir()):
         raise FileExistsError(f"{destination} is not empty.")
     try:
-        files = _check_listing(archive, limits)
+        listing = _check_listing(archive, limits)
         destination.mkdir(parents=True, exist_ok=True)
-        _write(archive, destination, files, limits, progress)
+        _write(archive, destination, listing, limits, progress)
     except BaseException:
         shutil.rmtree(destination, ignore_errors=True)
         raise
     return _scan_folder(destination)
 
 
-def _check_listing(archive: Path, limits: ArchiveLimits) -> dict[PurePosixPath, int]:
+@dataclass(slots=True)
+class _Listing:
+    """The files that an archive declares: sizes in bytes, and how often each is in it."""
+
+    sizes: dict[PurePosixPath, int] = field(default_factory=dict)
+    counts: Counter[PurePosixPath] = field(default_factory=Counter)
+    recordings: set[PurePosixPath] = field(default_factory=set)
+    folders: set[PurePosixPath] = field(default_factory=set)
+    others: set[str] = field(default_factory=set)
+
+    def add(self, path: PurePosixPath, entry: Entry, limits: ArchiveLimits) -> None:
+        """Note a file; raises `InvalidScanError` if it was there before with another size."""
+        if self.sizes.setdefault(path, entry.size) != entry.size:
+            raise InvalidScanError(_twice(path))
+        if _is_needed(path):
+            limits.check_entry(entry)
+            self.counts[path] += 1
+        elif _is_recording(path):
+            self.recordings.add(path)
+        else:
+            self.others.add(path.suffix.lower())
+
+    @property
+    def total_bytes(self) -> int:
+        """All bytes that are to be unpacked."""
+        return sum(self.sizes[path] * count for path, count in self.counts.items())
+
+
+def _twice(path: PurePosixPath) -> str:
+    return f"The archive holds {str(path)[:200]!r} twice, with different contents."
+
+
+def _check_listing(archive: Path, limits: ArchiveLimits) -> _Listing:
     """Return the files to unpack with their declared sizes, after checking every entry; writes nothing."""
-    files: dict[PurePosixPath, int] = {}
-    seen: set[PurePosixPath] = set()
-    folders: set[PurePosixPath] = set()
-    others: set[str] = set()
+    listing = _Listing()
     with open_reader(archive, limits) as reader:
         for entry in reader.entries():
             path = checked_path(entry.name)
             _check_kind(entry)
-            folders.update(path.parents)
+            listing.folders.update(path.parents)
             if entry.kind is EntryKind.FOLDER:
-                folders.add(path)
-                continue
-            if path in seen:
-                raise InvalidScanError(f"The archive holds {entry.name[:200]!r} twice.")
-            seen.add(path)
-            if _is_needed(path):
-                limits.check_entry(entry)
-                files[path] = entry.size
+                listing.folders.add(path)
             else:
-                others.add(path.suffix.lower())
-    clash = next((path for path in files if path in folders), None)
+                listing.add(path, entry, limits)
+    written = [*listing.counts, *listing.recordings]
+    clash = next((path for path in written if path in listing.folders), None)
     if clash is not None:
         raise InvalidScanError(f"The archive holds {str(clash)!r} both as a file and as a folder.")
-    if not files:
-        raise InvalidScanError(_nothing_needed(others))
-    limits.check_total(sum(files.values()), archive.stat().st_size)
-    return files
+    if not written:
+        raise InvalidScanError(_nothing_needed(listing.others))
+    limits.check_total(listing.total_bytes, archive.stat().st_size)
+    return listing
 
 
 def _nothing_needed(suffixes: Iterable[str]) -> str:
@@ -96,7 +138,7 @@ def checked_path(name: str) -> PurePosixPath:
     Raises `InvalidScanError` for paths that are absolute, have a drive letter or `..`, and for names that are
     too long or hold control characters or bytes that are no text.
     """
-    path = name.replace("\\", "/")
+    path = unicodedata.normalize("NFC", name.replace("\\", "/"))
     shown = repr(name[:200])
     if path.startswith("/") or re.match(r"[A-Za-z]:", path) or ".." in path.split("/"):
         raise InvalidScanError(f"The archive's entry {shown} leads out of the archive; use relative paths.")
@@ -122,50 +164,74 @@ def _check_kind(entry: Entry) -> None:
 
 
 def _is_needed(path: PurePosixPath) -> bool:
-    hidden = any(part.startswith(".") or part == "__MACOSX" for part in path.parts)
-    return not hidden and path.suffix.lower() in NEEDED_SUFFIXES
+    return not _is_hidden(path) and path.suffix.lower() in NEEDED_SUFFIXES
+
+
+def _is_recording(path: PurePosixPath) -> bool:
+    return not _is_hidden(path) and path.suffix.lower() in RECORDING_SUFFIXES
+
+
+def _is_hidden(path: PurePosixPath) -> bool:
+    return any(part.startswith(".") or part.lower() in _OF_DESKTOPS for part in path.parts)
 
 
 def _write(
-    archive: Path,
-    destination: Path,
-    files: dict[PurePosixPath, int],
-    limits: ArchiveLimits,
-    progress: Progress | None,
+    archive: Path, destination: Path, listing: _Listing, limits: ArchiveLimits, progress: Progress | None
 ) -> None:
-    total, done = sum(files.values()), 0
+    total, done = listing.total_bytes, 0
     archive_bytes = archive.stat().st_size
-    waiting = dict(files)
+    for path in listing.recordings:
+        target = destination.joinpath(*path.parts)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.touch(exist_ok=False)
+    waiting = Counter(listing.counts)
     with open_reader(archive, limits) as reader:
-        for entry, stream in reader.contents(lambda entry: checked_path(entry.name) in waiting):
+        for entry, stream in reader.contents(lambda entry: waiting[checked_path(entry.name)] > 0):
             path = checked_path(entry.name)
-            size = waiting.pop(path)
             target = destination.joinpath(*path.parts)
             target.parent.mkdir(parents=True, exist_ok=True)
-            for written in _copy(stream, target, size):
+            first = waiting[path] == listing.counts[path]
+            waiting[path] -= 1
+            step = _copy if first else _compare
+            for written in step(stream, target, path, listing.sizes[path]):
                 done += written
                 limits.check_total(done, archive_bytes)
                 if progress is not None:
                     progress(done, total)
-    if waiting:
+    if waiting.total():
         raise InvalidScanError("The archive is damaged: entries that it lists are not in it.")
 
 
-def _copy(stream: BinaryIO, target: Path, size: int) -> Iterable[int]:
+def _copy(stream: BinaryIO, target: Path, path: PurePosixPath, size: int) -> Iterator[int]:
     """Write a new file, yielding the bytes of each step; raises if it is not as long as declared."""
-    written = 0
     descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o644)
     with os.fdopen(descriptor, "wb") as file:
-        while written <= size:
-            with damage_reported():
-                chunk = stream.read(_CHUNK_BYTES)
-            written += len(chunk)
-            if not chunk or written > size:
-                break
+        for chunk in _chunks(stream, path, size):
             file.write(chunk)
             yield len(chunk)
-    if written != size:
-        raise InvalidScanError(f"The archive's entry {target.name!r} is not as long as it declares.")
+
+
+def _compare(stream: BinaryIO, target: Path, path: PurePosixPath, size: int) -> Iterator[int]:
+    """Yield the bytes of each step of reading an entry again; raises if it differs from the file written before."""
+    with target.open("rb") as file:
+        for chunk in _chunks(stream, path, size):
+            if file.read(len(chunk)) != chunk:
+                raise InvalidScanError(_twice(path))
+            yield len(chunk)
+
+
+def _chunks(stream: BinaryIO, path: PurePosixPath, size: int) -> Iterator[bytes]:
+    """Yield an entry's bytes in pieces; raises `InvalidScanError` if they are not as many as declared."""
+    done = 0
+    while done <= size:
+        with damage_reported():
+            chunk = stream.read(_CHUNK_BYTES)
+        done += len(chunk)
+        if not chunk or done > size:
+            break
+        yield chunk
+    if done != size:
+        raise InvalidScanError(f"The archive's entry {path.name!r} is not as long as it declares.")
 
 
 def _scan_folder(destination: Path) -> Path:

@@ -18,14 +18,33 @@ from pathlib import Path
 from typing import IO, BinaryIO, Protocol, cast
 
 from app.errors import InvalidScanError
+from app.importers.zip_names import zip_name
+from app.limits import limit
 
 MIB = 1024 * 1024
 
-# Zip: 46 bytes a record, a path, and the extra fields that common packers add.
-_DIRECTORY_BYTES_PER_ENTRY = 200
-# Tar: a header of 512 bytes, and as much again several times over for long names and extended attributes.
-_HEADER_BYTES_PER_ENTRY = 4096
-_MAX_GLOBAL_HEADERS = 64
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeaderLimits:
+    """How much an archive may spend on describing its entries."""
+
+    directory_bytes_per_entry: int = limit(
+        200,
+        "What a zip's table of contents may hold for each entry.",
+        chosen="By hand: a record of 46 bytes, a path, and the extra fields that common packers add.",
+    )
+    header_bytes_per_entry: int = limit(
+        4096,
+        "What a tar's headers may hold for each entry.",
+        chosen="By hand: a header of 512 bytes, and several times that for long names and extended attributes.",
+    )
+    max_global_headers: int = limit(
+        64, "Header fields that hold for all entries of a tar.", chosen="By hand: git archive writes one."
+    )
+
+
+_HEADERS = HeaderLimits()
+
 
 _DAMAGE = "The archive is damaged or was cut off; pack and send it again."
 _DAMAGED = (
@@ -64,7 +83,7 @@ class Entry:
     encrypted: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArchiveLimits:
     """How much an archive may hold, and how much smaller than its contents it may be.
 
@@ -72,11 +91,27 @@ class ArchiveLimits:
     shrink a lot, but no scan does as a whole.
     """
 
-    max_total_bytes: int = 20 * 1024 * MIB
-    max_entries: int = 200_000
-    max_entry_bytes: int = 256 * MIB
-    max_ratio: float = 200.0
-    ratio_free_bytes: int = 50 * MIB
+    max_total_bytes: int = limit(
+        20 * 1024 * MIB,
+        "Bytes of all files together, unpacked.",
+        chosen="By hand: an hour of frames at 2 Hz is 10 GB; ROOMFIX_MAX_UNPACKED_BYTES sets it.",
+    )
+    max_entries: int = limit(
+        200_000, "Files and folders.", chosen="By hand: an hour of frames at 15 Hz, three files each."
+    )
+    max_entry_bytes: int = limit(
+        256 * MIB,
+        "Bytes of one file, unpacked.",
+        chosen="By hand: 50 megapixels of colour without compression are 150 MB.",
+    )
+    max_ratio: float = limit(
+        200.0,
+        "How many times its size an archive, or an entry of it, may unpack to.",
+        chosen="By hand: text of a list shrinks 10 times, a blank depth image 150 times.",
+    )
+    ratio_free_bytes: int = limit(
+        50 * MIB, "Up to this, unpacked, no ratio counts.", chosen="By hand: what harms no server."
+    )
 
     def check_count(self, count: int) -> None:
         """Raise `InvalidScanError` if an archive of this many entries is too large."""
@@ -180,7 +215,7 @@ def _has_tar_checksum(header: bytes) -> bool:
 
 class _ZipReader:
     def __init__(self, file: BinaryIO, limits: ArchiveLimits) -> None:
-        longest = MIB + _DIRECTORY_BYTES_PER_ENTRY * limits.max_entries
+        longest = MIB + _HEADERS.directory_bytes_per_entry * limits.max_entries
         self._zip = zipfile.ZipFile(cast(IO[bytes], _BoundedReads(file, longest)))
         self._limits = limits
 
@@ -201,14 +236,15 @@ class _ZipReader:
 
 def _entry_of_zip(info: zipfile.ZipInfo) -> Entry:
     # `filename` ends at the first NUL; the name as it was written shows what it hides.
-    kind = EntryKind.FOLDER if info.orig_filename.endswith(("/", "\\")) else EntryKind.FILE
+    name = zip_name(info)
+    kind = EntryKind.FOLDER if name.endswith(("/", "\\")) else EntryKind.FILE
     mode = stat.S_IFMT(info.external_attr >> 16)
     if mode == stat.S_IFLNK:
         kind = EntryKind.LINK
     elif mode not in (0, stat.S_IFREG, stat.S_IFDIR):
         kind = EntryKind.SPECIAL
     encrypted = bool(info.flag_bits & 0x41)
-    return Entry(info.orig_filename, info.file_size, info.compress_size, kind, encrypted)
+    return Entry(name, info.file_size, info.compress_size, kind, encrypted)
 
 
 class _TarReader:
@@ -241,7 +277,7 @@ class _TarReader:
             count += 1
             self._limits.check_count(count)
             self._stream.entries = count
-            if len(self._tar.pax_headers) > _MAX_GLOBAL_HEADERS:
+            if len(self._tar.pax_headers) > _HEADERS.max_global_headers:
                 raise InvalidScanError("The archive has more header fields than a scan's archive has.")
             yield member
             # The library keeps every header; they are needed once.
@@ -305,7 +341,7 @@ class _ForwardReads:
     def read(self, size: int = -1) -> bytes:
         if self.in_header:
             self._header_bytes += max(size, 0)
-            if size < 0 or self._header_bytes > MIB + _HEADER_BYTES_PER_ENTRY * self.entries:
+            if size < 0 or self._header_bytes > MIB + _HEADERS.header_bytes_per_entry * self.entries:
                 raise InvalidScanError("The archive has longer headers than a scan's archive has.")
         data = self._stream.read(size)
         if self.in_header:

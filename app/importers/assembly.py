@@ -5,19 +5,47 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+
+import numpy as np
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
-from app.importers.scan_files import color_size, depth_size
-
-# A format whose poses are mostly broken is read wrongly; leaving out most of a scan would hide it.
-MAX_INVALID_POSE_SHARE = 0.5
+from app.importers.images.color_files import color_size
+from app.importers.images.depth_files import DepthHeader, read_depth, read_depth_header
+from app.limits import limit
 
 Size = tuple[int, int]
 Intrinsics = Camera | tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssemblyOptions:
+    """When a scan is taken to be read wrongly, and which float depth makes sense."""
+
+    max_invalid_pose_ratio: float = limit(
+        0.5,
+        "A scan with this ratio of invalid poses, or a larger one, is refused.",
+        chosen="By hand: leaving out most of a scan would hide that its columns are read in the wrong order.",
+    )
+    min_median_depth_m: float = limit(
+        0.05,
+        "Float depth whose median is nearer is not in metres.",
+        chosen="By hand: nearer than any depth sensor measures.",
+    )
+    max_median_depth_m: float = limit(
+        60.0, "Float depth whose median is farther is not in metres.", chosen="By hand: the longest halls."
+    )
+    depth_images_sampled: int = limit(
+        3, "Float depth images that are read to find their unit.", chosen="By hand: one of them may be blank."
+    )
+
+
+OPTIONS = AssemblyOptions()
+MILLIMETRES_PER_M = 1000.0
+# Reasons whose first case is worth a note: a file is wrong, while times that don't meet are common.
+OF_FILES = ("missing_file", "unreadable_file")
 
 
 @dataclass(slots=True)
@@ -25,25 +53,42 @@ class Discarded:
     """The colour images left out, by reason, in the order in which they were met."""
 
     names: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    details: dict[str, str] = field(default_factory=dict)
 
-    def add(self, reason: str, name: str) -> None:
-        """Note that the frame `name` is left out for `reason`."""
+    def add(self, reason: str, name: str, detail: str = "") -> None:
+        """Note that the frame `name` is left out for `reason`; of the details, the first of a reason is kept."""
         self.names[reason].append(name)
+        if detail:
+            self.details.setdefault(reason, detail)
 
     def summary(self) -> str:
-        """Return the counts in words, such as `3 no_depth, 1 no_pose`."""
-        return (
-            ", ".join(f"{len(names)} {reason}" for reason, names in self.names.items()) or "no frames at all"
-        )
+        """Return the counts in words, such as `3 no_depth, 1 no_pose`, with the first detail of each reason."""
+        if not self.names:
+            return "no frames at all."
+        counts = ", ".join(f"{len(names)} {reason}" for reason, names in self.names.items())
+        return " ".join([f"{counts}.", *self.sentences(*self.details)])
+
+    def sentences(self, *reasons: str) -> list[str]:
+        """Return the first details of these reasons, a sentence each."""
+        details = [self.details[reason] for reason in reasons if reason in self.details]
+        return [f"{detail[:1].upper()}{detail[1:]}." for detail in details]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ScanSource:
-    """What a format's files say: intrinsics, units per metre of depth, and the direction of down if known."""
+    """What a format's files say: intrinsics, depth units per metre, the direction of down, and how they were read.
+
+    `depth_scale` is None when neither options nor files state it; `default_depth_scale` is the format's own. A depth
+    camera is only needed for a depth of its own; options come first.
+    """
 
     camera: Intrinsics
-    depth_scale: float
-    gravity: tuple[float, float, float] | None
+    depth_scale: float | None
+    default_depth_scale: float
+    gravity: tuple[float, float, float] | None = None
+    depth_camera: Intrinsics | None = None
+    depth_is_scaled_color: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def assemble_scan(
@@ -54,35 +99,39 @@ def assemble_scan(
     Intrinsics given as numbers get the size of the first image. Raises `InvalidScanError` when no frame is
     left, or an image's size is not its camera's.
     """
-    readable: list[tuple[Frame, Size, Size]] = []
+    readable: list[tuple[Frame, Size, DepthHeader]] = []
     for frame in sorted(frames, key=lambda f: f.timestamp_s):
-        sizes = color_size(frame.color), depth_size(frame.depth)
-        if sizes[0] is None or sizes[1] is None:
-            discarded.add("unreadable_file", frame.name)
+        color, depth_header = color_size(frame.color), read_depth_header(frame.depth)
+        if color is None or depth_header is None:
+            unreadable = frame.color if color is None else frame.depth
+            detail = f"{unreadable.name} of frame {frame.name} is empty, damaged or in an unknown format"
+            discarded.add("unreadable_file", frame.name, detail)
         else:
-            readable.append((frame, sizes[0], sizes[1]))
+            readable.append((frame, color, depth_header))
     if not readable:
-        raise InvalidScanError(f"No frame of the scan can be used: {discarded.summary()}.")
+        raise InvalidScanError(f"No frame of the scan can be used: {discarded.summary()}")
     camera = _camera(source.camera, readable[0][1], "camera")
-    depth = _depth_format(source.depth_scale, readable[0][2], options)
-    for frame, color, depth_pixels in readable:
-        _check_sizes(frame, color, depth_pixels, camera, depth.camera)
-    names = {reason: tuple(names) for reason, names in discarded.names.items()}
-    return Scan(camera, tuple(frame for frame, _, _ in readable), names, depth, source.gravity)
+    first_depth = readable[0][2].width, readable[0][2].height
+    depth, notes = _depth_format(source, camera, readable, first_depth, options)
+    for frame, color, depth_header in readable:
+        _check_sizes(frame, color, (depth_header.width, depth_header.height), camera, depth.camera)
+    return Scan(
+        camera=camera,
+        frames=tuple(frame for frame, _, _ in readable),
+        discarded={reason: tuple(names) for reason, names in discarded.names.items()},
+        depth=depth,
+        gravity=source.gravity,
+        notes=(*source.notes, *notes, *discarded.sentences(*OF_FILES)),
+    )
 
 
-def check_pose_share(invalid: int, total: int, example: str) -> None:
-    """Raise `InvalidScanError` if half of the poses or more can't be used; `example` names one of them."""
-    if invalid and invalid >= MAX_INVALID_POSE_SHARE * total:
+def check_pose_ratio(invalid: int, total: int, example: str) -> None:
+    """Raise `InvalidScanError` if half of the poses or more can't be used; `example` names one and its fault."""
+    if invalid and invalid >= OPTIONS.max_invalid_pose_ratio * total:
         raise InvalidScanError(
             f"{invalid} of {total} poses are not finite numbers with a rotation, {example} among them: "
             "check the order of the columns."
         )
-
-
-def relative_name(path: Path, directory: Path) -> str:
-    """Return the path below the scan's folder, with forward slashes."""
-    return path.relative_to(directory).as_posix()
 
 
 def _camera(intrinsics: Intrinsics, size: Size, name: str) -> Camera:
@@ -94,11 +143,46 @@ def _camera(intrinsics: Intrinsics, size: Size, name: str) -> Camera:
         raise InvalidScanError(f"{name}: {error}") from None
 
 
-def _depth_format(scale: float, size: Size, options: ScanOptions) -> DepthFormat:
-    if options.depth_camera is None:
-        return DepthFormat(scale)
-    camera = _camera(options.depth_camera, size, "depth_camera")
-    return DepthFormat(scale, camera, options.color_from_depth or Pose.identity())
+def _depth_format(
+    source: ScanSource,
+    camera: Camera,
+    readable: list[tuple[Frame, Size, DepthHeader]],
+    size: Size,
+    options: ScanOptions,
+) -> tuple[DepthFormat, tuple[str, ...]]:
+    scale = options.depth_scale or source.depth_scale
+    of_floats = [frame for frame, _, header in readable if header.is_float]
+    float_scale, notes = _float_scale(of_floats, scale) if of_floats else (1.0, ())
+    given = options.depth_camera or source.depth_camera
+    depth_camera = None if given is None else _camera(given, size, "depth_camera")
+    if depth_camera is None and source.depth_is_scaled_color and size != (camera.width, camera.height):
+        try:
+            depth_camera = camera.scaled_to(*size)
+        except InvalidCameraError as error:
+            raise InvalidScanError(f"{readable[0][0].depth.name}: {error}") from None
+    color_from_depth = options.color_from_depth or Pose.identity()
+    return (
+        DepthFormat(scale or source.default_depth_scale, depth_camera, color_from_depth, float_scale),
+        notes,
+    )
+
+
+def _float_scale(frames: list[Frame], stated: float | None) -> tuple[float, tuple[str, ...]]:
+    """Return the units per metre of float depth images: the stated scale if it makes sense, else metres, else
+    millimetres, and how that was read. Raises `InvalidScanError` for values that are none of these."""
+    step = max(1, len(frames) // OPTIONS.depth_images_sampled)
+    values = [read_depth(f.depth.read_bytes(), f.depth.name).ravel() for f in frames[::step]]
+    all_values = np.concatenate(values).astype(np.float64)
+    valid = all_values[np.isfinite(all_values) & (all_values > 0)]
+    median = float(np.median(valid)) if len(valid) else 1.0
+    for scale in ([stated] if stated else []) + [1.0, MILLIMETRES_PER_M]:
+        if OPTIONS.min_median_depth_m <= median / scale <= OPTIONS.max_median_depth_m:
+            unit = {1.0: "metres", MILLIMETRES_PER_M: "millimetres"}.get(scale, f"{scale:g} per metre")
+            return scale, () if scale == stated else (f"The depth images hold floats, read as {unit}.",)
+    raise InvalidScanError(
+        f"{frames[0].depth.name} holds floats whose median is {median:.3g}: neither metres nor millimetres. Give "
+        "depth_scale, their units per metre."
+    )
 
 
 def _check_sizes(frame: Frame, color: Size, depth: Size, camera: Camera, depth_camera: Camera | None) -> None:

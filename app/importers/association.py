@@ -9,12 +9,28 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
 from app.geometry.se3 import Pose
+from app.limits import limit
 
 Array = NDArray[np.float64]
 
 # A double holds seconds since 1970 to 0.24 microseconds, so a difference of just the tolerance may exceed it.
 TIME_ROUNDING_S = 1e-6
-MAX_PAIRS = 5_000_000
+# Below this angle the sine ratio of SLERP loses digits, and the chord is the arc to 1e-12.
+SMALL_ANGLE_RAD = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssociationOptions:
+    """How much work lists may make."""
+
+    max_pairs: int = limit(
+        5_000_000,
+        "Pairs of entries within the tolerance of time; more are refused.",
+        chosen="By hand: 100,000 images against rows at 1000 Hz are 4 million.",
+    )
+
+
+OPTIONS = AssociationOptions()
 
 
 def associate(times_s: Array, other_times_s: Array, max_difference_s: float) -> NDArray[np.int64]:
@@ -42,7 +58,7 @@ def _pairs_within(a: Array, b: Array, tolerance_s: float) -> tuple[NDArray[np.in
     start = np.searchsorted(b[order], a - reach, side="left")
     count = np.searchsorted(b[order], a + reach, side="right") - start
     total = int(count.sum())
-    if total > MAX_PAIRS:
+    if total > OPTIONS.max_pairs:
         raise InvalidScanError("Too many entries share one time: the lists must give their times in seconds.")
     first = np.repeat(np.arange(len(a)), count)
     offset = np.arange(total) - np.repeat(np.cumsum(count) - count, count)
@@ -99,20 +115,19 @@ class Trajectory:
         return self._between(near[0], near[1], time_s)
 
     def _between(self, i: int, j: int, time_s: float) -> Pose:
-        share = (time_s - self.times_s[i]) / (self.times_s[j] - self.times_s[i])
-        position = (1 - share) * self.positions_m[i] + share * self.positions_m[j]
-        return Pose.from_quaternion(position, slerp(self.quaternions[i], self.quaternions[j], share))
+        fraction = (time_s - self.times_s[i]) / (self.times_s[j] - self.times_s[i])
+        position = (1 - fraction) * self.positions_m[i] + fraction * self.positions_m[j]
+        return Pose.from_quaternion(position, slerp(self.quaternions[i], self.quaternions[j], fraction))
 
 
-def slerp(a: Array, b: Array, share: float) -> Array:
-    """Return the unit quaternion (4,) at `share` (0 to 1) of the shorter arc between two of them (SLERP)."""
+def slerp(a: Array, b: Array, fraction: float) -> Array:
+    """Return the unit quaternion (4,) at `fraction` (0 to 1) of the shorter arc between two of them (SLERP)."""
     cos = float(a @ b)
     if cos < 0:
         b, cos = -b, -cos
     angle_rad = float(np.arctan2(np.linalg.norm(b - cos * a), cos))
-    # Below this the sine ratio loses digits, and the chord is the arc to 1e-12.
-    if angle_rad < 1e-6:
-        mixed = (1 - share) * a + share * b
+    if angle_rad < SMALL_ANGLE_RAD:
+        mixed = (1 - fraction) * a + fraction * b
     else:
-        mixed = np.sin((1 - share) * angle_rad) * a + np.sin(share * angle_rad) * b
+        mixed = np.sin((1 - fraction) * angle_rad) * a + np.sin(fraction * angle_rad) * b
     return np.asarray(mixed / np.linalg.norm(mixed))

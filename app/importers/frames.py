@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +16,10 @@ from app.geometry.camera import Camera
 from app.geometry.depth import register_depth
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
+from app.importers.images.depth_files import read_depth
 
-RAW_DEPTH_SATURATED = 65535  # written by several recorders for "no measurement"; 0 is the other such value
+# Written into 16 bits by several recorders for "no measurement"; 0 is the other such value.
+RAW_DEPTH_SATURATED = 65535
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +40,18 @@ class Frame:
 class DepthFormat:
     """How the depth files are to be read.
 
-    `scale` is in units per metre. Without `camera` the depth is registered to the colour image, pixel by
-    pixel; with it, the depth has a camera of its own, and `color_from_depth` moves points to the colour
-    camera.
+    `scale` is in units per metre for images of integers, `float_scale` for images of floats. Without `camera` the
+    depth is registered to the colour image, pixel by pixel; with it, the depth has a camera of its own, and
+    `color_from_depth` moves points to the colour camera.
     """
 
     scale: float
     camera: Camera | None = None
     color_from_depth: Pose = field(default_factory=Pose.identity)
-    encoding: Literal["png16"] = "png16"
+    float_scale: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ScanOptions:
     """What a caller may say about a scan; everything left out comes from the files or the format's default.
 
@@ -97,6 +98,10 @@ class FrameSource(Protocol):
     def gravity(self) -> tuple[float, float, float] | None:
         """The unit direction of down in the scan's frame, if known."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what the files left open and how it was read."""
+
     def color_bytes(self, frame: Frame) -> bytes:
         """Return the colour image's file contents."""
 
@@ -104,12 +109,13 @@ class FrameSource(Protocol):
         """Return the z-depth (height, width) in metres registered to the colour image, 0 = invalid."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Scan:
     """Frames with depth and pose, in time order, and what was left out and why.
 
     `discarded` maps a reason (`no_depth`, `no_pose`, `invalid_pose`, `missing_file`, `unreadable_file`) to
-    the names of the colour images. `gravity` is the unit direction of down in the scan's frame, if known.
+    the names of the colour images. `gravity` is the unit direction of down in the scan's frame, if known. `notes` are
+    sentences on what the files left open and how it was read.
     """
 
     camera: Camera
@@ -117,6 +123,7 @@ class Scan:
     discarded: Mapping[str, tuple[str, ...]]
     depth: DepthFormat
     gravity: tuple[float, float, float] | None = None
+    notes: tuple[str, ...] = ()
 
     def color_bytes(self, frame: Frame) -> bytes:
         """Return the contents of the colour image's file; raises `InvalidScanError` if it can't be read."""
@@ -125,21 +132,31 @@ class Scan:
     def depth_m(self, frame: Frame) -> NDArray[np.float32]:
         """Return the z-depth (height, width) in metres, registered to the colour image; 0 where not known.
 
-        Raw values 0 and 65535 are invalid. Raises `InvalidScanError` for a file that is no 16-bit depth image
-        of the expected size.
+        Values of 0 and below, 65535 in 16 bits, and what is not finite are invalid. Raises `InvalidScanError` for a
+        file that is no depth image of the expected size.
         """
-        raw = _decode_depth(_read(frame.depth, frame.name), frame.depth.name)
+        raw = read_depth(_read(frame.depth, frame.name), frame.depth.name)
         source = self.depth.camera or self.camera
         if raw.shape != (source.height, source.width):
             raise InvalidScanError(
                 f"{frame.depth.name} has {raw.shape[1]} x {raw.shape[0]} pixels where "
                 f"{source.width} x {source.height} are expected."
             )
-        depth_m = raw.astype(np.float32) / np.float32(self.depth.scale)
-        depth_m[raw == RAW_DEPTH_SATURATED] = 0.0
+        depth_m = metres(raw, self.depth)
         if self.depth.camera is None:
             return depth_m
         return register_depth(depth_m, self.depth.camera, self.camera, self.depth.color_from_depth)
+
+
+def metres(raw: NDArray[np.generic], depth: DepthFormat) -> NDArray[np.float32]:
+    """Return the values of a depth image in metres, 0 where they are invalid."""
+    is_float = raw.dtype.kind == "f"
+    depth_m = raw.astype(np.float32) / np.float32(depth.float_scale if is_float else depth.scale)
+    if raw.dtype == np.uint16:
+        depth_m[raw == np.uint16(RAW_DEPTH_SATURATED)] = 0.0
+    else:
+        depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = 0.0
+    return depth_m
 
 
 def _read(path: Path, frame_name: str) -> bytes:
@@ -149,15 +166,3 @@ def _read(path: Path, frame_name: str) -> bytes:
         raise InvalidScanError(
             f"{path.name} of frame {frame_name} can't be read: {error.strerror}."
         ) from None
-
-
-def _decode_depth(data: bytes, name: str) -> NDArray[np.uint16]:
-    try:
-        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        raw = None
-    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
-        raise InvalidScanError(
-            f"{name} is not a PNG with one channel of 16 bits, so it can't be a depth image."
-        )
-    return np.asarray(raw, dtype=np.uint16)

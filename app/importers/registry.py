@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from app.errors import InvalidScanError
-from app.importers import seven_scenes, tum
+from app.importers import nerfstudio, polycam, redwood, scannet, seven_scenes, tum
 from app.importers.frames import Scan, ScanOptions
+from app.importers.other_formats import describe_other_format
+from app.limits import limit
 
 
 class Importer(Protocol):
-    """A scan format: the interface of the modules `tum` and `seven_scenes`."""
+    """A scan format: the interface of the modules `tum`, `seven_scenes` and so on."""
 
     def detect(self, directory: Path, /) -> bool:
         """Return whether the folder looks like a scan of this format."""
@@ -20,29 +24,108 @@ class Importer(Protocol):
         """Return the scan; raises `InvalidScanError`."""
 
 
-FORMATS: dict[str, Importer] = {"tum": tum, "7scenes": seven_scenes}
+# In the order in which a folder is asked.
+FORMATS: dict[str, Importer] = {
+    "tum": tum,
+    "7scenes": seven_scenes,
+    "nerfstudio": nerfstudio,
+    "polycam": polycam,
+    "scannet": scannet,
+    "redwood": redwood,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """Where a scan is looked for below the folder that was sent."""
+
+    max_depth: int = limit(
+        4, "Folders below the first that are searched.", chosen="By hand: deeper than any export puts a scan."
+    )
+    max_folders: int = limit(
+        2000,
+        "Folders that are searched.",
+        chosen="By hand: past any archive of scans; a search takes a second.",
+    )
+    shown: int = limit(6, "Names that a message lists.", chosen="By hand: a sentence that can be read.")
+
+
+OPTIONS = SearchOptions()
 
 
 def open_scan(directory: Path, format: str | None = None, options: ScanOptions | None = None) -> Scan:  # noqa: A002
-    """Return the scan in a folder.
+    """Return the scan in a folder, or in the only folder below it that holds one.
 
-    `format` is `tum` or `7scenes`; None or `auto` tells it from the files. Raises `InvalidScanError`, with a
-    sentence naming the file or the frame, for a folder that holds no scan that can become a map.
+    `format` is one of `FORMATS`; None or `auto` finds it from the files. Raises `InvalidScanError`, with a
+    sentence naming the file or the frame, for a folder that holds no scan that can become a map, or several.
     """
     if not directory.is_dir():
         raise InvalidScanError(f"The scan's folder {directory.name!r} does not exist.")
     name = (format or "auto").lower()
-    if name == "auto":
-        name = next((n for n, importer in FORMATS.items() if importer.detect(directory)), "")
-        if not name:
-            raise InvalidScanError(
-                "The format of the scan can't be told from its files: a TUM scan has rgb.txt, depth.txt and "
-                "groundtruth.txt; a 7-Scenes scan frame-000000.color.png and so on, at the top or in seq-01."
-            )
-    if name not in FORMATS:
-        raise InvalidScanError(f"The scan format {format!r} is not known; use auto, {' or '.join(FORMATS)}.")
+    if name != "auto" and name not in FORMATS:
+        known = list(FORMATS)
+        raise InvalidScanError(
+            f"The scan format {format!r} is not known; use auto, {', '.join(known[:-1])} or {known[-1]}."
+        )
+    importers = FORMATS if name == "auto" else {name: FORMATS[name]}
+    folder, name = _find_scan(directory, importers)
     if options is not None and options.motion is not None and name != "tum":
         raise InvalidScanError(
             f"A uniform motion gives poses to scans in TUM layout without groundtruth.txt; this one is {name}."
         )
-    return FORMATS[name].open_scan(directory, options or ScanOptions())
+    return FORMATS[name].open_scan(folder, options or ScanOptions())
+
+
+def _find_scan(directory: Path, importers: Mapping[str, Importer]) -> tuple[Path, str]:
+    """Return the folder that holds a scan, and its format."""
+    found = list(_scans(directory, importers))
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = [f"{folder.relative_to(directory).as_posix()} ({name})" for folder, name in found]
+        more = f" and {len(names) - OPTIONS.shown} more" if len(names) > OPTIONS.shown else ""
+        raise InvalidScanError(
+            f"The archive holds {len(found)} scans: {', '.join(names[: OPTIONS.shown])}{more}. Send each in an archive "
+            "of its own."
+        )
+    # A format that was asked for says itself what it misses.
+    if len(importers) == 1:
+        return directory, next(iter(importers))
+    described = filter(None, (describe_other_format(folder) for folder in _folders(directory)))
+    raise InvalidScanError(next(described, None) or _nothing_found(directory))
+
+
+def _scans(directory: Path, importers: Mapping[str, Importer]) -> Iterator[tuple[Path, str]]:
+    """Yield the folders that hold a scan, each with its format, none inside of another."""
+    inside: list[Path] = []
+    for folder in _folders(directory):
+        if any(folder.is_relative_to(scan) for scan in inside):
+            continue
+        name = next((name for name, importer in importers.items() if importer.detect(folder)), None)
+        if name is not None:
+            inside.append(folder)
+            yield folder, name
+
+
+def _folders(directory: Path) -> Iterator[Path]:
+    """Yield a folder and those below it, level by level, without following links."""
+    level, count = [directory], 0
+    for _ in range(OPTIONS.max_depth + 1):
+        below: list[Path] = []
+        for folder in level:
+            count += 1
+            if count > OPTIONS.max_folders:
+                return
+            yield folder
+            below += sorted(child for child in folder.iterdir() if child.is_dir() and not child.is_symlink())
+        level = below
+
+
+def _nothing_found(directory: Path) -> str:
+    names = sorted(child.name for child in directory.iterdir())
+    there = ", ".join(names[: OPTIONS.shown]) + (", ..." if len(names) > OPTIONS.shown else "")
+    return (
+        "The format of the scan can't be told from its files: a TUM scan has rgb.txt, depth.txt and groundtruth.txt; a "
+        "7-Scenes scan frame-000000.color.png and so on, at the top or in seq-01; nerfstudio, Polycam (raw), ScanNet "
+        f"(exported) and Open3D (trajectory.log) are read too. At the top are: {there or 'no files'}."
+    )

@@ -8,18 +8,36 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import MODEL_PARAMETERS, Camera
+from app.limits import limit
 
-# An hour of poses at 100 Hz is 30 MB of text.
-MAX_LIST_BYTES = 64 * 1024 * 1024
-MAX_IMAGE_PIXELS = 50_000_000
+MIB = 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListLimits:
+    """How large the small files of a scan may be."""
+
+    max_list_bytes: int = limit(
+        64 * MIB,
+        "Bytes of a list, a camera file or a trajectory.",
+        chosen="By hand: an hour of poses at 100 Hz is 30 MB of text.",
+    )
+    max_path_characters: int = limit(
+        1000, "Characters of a path in a list.", chosen="By hand: past what archives are unpacked to."
+    )
+
+
+LIMITS = ListLimits()
 
 _SEPARATORS = re.compile(r"[,;\s]+")
+_BLANKS = re.compile(r"[;\s]+")
+_DECIMAL_COMMA = re.compile(
+    r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eE][-+]?\d+)?$|[-+]?(?:nan|inf|infinity)$", re.IGNORECASE
+)
 _DEPTH_SCALE = re.compile(r"depth_scale\s*[=:]\s*([0-9][0-9.eE+]*)")
-_EXIF_ORIENTATION = 0x0112
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +47,16 @@ class Row:
     line: int
     text: str
 
-    def cells(self, max_cells: int = 0) -> list[str]:
-        """Return the columns, split at blanks, tabs or commas; with `max_cells` the last keeps the rest."""
-        return _SEPARATORS.split(self.text, maxsplit=max(0, max_cells - 1))
+    def cells(self) -> list[str]:
+        """Return the columns, split at blanks, tabs, commas or semicolons.
+
+        Where blanks or semicolons stand between numbers and every comma is inside of one, the commas are decimal
+        commas; they become points.
+        """
+        apart = _BLANKS.split(self.text)
+        if len(apart) > 1 and "," in self.text and all(_DECIMAL_COMMA.match(cell) for cell in apart):
+            return [cell.replace(",", ".") for cell in apart]
+        return _SEPARATORS.split(self.text)
 
 
 def resolve_inside(directory: Path, relative: str, where: str) -> Path:
@@ -43,7 +68,7 @@ def resolve_inside(directory: Path, relative: str, where: str) -> Path:
     name = relative.replace("\\", "/")
     if not name or name.startswith("/") or re.match(r"[A-Za-z]:", name) or ".." in name.split("/"):
         raise InvalidScanError(f"{where}: the path {relative!r} must lie inside the scan's folder.")
-    if any(ord(c) < 32 or ord(c) == 127 for c in name) or len(name) > 1000:
+    if any(ord(c) < 32 or ord(c) == 127 for c in name) or len(name) > LIMITS.max_path_characters:
         raise InvalidScanError(f"{where}: {relative[:60]!r} is not a file name that can be used.")
     path = directory / name
     try:
@@ -56,19 +81,34 @@ def resolve_inside(directory: Path, relative: str, where: str) -> Path:
 
 
 def optional_file(directory: Path, name: str) -> Path | None:
-    """Return the file `name` of the scan, or None where there is none."""
+    """Return the file `name` of the scan, in whatever case if that is the only one, or None where there is none."""
     path = resolve_inside(directory, name, name)
+    if path.is_file():
+        return path
+    others = [child.name for child in directory.iterdir() if child.name.lower() == name.lower()]
+    if len(others) != 1:
+        return None
+    path = resolve_inside(directory, others[0], name)
     return path if path.is_file() else None
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a list file, whatever its byte-order mark; raises `InvalidScanError` past 64 MB."""
-    if path.stat().st_size > MAX_LIST_BYTES:
-        raise InvalidScanError(f"{path.name} is larger than {MAX_LIST_BYTES >> 20} MB, too large for a list.")
+    """Return the text of a list file: UTF-8, UTF-16 with a byte-order mark, else code page 437.
+
+    That page has a character for every byte, so that names in another page can be compared (`ScanFolder`). Raises
+    `InvalidScanError` past the limit on bytes.
+    """
+    if path.stat().st_size > LIMITS.max_list_bytes:
+        raise InvalidScanError(
+            f"{path.name} is larger than {LIMITS.max_list_bytes // MIB} MB, too large for a list."
+        )
     data = path.read_bytes()
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", errors="replace")
-    return data.decode("utf-8-sig", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp437")
 
 
 def rows(text: str) -> Iterator[Row]:
@@ -150,44 +190,3 @@ def read_gravity(directory: Path) -> tuple[float, float, float] | None:
         raise InvalidScanError("gravity.txt must hold one row of three numbers, the direction of down.")
     x, y, z = (values / length).tolist()
     return x, y, z
-
-
-def color_size(path: Path) -> tuple[int, int] | None:
-    """Return (width, height) of a PNG or JPEG from its header, None if it can't be read.
-
-    Raises `InvalidScanError` for more than 50 megapixels, and for an image that its EXIF data says to rotate:
-    its pixels would no longer lie where the depth image and the camera have them.
-    """
-    try:
-        with Image.open(path, formats=("PNG", "JPEG")) as image:
-            size = image.size
-            # Asked for the EXIF data that it hasn't met in its header, a PNG is decoded to the end.
-            has_exif = image.format == "JPEG" or "exif" in image.info
-            orientation = image.getexif().get(_EXIF_ORIENTATION, 1) if has_exif else 1
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, ValueError, SyntaxError):
-        return None
-    if size[0] * size[1] > MAX_IMAGE_PIXELS:
-        raise InvalidScanError(f"{path.name} has {size[0]} x {size[1]} pixels; the limit is 50 megapixels.")
-    if orientation not in (0, 1):
-        raise InvalidScanError(f"{path.name} has an EXIF rotation; save the scan's images without one.")
-    return size
-
-
-def depth_size(path: Path) -> tuple[int, int] | None:
-    """Return (width, height) of a PNG depth image from its header, None if it is no PNG.
-
-    Raises `InvalidScanError` for a PNG that does not hold one channel of 16 bits.
-    """
-    try:
-        with path.open("rb") as file:
-            header = file.read(26)
-    except OSError:
-        return None
-    if len(header) < 26 or not header.startswith(b"\x89PNG\r\n\x1a\n") or header[12:16] != b"IHDR":
-        return None
-    if header[24] != 16 or header[25] != 0:
-        raise InvalidScanError(f"{path.name} must be a PNG with one channel of 16 bits to be a depth image.")
-    width, height = int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
-    if not 0 < width * height <= MAX_IMAGE_PIXELS:
-        raise InvalidScanError(f"{path.name} has {width} x {height} pixels; the limit is 50 megapixels.")
-    return width, height

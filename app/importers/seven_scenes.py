@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from app.errors import InvalidPoseError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import REFERENCE_FOCAL_PX
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_share, relative_name
+from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.folder import ScanFolder
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.scan_files import read_camera_file, read_gravity, read_text, resolve_inside
+from app.importers.pose_files import read_pose_files
+from app.importers.scan_files import read_camera_file, read_gravity, resolve_inside
 
 # The data set states 585 px, with which its depth images were fused. Its colour images come from the same
 # sensor's other camera, which structure from motion puts at the focal length of reference.
@@ -25,17 +25,16 @@ FRAME_RATE_HZ = 30.0
 # The files hold no times; sequences are laid one after the other, this far apart.
 SEQUENCE_GAP_S = 1.0
 
-_COLOR = re.compile(r"frame-(\d{1,9})\.color\.(?:png|jpg|jpeg)$")
-_SEQUENCE = re.compile(r"seq-?\d+$")
-# A pose of 16 numbers takes less than this.
-_MAX_POSE_BYTES = 4096
+_COLOR = re.compile(r"frame-(\d{1,9})\.color\.(?:png|jpe?g|webp|heic|avif|tiff?)$", re.IGNORECASE)
+_DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".pgm", ".exr", ".npy")
+_SEQUENCE = re.compile(r"seq-?\d+$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
     color: Path
-    depth: Path
-    pose: Path
+    depth: Path | None
+    pose: Path | None
     timestamp_s: float
 
 
@@ -54,10 +53,12 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     `color_from_depth` if you know it. The poses of the
     original are those of the depth camera, so they are moved to the colour camera.
 
-    A frame without depth or pose, or with a pose that is no rigid transform, is discarded.
+    Poses are 4x4 matrices or their upper 3x4, by rows or, if that makes more of them rotations, by columns. A frame
+    without depth or pose, or with a pose that is no rigid transform, is discarded.
     Raises `InvalidScanError` for other files, mostly broken poses, or no usable frame.
     """
-    candidates = list(_candidates(directory))
+    folder = ScanFolder(directory)
+    candidates = list(_candidates(folder))
     if not candidates:
         raise InvalidScanError("The scan has no frame-000000.color.png at its top or in a folder seq-01.")
     camera_file = read_camera_file(directory)
@@ -65,13 +66,13 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         options = replace(options, camera=DEFAULT_INTRINSICS, depth_camera=DEFAULT_DEPTH_INTRINSICS)
     source = ScanSource(
         camera=options.camera or (camera_file.camera if camera_file else DEFAULT_INTRINSICS),
-        depth_scale=options.depth_scale
-        or (camera_file.depth_scale if camera_file else None)
-        or DEFAULT_DEPTH_SCALE,
+        depth_scale=camera_file.depth_scale if camera_file else None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
     )
     discarded = Discarded()
-    frames = _frames(directory, candidates, options.color_from_depth or Pose.identity(), discarded)
+    frames, notes = _frames(folder, candidates, options.color_from_depth or Pose.identity(), discarded)
+    source = replace(source, notes=notes)
     return assemble_scan(frames, discarded, source, options)
 
 
@@ -86,50 +87,43 @@ def _color_images(folder: Path) -> dict[int, Path]:
     return dict(sorted((int(match.group(1)), path) for match, path in found if match))
 
 
-def _candidates(directory: Path) -> Iterator[_Candidate]:
+def _candidates(folder: ScanFolder) -> Iterator[_Candidate]:
     start_s = 0.0
-    for folder in _sequences(directory):
+    for sequence in _sequences(folder.path):
         time_s = start_s
-        for number, color in _color_images(folder).items():
+        for number, color in _color_images(sequence).items():
             time_s = start_s + number / FRAME_RATE_HZ
-            stem = color.name.split(".")[0]
-            depth, pose = folder / f"{stem}.depth.png", folder / f"{stem}.pose.txt"
-            for path in (color, depth, pose):
-                resolve_inside(directory, relative_name(path, directory), "the scan")
-            yield _Candidate(color, depth, pose, time_s)
+            resolve_inside(folder.path, folder.name_of(color), "the scan")
+            stem = folder.name_of(sequence / color.name.split(".")[0])
+            depth = (folder.find(f"{stem}.depth{suffix}", "the scan") for suffix in _DEPTH_SUFFIXES)
+            pose = folder.find(f"{stem}.pose.txt", "the scan")
+            yield _Candidate(color, next((path for path in depth if path is not None), None), pose, time_s)
         start_s = time_s + SEQUENCE_GAP_S if time_s > start_s else start_s
 
 
 def _frames(
-    directory: Path, candidates: list[_Candidate], color_from_depth: Pose, discarded: Discarded
-) -> list[Frame]:
-    depth_from_color = color_from_depth.inverse()
-    frames, invalid = [], []
+    folder: ScanFolder, candidates: list[_Candidate], color_from_depth: Pose, discarded: Discarded
+) -> tuple[list[Frame], tuple[str, ...]]:
+    """Return the frames that have all of their files, and how the poses were read."""
+    complete = []
     for candidate in candidates:
-        name = relative_name(candidate.color, directory)
-        scan_from_depth = _read_pose(candidate.pose) if candidate.pose.is_file() else None
-        if not candidate.depth.is_file():
-            discarded.add("no_depth", name)
-        elif not candidate.pose.is_file():
-            discarded.add("no_pose", name)
-        elif scan_from_depth is None:
-            discarded.add("invalid_pose", name)
-            invalid.append(name)
+        name = folder.name_of(candidate.color)
+        stem = name.rpartition(".color.")[0]
+        if candidate.depth is None:
+            discarded.add("no_depth", name, _missing(folder, f"{stem}.depth.png"))
+        elif candidate.pose is None:
+            discarded.add("no_pose", name, _missing(folder, f"{stem}.pose.txt"))
         else:
-            scan_from_color = scan_from_depth @ depth_from_color
-            frames.append(
-                Frame(name, candidate.timestamp_s, candidate.color, candidate.depth, scan_from_color)
-            )
-    check_pose_share(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
-    return frames
+            complete.append((candidate, candidate.depth, candidate.pose))
+    names = [folder.name_of(candidate.color) for candidate, _, _ in complete]
+    poses, notes = read_pose_files([pose for _, _, pose in complete], names, discarded)
+    depth_from_color = color_from_depth.inverse()
+    return [
+        Frame(name, candidate.timestamp_s, candidate.color, depth, scan_from_depth @ depth_from_color)
+        for (candidate, depth, _), name, scan_from_depth in zip(complete, names, poses, strict=True)
+        if scan_from_depth is not None
+    ], notes
 
 
-def _read_pose(path: Path) -> Pose | None:
-    """Return the pose of a file with a 4x4 matrix, None for anything else, such as NaN for lost tracking."""
-    try:
-        if path.stat().st_size > _MAX_POSE_BYTES:
-            return None
-        values = [float(cell) for cell in read_text(path).replace(",", " ").split()]
-        return Pose.from_matrix(np.array(values).reshape(4, 4))
-    except (OSError, ValueError, InvalidPoseError):
-        return None
+def _missing(folder: ScanFolder, name: str) -> str:
+    return f"{name} isn't there: {folder.instead(name)}"

@@ -235,6 +235,7 @@ def _report(
         "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
         "discarded": {reason: len(names) for reason, names in built.discarded.items()},
         "discarded_frames": {reason: list(names[:100]) for reason, names in built.discarded.items()},
+        "notes": list(source.notes),
         "replaced": built.replaced,
         "keyframes": built.artifact.keyframe_count,
         "features": built.artifact.feature_count,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,12 +13,64 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from app.errors import ImageTooLargeError, InvalidImageError, UnsupportedImageError
+from app.limits import limit
+from app.vision.image_files.formats import (
+    DAMAGE,
+    FORMATS_IN_WORDS,
+    RAW_PHOTO,
+    name_of_other_format,
+    open_image,
+)
+from app.vision.image_files.orientation import ORIENTATION, UPRIGHT
 
-FORMATS = ("JPEG", "PNG", "WEBP")
-MAX_PIXELS = 50_000_000
-MIN_SIDE_PX = 32
-# Shrunk to what the detectors take, a longer strip would have no width left.
-MAX_ASPECT = 20
+# Sensors of 10, 12 and 14 bits are written into 16-bit files as they are.
+SENSOR_BITS = (8, 10, 12, 14, 16)
+# A 16-bit colour file that uses less than this of what 8 bits show was written from a sensor of fewer bits.
+DIM_COLOR_VALUE = 128
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageOptions:
+    """Which images are decoded, and which of them show too little to be used."""
+
+    max_pixels: int = limit(
+        50_000_000,
+        "An image with more pixels is refused before it is decoded.",
+        chosen="By hand: the largest photos of phones' main modes have 50 megapixels, 150 MB when decoded.",
+    )
+    min_side_px: int = limit(
+        32,
+        "An image with a shorter side is refused.",
+        chosen="By hand: local features need a border of 16 pixels on each side.",
+    )
+    max_aspect_ratio: float = limit(
+        20.0,
+        "An image whose longer side is more than this times the shorter one is refused.",
+        chosen="By hand: shrunk to what the detectors take, a longer strip would have no width left.",
+    )
+    quality_side_px: int = limit(
+        320,
+        "An image's quality is measured after it is shrunk to this longer side.",
+        chosen="By hand: sharpness then compares between cameras of different resolution.",
+    )
+    min_contrast: float = limit(
+        4.0,
+        "A grey image whose values have a smaller standard deviation (of 255) is poor.",
+        chosen="By hand: a lens cap or a plain wall; sensor noise alone is below it.",
+    )
+    min_brightness: float = limit(
+        6.0,
+        "A grey image with a smaller mean value (of 255) is poor.",
+        chosen="By hand: black but for the sensor's noise.",
+    )
+    max_brightness: float = limit(
+        250.0,
+        "A grey image with a larger mean value (of 255) is poor.",
+        chosen="By hand: overexposed nearly everywhere.",
+    )
+
+
+OPTIONS = ImageOptions()
 
 Gray = NDArray[np.uint8]
 Rgb = NDArray[np.uint8]
@@ -34,30 +87,38 @@ class ImageQuality:
     @property
     def is_poor(self) -> bool:
         """Whether there is hardly anything to see: black, white or without any structure."""
-        return self.contrast < 4.0 or self.brightness < 6.0 or self.brightness > 250.0
+        lit = OPTIONS.min_brightness <= self.brightness <= OPTIONS.max_brightness
+        return not lit or self.contrast < OPTIONS.min_contrast
 
 
-def decode_image(data: bytes, max_pixels: int = MAX_PIXELS) -> Rgb:
-    """Decode JPEG, PNG or WebP bytes to RGB (height, width, 3), upright by its EXIF orientation.
+def decode_image(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Rgb:
+    """Decode the bytes of a JPEG, PNG, WebP, HEIC, AVIF or TIFF file to RGB (height, width, 3), upright by its EXIF
+    or XMP orientation.
 
-    Format and size are read from the header before anything is decoded. Raises `UnsupportedImageError`,
+    Format and size are read from the header before anything is decoded. Values of more than 8 bits are scaled from
+    the bits that the image uses: 10, 12, 14 or 16. Raises `UnsupportedImageError` that names the format,
     `ImageTooLargeError`, or `InvalidImageError` for bytes that are empty, truncated or corrupt.
     """
     if not data:
-        raise InvalidImageError("The image is empty; send the bytes of a JPEG, PNG or WebP file.")
+        raise InvalidImageError(f"The image is empty; send the bytes of a {FORMATS_IN_WORDS} file.")
+    other = name_of_other_format(data[:64])
+    if other:
+        raise UnsupportedImageError(f"The file is {other}; send {FORMATS_IN_WORDS}.")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data), formats=FORMATS) as image:
+            with open_image(io.BytesIO(data)) as image:
                 _check_size(image.width, image.height, max_pixels)
-                return _to_rgb(ImageOps.exif_transpose(image))
+                return _to_rgb(ImageOps.exif_transpose(_with_all_bits(image, data)))
     except UnidentifiedImageError:
-        raise UnsupportedImageError("The file is not a JPEG, PNG or WebP image.") from None
+        raise UnsupportedImageError(f"The file is not a {FORMATS_IN_WORDS} image.") from None
     except Image.DecompressionBombError:
         raise ImageTooLargeError(
             f"The image has more than {max_pixels:,} pixels; send a smaller one."
         ) from None
-    except (OSError, SyntaxError, ValueError, EOFError) as error:
+    except DAMAGE as error:
+        if str(error) == RAW_PHOTO:
+            raise UnsupportedImageError(f"The file is {RAW_PHOTO}; send {FORMATS_IN_WORDS}.") from None
         raise InvalidImageError(f"The image is damaged or cut short ({error}).") from None
 
 
@@ -66,20 +127,53 @@ def _check_size(width: int, height: int, max_pixels: int) -> None:
         raise ImageTooLargeError(
             f"The image has {width} x {height} pixels, the limit is {max_pixels:,} in all; send a smaller one."
         )
-    if min(width, height) < MIN_SIDE_PX:
+    if min(width, height) < OPTIONS.min_side_px:
         raise InvalidImageError(
-            f"The image has {width} x {height} pixels; each side needs at least {MIN_SIDE_PX}."
+            f"The image has {width} x {height} pixels; each side needs at least {OPTIONS.min_side_px}."
         )
-    if max(width, height) > MAX_ASPECT * min(width, height):
+    if max(width, height) > OPTIONS.max_aspect_ratio * min(width, height):
         raise InvalidImageError(
-            f"The image has {width} x {height} pixels; one side may be at most {MAX_ASPECT} times the other."
+            f"The image has {width} x {height} pixels; one side may be at most {OPTIONS.max_aspect_ratio:g} times "
+            "the other."
         )
+
+
+def _with_all_bits(image: Image.Image, data: bytes) -> Image.Image:
+    """Return the image, or, for a 16-bit colour PNG of which Pillow keeps too little, one from all of its bits."""
+    if image.format != "PNG" or data[24:25] != b"\x10" or image.mode.startswith("I"):
+        return image
+    image.load()
+    if int(np.asarray(image.convert("RGB")).max()) >= DIM_COLOR_VALUE:
+        return image
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    deep = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    if deep is None or deep.dtype != np.uint16:
+        return image
+    bright = Image.fromarray(np.ascontiguousarray(to_8_bits(np.asarray(deep))[..., ::-1]))
+    bright.getexif()[ORIENTATION] = image.getexif().get(ORIENTATION, UPRIGHT)
+    return bright
 
 
 def _to_rgb(image: Image.Image) -> Rgb:
-    if image.mode.startswith("I;16") or image.mode == "I":
-        return cv2.cvtColor((np.asarray(image) >> 8).astype(np.uint8), cv2.COLOR_GRAY2RGB).astype(np.uint8)
+    if image.mode.startswith("I") or image.mode == "F":
+        return np.repeat(to_8_bits(np.asarray(image))[..., None], 3, axis=2)
     return np.asarray(image.convert("RGB"))
+
+
+def to_8_bits(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image of deep integers or floats as 8 bits.
+
+    Integers are taken for those of the smallest sensor depth (8, 10, 12, 14 or 16 bits) that holds them; floats up
+    to 1 for shares of white, others as integers. Below zero and what is not finite become black.
+    """
+    finite = np.where(np.isfinite(values) & (values > 0), values, 0)
+    largest = float(finite.max())
+    if values.dtype.kind == "f" and largest <= 1.0:
+        return (finite * 255.0).astype(np.uint8)
+    used = int(largest).bit_length()
+    bits = next((bits for bits in SENSOR_BITS if used <= bits), used)
+    # Not by float arithmetic where integers do: 16 bits keep their upper byte as it is.
+    return (finite.astype(np.int64) >> (bits - 8)).astype(np.uint8)
 
 
 def to_gray(rgb: Rgb) -> Gray:
@@ -101,12 +195,12 @@ def shrink(image: NDArray[np.uint8], max_side_px: int) -> tuple[NDArray[np.uint8
 
 
 def measure_quality(gray: Gray) -> ImageQuality:
-    """Measure a grey image (height, width), independent of its resolution above 320 pixels.
+    """Measure a grey image (height, width), independent of its resolution above `quality_side_px`.
 
     `sharpness` is the variance of the Laplacian over the variance of the image (small: blurred), `brightness`
     the mean grey value, `contrast` its standard deviation.
     """
-    small, _ = shrink(gray, 320)
+    small, _ = shrink(gray, OPTIONS.quality_side_px)
     values = small.astype(np.float32)
     contrast = float(values.std())
     laplacian = cv2.Laplacian(cv2.GaussianBlur(values, (3, 3), 0), cv2.CV_32F)

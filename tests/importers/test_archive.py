@@ -111,7 +111,9 @@ def test_only_what_the_importers_read_is_written(tmp_path: Path, make: Callable[
     archive = make(tmp_path / "a", {name: b"x" * (2 * MIB if "big" in name else 9) for name in names})
     root = extract_archive(archive, tmp_path / "out", SMALL if make is make_zip else None)
     assert root == tmp_path / "out/scan"
-    assert extracted(root) == ["rgb.txt"]
+    assert extracted(root) == ["big.bag", "rgb.txt"]
+    # A recording is there by name alone, so that its format can be named.
+    assert (root / "big.bag").stat().st_size == 0
 
 
 HOSTILE_NAMES = [

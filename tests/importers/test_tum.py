@@ -128,7 +128,11 @@ def test_missing_and_empty_lists(tmp_path: Path, name: str, message: str) -> Non
         ("rgb.txt", "noon rgb/a.png", "rgb.txt line 5: 'noon' must be numbers"),
         ("depth.txt", "nan depth/a.png", "depth.txt line 5: the timestamp 'nan'"),
         ("groundtruth.txt", "0.5 1 2 3", "groundtruth.txt line 5: expected 8 columns"),
-        ("groundtruth.txt", "0.5 1 2 3 a b c d", "groundtruth.txt line 5: '1 2 3 a b c d' must be numbers"),
+        (
+            "groundtruth.txt",
+            "0.5 1 2 3 a b c d",
+            "groundtruth.txt line 5: '0.5 1 2 3 a b c d' must be numbers",
+        ),
         ("groundtruth.txt", "inf 1 2 3 0 0 0 1", "groundtruth.txt line 5: the timestamp 'inf'"),
         ("rgb.txt", "0.5 ../secret.png", "must lie inside"),
         ("rgb.txt", "0.5 rgb/../../secret.png", "must lie inside"),

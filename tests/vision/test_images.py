@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from app.errors import ImageTooLargeError, InvalidImageError, UnsupportedImageError
-from app.vision.images import MAX_ASPECT, decode_image, measure_quality, shrink, to_gray
+from app.vision.images import OPTIONS, decode_image, measure_quality, shrink, to_gray
 
 ORIENTATION = 0x0112
 
@@ -152,7 +152,7 @@ def test_size_limits_hold_before_decoding() -> None:
     with pytest.raises(ImageTooLargeError, match="96 x 64"):
         decode_image(data, max_pixels=6000)
     assert decode_image(data, max_pixels=96 * 64).shape == (64, 96, 3)
-    for width, height in ((31, 64), (64, 31), (32 * MAX_ASPECT + 1, 32)):
+    for width, height in ((31, 64), (64, 31), (32 * int(OPTIONS.max_aspect_ratio) + 1, 32)):
         with pytest.raises(InvalidImageError):
             decode_image(file_of(Image.fromarray(picture(width, height)), "PNG"))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,9 +100,7 @@ def test_a_scan_gives_thresholds_inside_its_own_differences(scan: Scan) -> None:
 def test_false_matches_do_not_count(scan: Scan) -> None:
     """With the depth of another scale hardly any match is confirmed, though as many descriptors match."""
     good = calibrated(scan)
-    wrong = Scan(
-        scan.camera, scan.frames, scan.discarded, type(scan.depth)(scan.depth.scale * 3, scan.depth.camera)
-    )
+    wrong = replace(scan, depth=replace(scan.depth, scale=scan.depth.scale * 3))
     assert calibrated(wrong).position.matches.mean() < 0.2 * good.position.matches.mean()
 
 
@@ -116,11 +115,11 @@ def test_a_build_chooses_keyframes_by_its_calibration(scan: Scan) -> None:
 
 
 def test_a_scan_of_two_frames_is_refused(scan: Scan) -> None:
-    short = Scan(scan.camera, scan.frames[:2], scan.discarded, scan.depth)
+    short = replace(scan, frames=scan.frames[:2])
     with pytest.raises(InvalidScanError):
         calibrated(short)
     with pytest.raises(InvalidScanError, match="moving camera"):
-        calibrated(Scan(scan.camera, scan.frames[:1], scan.discarded, scan.depth))
+        calibrated(replace(scan, frames=scan.frames[:1]))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, pinhole
 from app.vision.exif import PhotoTags
 
-IPHONE = PhotoTags("Apple", "iPhone 12", recorded_size=(4032, 3024))
+IPHONE = PhotoTags(make="Apple", model="iPhone 12", recorded_size=(4032, 3024))
 # 26 mm on a 4:3 sensor by the diagonal.
 MAIN_PX = 26 / 43.2666 * 5040
 
@@ -49,7 +49,7 @@ def test_tags_tell_the_focal_length(tags: PhotoTags, source: str, focal_px: floa
     "tags",
     [
         PhotoTags(),
-        PhotoTags("Nobody", "Brick", recorded_size=(4032, 3024)),
+        PhotoTags(make="Nobody", model="Brick", recorded_size=(4032, 3024)),
         PhotoTags(focal_mm=4.2),
         replace(IPHONE, focal_mm=1.54),
         replace(IPHONE, focal_35mm=26.0, recorded_size=(4032, 2000)),

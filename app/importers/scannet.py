@@ -1,0 +1,149 @@
+"""ScanNet as its exporter writes it: `color/0.jpg`, `depth/0.png`, `pose/0.txt` and the folder `intrinsic`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.se3 import Pose
+from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.folder import ScanFolder
+from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
+from app.importers.pose_files import read_pose_files
+from app.importers.scan_files import numbers, read_gravity, read_text, rows
+from app.limits import limit
+
+FOLDERS = ("color", "depth", "pose")
+DEFAULT_DEPTH_SCALE = 1000.0
+FRAME_RATE_HZ = 30.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanNetOptions:
+    """When images and intrinsics don't belong together."""
+
+    max_principal_offset_ratio: float = limit(
+        0.2,
+        "How far the principal point may be from the middle of the image, over half its size.",
+        chosen="By hand: real ones are within 0.05; images resized from 1296 to 640 pixels give 1.0.",
+    )
+
+
+OPTIONS = ScanNetOptions()
+_NUMBERED = re.compile(r"(\d{1,9})\.(?:jpe?g|png)$", re.IGNORECASE)
+_DEPTH_SUFFIXES = (".png", ".pgm", ".tiff", ".npy")
+
+
+def detect(directory: Path) -> bool:
+    """Return whether the folder holds the three folders of numbered files."""
+    folder = ScanFolder(directory)
+    found = [folder.subfolder(name) for name in FOLDERS]
+    return all(found) and found[0] is not None and bool(_images(folder, found[0]))
+
+
+def open_scan(directory: Path, options: ScanOptions) -> Scan:
+    """Return the scan of a folder as ScanNet's exporter leaves it.
+
+    Colour and depth have a camera each, in `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`; the depth is
+    registered to the colour image, both cameras in one place, as the exporter's extrinsics say. Poses are
+    `scan_from_camera`; `-inf` stands for lost tracking. Raises `InvalidScanError` for images of another size than the
+    intrinsics are for, and for missing files.
+    """
+    folder = ScanFolder(directory)
+    color_folder = folder.subfolder("color")
+    images = {} if color_folder is None else _images(folder, color_folder)
+    if not images:
+        raise InvalidScanError("The scan has no color/0.jpg and so on.")
+    source = ScanSource(
+        camera=options.camera or _intrinsics(folder, "intrinsic/intrinsic_color.txt"),
+        depth_camera=_intrinsics(folder, "intrinsic/intrinsic_depth.txt"),
+        depth_scale=None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+        gravity=read_gravity(directory),
+    )
+    if options.camera is None:
+        _check_size(next(iter(images.values())), source.camera)
+    if options.color_from_depth is None:
+        _check_extrinsics(folder)
+    discarded = Discarded()
+    return assemble_scan(_frames(folder, images, discarded), discarded, source, options)
+
+
+def _images(folder: ScanFolder, color: Path) -> dict[int, Path]:
+    found = ((_NUMBERED.fullmatch(path.name), path) for path in folder.files_in(color))
+    return dict(sorted((int(match.group(1)), path) for match, path in found if match))
+
+
+def _frames(folder: ScanFolder, images: dict[int, Path], discarded: Discarded) -> list[Frame]:
+    complete = []
+    for number, color in images.items():
+        name, stem = folder.name_of(color), color.stem
+        depths = (folder.find(f"depth/{stem}{suffix}", "the scan") for suffix in _DEPTH_SUFFIXES)
+        depth = next(filter(None, depths), None)
+        pose = folder.find(f"pose/{stem}.txt", "the scan")
+        if depth is None:
+            detail = f"depth/{stem}.png isn't there: {folder.instead(f'depth/{stem}.png')}"
+            discarded.add("no_depth", name, detail)
+        elif pose is None:
+            detail = f"pose/{stem}.txt isn't there: {folder.instead(f'pose/{stem}.txt')}"
+            discarded.add("no_pose", name, detail)
+        elif folder.find(name, "the scan") is not None:
+            complete.append((number, name, color, depth, pose))
+    poses, _ = read_pose_files([row[4] for row in complete], [row[1] for row in complete], discarded)
+    return [
+        Frame(name, number / FRAME_RATE_HZ, color, depth, pose)
+        for (number, name, color, depth, _), pose in zip(complete, poses, strict=True)
+        if pose is not None
+    ]
+
+
+def _intrinsics(folder: ScanFolder, name: str) -> tuple[float, ...]:
+    K = _matrix(folder, name)
+    if K is None:
+        raise InvalidScanError(f"{name} is missing: it holds the camera, a matrix of 3x3 or 4x4.")
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+
+
+def _matrix(folder: ScanFolder, name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
+    path = folder.find(name, "the scan")
+    if path is None:
+        return None
+    values = numbers([cell for row in rows(read_text(path)) for cell in row.cells()], name)
+    side = {9: 3, 16: 4}.get(len(values))
+    if side is None or not np.isfinite(values).all():
+        raise InvalidScanError(f"{name} must hold a matrix of 3x3 or 4x4 numbers, not {len(values)} of them.")
+    return np.array(values).reshape(side, side)
+
+
+def _check_size(image: Path, intrinsics: object) -> None:
+    """Raise if the principal point is far from the middle of an image: it was resized after it was exported."""
+    size = color_size(image)
+    if size is None or not isinstance(intrinsics, tuple):
+        return
+    offset = max(abs(2 * intrinsics[2 + i] / size[i] - 1) for i in (0, 1))
+    if offset > OPTIONS.max_principal_offset_ratio:
+        raise InvalidScanError(
+            f"{image.name} has {size[0]} x {size[1]} pixels, but intrinsic_color.txt is for about "
+            f"{2 * intrinsics[2]:.0f} x {2 * intrinsics[3]:.0f}: the images were resized; give `camera` for them."
+        )
+
+
+def _check_extrinsics(folder: ScanFolder) -> None:
+    """Raise for colour and depth cameras that are stated to be apart, which ScanNet's exporter never writes."""
+    for name in ("intrinsic/extrinsic_color.txt", "intrinsic/extrinsic_depth.txt"):
+        matrix = _matrix(folder, name)
+        try:
+            apart = matrix is not None and not np.allclose(
+                Pose.from_matrix(matrix).matrix, np.eye(4), atol=1e-4
+            )
+        except InvalidPoseError:
+            raise InvalidScanError(f"{name} must hold a 4x4 matrix with a rotation.") from None
+        if apart:
+            raise InvalidScanError(
+                f"{name} says that colour and depth camera are apart: give depth_camera and color_from_depth."
+            )
