@@ -27,18 +27,25 @@ def map_of(
     total = sum(counts)
     pixels = [CAMERA.project(pose.inverse().apply(each)) for pose, each in zip(poses, points, strict=True)]
     arrays = MapArrays(
-        np.stack([pose.translation for pose in poses]),
-        np.stack([pose.quaternion for pose in poses]),
-        np.zeros(len(poses), np.int32),
-        np.cumsum([0, *counts]).astype(np.int64),
-        np.concatenate(pixels).astype(np.float32),
-        np.concatenate(points).astype(np.float32),
-        np.full(total, 0.01, np.float32),
-        np.full(total, np.inf, np.float16)
+        positions=np.stack([pose.translation for pose in poses]),
+        quaternions=np.stack([pose.quaternion for pose in poses]),
+        camera_rows=np.zeros(len(poses), np.int32),
+        offsets=np.cumsum([0, *counts]).astype(np.int64),
+        keypoints_px=np.concatenate(pixels).astype(np.float32),
+        points_in_world=np.concatenate(points).astype(np.float32),
+        point_sigma_m=np.full(total, 0.01, np.float32),
+        distance_elsewhere=np.full(total, np.inf, np.float16)
         if distance_elsewhere is None
         else np.concatenate(distance_elsewhere).astype(np.float16),
-        np.full(total, -1, np.int32) if keyframe_elsewhere is None else np.concatenate(keyframe_elsewhere),
-        np.concatenate(descriptors),
+        keyframe_elsewhere=np.full(total, -1, np.int32)
+        if keyframe_elsewhere is None
+        else np.concatenate(keyframe_elsewhere),
+        descriptors=np.concatenate(descriptors),
     )
     names = tuple(f"{i}.png" for i in range(len(poses)))
-    return MapArtifact(MapMetadata("sift", "", 8, (CAMERA,), names), arrays)
+    return MapArtifact(
+        MapMetadata(
+            features="sift", descriptor_sha256="", descriptor_size=8, cameras=(CAMERA,), keyframe_names=names
+        ),
+        arrays,
+    )

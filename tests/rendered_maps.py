@@ -44,7 +44,11 @@ def map_of_views(views: Sequence[View]) -> tuple[MapArtifact, GlobalIndex]:
     )
     described = np.stack([descriptor.describe(view.rgb) for view in views])
     metadata = MapMetadata(
-        "sift", descriptor.sha256, described.shape[1], (CAMERA,), bare.metadata.keyframe_names
+        features="sift",
+        descriptor_sha256=descriptor.sha256,
+        descriptor_size=described.shape[1],
+        cameras=(CAMERA,),
+        keyframe_names=bare.metadata.keyframe_names,
     )
     arrays = replace(arrays, distance_elsewhere=distance, keyframe_elsewhere=keyframe)
     return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(described)

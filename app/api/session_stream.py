@@ -33,7 +33,10 @@ HINTS = ("camera", "gravity", "motion", "timestamp")
 MAX_HINT_CHARACTERS = 10_000
 # While all workers are occupied the frame waits, or a newer one in its place.
 RETRY_S = 0.02
-CLOSE_REPLACED, CLOSE_TOO_BIG, CLOSE_GONE = 4000, 1009, 4404
+# Close codes: another connection took the session over, a message was too large (RFC 6455), the session is gone.
+CLOSE_REPLACED = 4000
+CLOSE_TOO_BIG = 1009
+CLOSE_GONE = 4404
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class Waiting:
     motion: Pose | None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Stream:
     """One connection. What waits is one frame at most: a newer one takes its place."""
 
@@ -112,7 +115,7 @@ async def stream(socket: WebSocket, session: str) -> None:
         await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
         return
     await socket.accept()
-    connection = Stream(socket, session)
+    connection = Stream(socket=socket, session=session)
     # A phone that comes back may do so before its old connection is known to be dead.
     older, _streams[session] = _streams.get(session), connection
     if older is not None:

@@ -16,7 +16,7 @@ from app.storage.blobs import BlobStore
 from app.storage.db import Database
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Resources:
     """Opened once per process by whoever wires it: the server, the build worker, the command line."""
 
@@ -36,12 +36,12 @@ class Resources:
         database = Database(settings.resolved_database_url)
         database.migrate()
         return Resources(
-            settings,
-            database,
-            BlobStore.open(settings.blob_url, settings.data_dir, settings.cache_dir),
-            open_models(settings),
-            ThreadPoolExecutor(settings.workers, thread_name_prefix="compute"),
-            settings.scratch_dir,
+            settings=settings,
+            database=database,
+            blobs=BlobStore.open(settings.blob_url, settings.data_dir, settings.cache_dir),
+            models=open_models(settings),
+            executor=ThreadPoolExecutor(settings.workers, thread_name_prefix="compute"),
+            scratch_dir=settings.scratch_dir,
         )
 
     def close(self) -> None:

@@ -13,18 +13,39 @@ from app.engine.navigation.language import Speaker, language_of
 from app.engine.navigation.model import Route
 from app.engine.navigation.places import PlanPlace, parse_place
 from app.errors import NoRouteError, OffNetworkError
+from app.limits import limit
 from app.services.routes import RouteService
 
-# Somebody who is off the route on so many frames in a row gets a new one; one frame may be wrong.
-OFF_ROUTE_FRAMES = 3
+BY_WALKS = "roomfix simulate; docs/simulation.md."
+
 LOST = "The last frame was not located: the way goes on as soon as one is."
-# Who is not seen for a moment goes on as told: for so far at most, turning and walking no slower than this.
-GO_ON_M, TURN_DEG_S, PACE_M_S = 4.0, 30.0, 0.9
-# On stairs and lifts little is seen: there it takes as long as a floor.
-GO_ON_FLOOR_S = 20.0
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionGuidanceOptions:
+    """How long guidance holds for somebody who is not located, or is off the route."""
+
+    off_route_frames: int = limit(
+        3,
+        "Frames in a row off the route after which a new one is made; one frame may be wrong.",
+        chosen=BY_WALKS,
+    )
+    go_on_m: float = limit(
+        4.0, "Longest way that somebody who is not located is told to go on.", chosen=BY_WALKS
+    )
+    turn_deg_s: float = limit(30.0, "Slowest that somebody turns.", chosen="By hand.")
+    pace_m_s: float = limit(0.9, "Slowest that somebody walks.", chosen="By hand: a slow walker.")
+    go_on_floor_s: float = limit(
+        20.0,
+        "Time for which guidance holds on the way to another floor, where little is seen.",
+        chosen="By hand: a flight of stairs.",
+    )
+
+
+OPTIONS = SessionGuidanceOptions()
+
+
+@dataclass(slots=True, kw_only=True)
 class Way:
     """The route that a session follows; kept in memory only, since any frame can make it anew."""
 
@@ -78,7 +99,9 @@ class SessionGuide:
             }
         if destination is None or floor is None or plan is None:
             return None
-        planned = way.route is None or way.destination != destination or way.off_route >= OFF_ROUTE_FRAMES
+        planned = (
+            way.route is None or way.destination != destination or way.off_route >= OPTIONS.off_route_frames
+        )
         if planned:
             problem = self._plan(way, venue_id, destination, floor, plan)
             if problem is not None:
@@ -115,7 +138,7 @@ def _go_on_m(way: Way, time_s: float) -> float | None:
         return None
     away_s = abs(time_s - way.told_s)
     if told.turn in ("up", "down") and told.bearing_deg is None:
-        return told.distance_m if away_s <= GO_ON_FLOOR_S else None
-    stretch_m = min(max(told.distance_m, GUIDANCE.arrow_ahead_m), GO_ON_M)
-    needed_s = abs(told.bearing_deg or 0.0) / TURN_DEG_S + stretch_m / PACE_M_S
+        return told.distance_m if away_s <= OPTIONS.go_on_floor_s else None
+    stretch_m = min(max(told.distance_m, GUIDANCE.arrow_ahead_m), OPTIONS.go_on_m)
+    needed_s = abs(told.bearing_deg or 0.0) / OPTIONS.turn_deg_s + stretch_m / OPTIONS.pace_m_s
     return stretch_m if away_s <= needed_s else None

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-QUERY, TRACKING, SERVICES = "tests/engine/query", "tests/engine/tracking", "tests/services"
+QUERY = "tests/engine/query"
+TRACKING = "tests/engine/tracking"
+SERVICES = "tests/services"
 MUSEUM = f"{QUERY}/test_abstention.py::test_a_room_that_is_in_the_map_twice_is_ambiguous"
 
 

@@ -177,7 +177,7 @@ def motion_json(motion: Pose) -> str:
 
 def test_motion_of_skipped_frames_adds_up(video: list[View]) -> None:
     poses = [view.world_from_camera for view in video[:4]]
-    stream = Stream(cast(WebSocket, None), "s")
+    stream = Stream(socket=cast(WebSocket, None), session="s")
 
     async def skip(hints: list[str]) -> Pose | None:
         for text in hints:

@@ -30,7 +30,7 @@ class MapArtifactError(RoomfixError):
     code = "damaged_map"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapMetadata:
     """What a map was made with: feature method, model of the global descriptor, cameras.
 
@@ -55,7 +55,7 @@ class MapMetadata:
         return tuple((camera, Lens((*camera.params, 0.0)[4], sigma)) for camera, sigma in pairs if sigma > 0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapArrays:
     """A map's numbers for k keyframes with f features in all.
 
@@ -176,12 +176,12 @@ def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:
         Camera(c["model"], c["width"], c["height"], tuple(c["params"])) for c in values["cameras"]
     )
     return MapMetadata(
-        values["features"],
-        values["descriptor_sha256"],
-        values["descriptor_size"],
-        cameras,
-        tuple(values["keyframe_names"]),
-        values["position_sigma_m"],
-        values["orientation_sigma_deg"],
-        tuple(values.get("lens_sigmas", [0.0] * len(cameras))),
+        features=values["features"],
+        descriptor_sha256=values["descriptor_sha256"],
+        descriptor_size=values["descriptor_size"],
+        cameras=cameras,
+        keyframe_names=tuple(values["keyframe_names"]),
+        position_sigma_m=values["position_sigma_m"],
+        orientation_sigma_deg=values["orientation_sigma_deg"],
+        lens_sigmas=tuple(values.get("lens_sigmas", [0.0] * len(cameras))),
     )

@@ -84,7 +84,14 @@ def test_no_lens_is_made_up() -> None:
     assert found.coefficient == 0.0
     made = refined(views)
     assert (made.camera, made.lens_sigma) == (CAMERA, found.sigma)
-    shown = MapMetadata("sift", "", 8, (made.camera,), ("0.png",), lens_sigmas=(made.lens_sigma,))
+    shown = MapMetadata(
+        features="sift",
+        descriptor_sha256="",
+        descriptor_size=8,
+        cameras=(made.camera,),
+        keyframe_names=("0.png",),
+        lens_sigmas=(made.lens_sigma,),
+    )
     # A query by the same camera needs no lens fitted, nor a session to learn it.
     assert lens_of_query(shown, CAMERA) == found
     assert not found.is_guess
@@ -104,7 +111,14 @@ def test_too_few_views_show_no_lens(bent: dict[int, View]) -> None:
 @pytest.fixture
 def metadata() -> MapMetadata:
     """A map whose scan showed its lens."""
-    return MapMetadata("sift", "", 8, (Lens(-0.03).of(CAMERA),), ("0.png",), lens_sigmas=(0.003,))
+    return MapMetadata(
+        features="sift",
+        descriptor_sha256="",
+        descriptor_size=8,
+        cameras=(Lens(-0.03).of(CAMERA),),
+        keyframe_names=("0.png",),
+        lens_sigmas=(0.003,),
+    )
 
 
 def test_a_query_by_the_camera_of_the_scan_has_its_lens(metadata: MapMetadata) -> None:

@@ -35,7 +35,16 @@ def make_map(features: tuple[int, ...] = (5, 0, 7), dtype: type = np.uint8, widt
         Camera("OPENCV", 320, 240, (262.1, 262.2, 159.5, 119.5, -0.1, 0.01, 0.001, 0.002)),
     )
     names = tuple(f"rgb/bild № {i}.png" for i in range(len(features)))
-    return MapArtifact(MapMetadata("orb", "ab" * 32, 4096, cameras, names), arrays)
+    return MapArtifact(
+        MapMetadata(
+            features="orb",
+            descriptor_sha256="ab" * 32,
+            descriptor_size=4096,
+            cameras=cameras,
+            keyframe_names=names,
+        ),
+        arrays,
+    )
 
 
 @pytest.fixture

@@ -28,19 +28,28 @@ def retrieval() -> Retrieval:
     descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True)
     count = len(positions)
     arrays = MapArrays(
-        positions,
-        np.tile(Pose(ALONG_X, np.zeros(3)).quaternion, (count, 1)),
-        np.zeros(count, np.int32),
-        np.zeros(count + 1, np.int64),
-        np.zeros((0, 2), np.float32),
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.float32),
-        np.zeros(0, np.float16),
-        np.zeros(0, np.int32),
-        np.zeros((0, 128), np.uint8),
+        positions=positions,
+        quaternions=np.tile(Pose(ALONG_X, np.zeros(3)).quaternion, (count, 1)),
+        camera_rows=np.zeros(count, np.int32),
+        offsets=np.zeros(count + 1, np.int64),
+        keypoints_px=np.zeros((0, 2), np.float32),
+        points_in_world=np.zeros((0, 3), np.float32),
+        point_sigma_m=np.zeros(0, np.float32),
+        distance_elsewhere=np.zeros(0, np.float16),
+        keyframe_elsewhere=np.zeros(0, np.int32),
+        descriptors=np.zeros((0, 128), np.uint8),
     )
     names = tuple(str(i) for i in range(count))
-    artifact = MapArtifact(MapMetadata("sift", "0" * 64, 64, (CAMERA,), names), arrays)
+    artifact = MapArtifact(
+        MapMetadata(
+            features="sift",
+            descriptor_sha256="0" * 64,
+            descriptor_size=64,
+            cameras=(CAMERA,),
+            keyframe_names=names,
+        ),
+        arrays,
+    )
     return Retrieval(artifact, GlobalIndex.from_descriptors(descriptors.astype(np.float32)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ class PointOptions:
 OPTIONS = PointOptions()
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class TrackedPoints:
     """Points being followed.
 
@@ -72,7 +72,14 @@ class TrackedPoints:
         """Return no points."""
         zero, line = np.zeros((0, 3)), np.zeros(0)
         return TrackedPoints(
-            np.zeros(0, np.int64), np.zeros((0, 2)), zero, zero, line, line, line, np.zeros(0, dtype=bool)
+            ids=np.zeros(0, np.int64),
+            pixels=np.zeros((0, 2)),
+            origin=zero,
+            ray=zero,
+            inverse_m=line,
+            inverse_sigma=line,
+            across_m=line,
+            from_fix=np.zeros(0, dtype=bool),
         )
 
     @staticmethod
@@ -90,14 +97,14 @@ class TrackedPoints:
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         n = len(pixels)
         return TrackedPoints(
-            ids,
-            pixels,
-            np.tile(frame_from_camera.translation, (n, 1)),
-            rays,
-            np.full(n, 1.0 / distances_m),
-            np.full(n, share / distances_m),
-            np.zeros(n),
-            np.zeros(n, dtype=bool),
+            ids=ids,
+            pixels=pixels,
+            origin=np.tile(frame_from_camera.translation, (n, 1)),
+            ray=rays,
+            inverse_m=np.full(n, 1.0 / distances_m),
+            inverse_sigma=np.full(n, share / distances_m),
+            across_m=np.zeros(n),
+            from_fix=np.zeros(n, dtype=bool),
         )
 
     @staticmethod
@@ -113,14 +120,14 @@ class TrackedPoints:
         distances = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         n = len(pixels)
         return TrackedPoints(
-            ids,
-            pixels,
-            np.tile(frame_from_camera.translation, (n, 1)),
-            rays / distances[:, None],
-            1.0 / distances,
-            np.zeros(n),
-            across_m,
-            np.ones(n, dtype=bool),
+            ids=ids,
+            pixels=pixels,
+            origin=np.tile(frame_from_camera.translation, (n, 1)),
+            ray=rays / distances[:, None],
+            inverse_m=1.0 / distances,
+            inverse_sigma=np.zeros(n),
+            across_m=across_m,
+            from_fix=np.ones(n, dtype=bool),
         )
 
     def __len__(self) -> int:
@@ -138,25 +145,25 @@ class TrackedPoints:
 
     def take(self, rows: Mask | NDArray[np.intp]) -> TrackedPoints:
         """Return the points of the given rows."""
-        return TrackedPoints(*(getattr(self, name)[rows] for name in TrackedPoints.__slots__))
+        return TrackedPoints(**{name: getattr(self, name)[rows] for name in FIELDS})
 
     def joined(self, other: TrackedPoints) -> TrackedPoints:
         """Return these points and the others."""
         return TrackedPoints(
-            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in TrackedPoints.__slots__)
+            **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in FIELDS}
         )
 
     def moved(self, new_from_old: Pose) -> TrackedPoints:
         """Return the points with their places moved by a correction of the frame that they are in."""
         return TrackedPoints(
-            self.ids,
-            self.pixels,
-            new_from_old.apply(self.origin),
-            self.ray @ new_from_old.rotation.T,
-            self.inverse_m,
-            self.inverse_sigma,
-            self.across_m,
-            self.from_fix,
+            ids=self.ids,
+            pixels=self.pixels,
+            origin=new_from_old.apply(self.origin),
+            ray=self.ray @ new_from_old.rotation.T,
+            inverse_m=self.inverse_m,
+            inverse_sigma=self.inverse_sigma,
+            across_m=self.across_m,
+            from_fix=self.from_fix,
         )
 
     def scaled(self, centre: Array, factor: float) -> TrackedPoints:
@@ -207,3 +214,6 @@ class TrackedPoints:
         )
         self.inverse_m[rows] = moved
         self.inverse_sigma[rows] = np.maximum(1.0 / np.sqrt(information), OPTIONS.least_depth_sigma * moved)
+
+
+FIELDS = tuple(each.name for each in fields(TrackedPoints))

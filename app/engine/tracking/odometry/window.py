@@ -67,7 +67,7 @@ class KeyView:
     pixels: Array
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Window:
     """The last keyframes, and the points that they see: `ids` (n,), places in the world (n, 3), and where a fix has
     each (n, 3), to within so many metres (n,), infinite for points of odometry's own. `monitor` is what a monitoring
