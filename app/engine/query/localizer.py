@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,8 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.query.accuracy import accuracy_in_map, with_map_error
 from app.engine.query.camera import fit_query_camera, lens_of_query
 from app.engine.query.contradiction import contradicted_in_map
+from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.intrinsics import CheckedCamera, check_intrinsics
 from app.engine.query.localization import Localization, same_place, votes_of
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.placed import Accuracy
@@ -50,7 +53,8 @@ class LocalizerSettings:
     places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
     may prove that the place is not unique. A frame that is not located gets a second attempt with `second_attempt`
     keyframes, turned ones too, and a third with the features of a faint image. `fit_lens` fits the lens of a camera
-    whose distortion isn't stated. Without `limits` those of the map's features hold.
+    whose distortion isn't stated; `check_intrinsics` compares a stated camera with the matches. Without
+    `limits` those of the map's features hold.
     """
 
     keyframes: int = limit(10, "Most similar keyframes that a query is matched with.", chosen=MEASURED)
@@ -96,6 +100,7 @@ class LocalizerSettings:
     estimator: Literal["lo_ransac", "epnp_lm"] = "lo_ransac"
     fundamental_filter: bool = False
     fit_lens: bool = True
+    check_intrinsics: bool = True
     limits: Limits | None = None
 
 
@@ -110,32 +115,9 @@ PAPER = LocalizerSettings(
     estimator="epnp_lm",
     fundamental_filter=True,
     fit_lens=False,
+    check_intrinsics=False,
     limits=Limits.none(),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Hypothesis:
-    """A pose, the matches that it was estimated from, and those of them that agree with it."""
-
-    estimate: PnpEstimate
-    matches: Matches
-    inliers: Matches
-
-    @staticmethod
-    def of(estimate: PnpEstimate, matches: Matches) -> Hypothesis:
-        """Return the hypothesis of an estimate from matches."""
-        return Hypothesis(estimate, matches, matches.take(estimate.inlier_mask))
-
-    @property
-    def pose(self) -> Pose:
-        """The pose, `world_from_camera`."""
-        return self.estimate.world_from_camera
-
-    @property
-    def rest(self) -> Matches:
-        """The matches that don't agree."""
-        return self.matches.take(~self.estimate.inlier_mask)
 
 
 class Localizer:
@@ -222,11 +204,16 @@ class Localizer:
             query.timer.lap("pose")
         if best is None:
             return _nothing(query, matches, camera)
+        checked = CheckedCamera(camera, best)
+        if isinstance(known, Camera) and self._settings.check_intrinsics:
+            checked = check_intrinsics(best, camera, self._estimate, partial(self._find_camera, query=query))
+            best, camera = checked.best, checked.camera
+            query.timer.lap("pose")
         rival = self._rival(matcher, best, camera)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
         sigmas = focal_sigma_of(known, camera), 0.0 if lens is None else lens.sigma
-        return self._conclude(matcher, best, rival, camera, sigmas)
+        return self._conclude(matcher, best, rival, checked, sigmas)
 
     def _fit_camera(
         self, best: Hypothesis, camera: Camera, known: Camera | ApproximateCamera | None, lens: Lens | None
@@ -313,12 +300,14 @@ class Localizer:
         matcher: QueryMatcher,
         best: Hypothesis,
         rival: Hypothesis | None,
-        camera: Camera,
+        checked: CheckedCamera,
         sigmas: tuple[float, float],
     ) -> Localization:
         """Return the outcome for the best pose: its accuracy, the evidence, and whether it can be trusted."""
         opened, query = self.map, matcher.query
+        camera = checked.camera
         own = accuracy_in_map(opened.artifact, best.inliers, camera, best.pose, *sigmas)
+        own = own.with_more(checked.systematic)
         accuracy = with_map_error(own, opened.artifact.metadata)
         evidence, reason = self._judged(matcher, best, rival, camera, own, accuracy)
         query.timer.lap("pose")
@@ -331,6 +320,7 @@ class Localizer:
             camera=camera,
             timings_ms=query.timer.milliseconds,
             candidate=best.pose,
+            is_refined=checked.is_refined,
         )
         return found if reason is None else found.refused(reason)
 

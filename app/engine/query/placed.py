@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from app.geometry.se3 import Pose
@@ -15,6 +16,13 @@ class Accuracy:
 
     position_m: float
     orientation_deg: float
+
+    def with_more(self, other: Accuracy) -> Accuracy:
+        """Return the accuracy with an independent error added."""
+        return Accuracy(
+            math.hypot(self.position_m, other.position_m),
+            math.hypot(self.orientation_deg, other.orientation_deg),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,33 @@
+"""A pose that a query may have, with the matches that speak for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.engine.query.matches import Matches
+from app.geometry.pnp import PnpEstimate
+from app.geometry.se3 import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """A pose, the matches that it was estimated from, and those of them that agree with it."""
+
+    estimate: PnpEstimate
+    matches: Matches
+    inliers: Matches
+
+    @staticmethod
+    def of(estimate: PnpEstimate, matches: Matches) -> Hypothesis:
+        """Return the hypothesis of an estimate from matches."""
+        return Hypothesis(estimate, matches, matches.take(estimate.inlier_mask))
+
+    @property
+    def pose(self) -> Pose:
+        """The pose, `world_from_camera`."""
+        return self.estimate.world_from_camera
+
+    @property
+    def rest(self) -> Matches:
+        """The matches that don't agree."""
+        return self.matches.take(~self.estimate.inlier_mask)

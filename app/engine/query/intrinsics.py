@@ -1,0 +1,175 @@
+"""Whether the matches of a query fit the camera that was stated for it: zoom, stabilisation and crops show here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy
+from app.geometry.camera import Camera
+from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics
+from app.geometry.pnp import PnpEstimate
+from app.geometry.se3 import Pose, rotation_angle_deg
+from app.limits import limit
+
+ON_ZOOMED = "roomfix evaluate-cameras on desk_rs and freiburg1_rpy; docs/figures/query-cameras.md."
+Estimate = Callable[[Matches, Camera, Pose | None], PnpEstimate | None]
+Search = Callable[[Matches], Camera | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntrinsicsCheckOptions:
+    """When a stated camera is doubted, and when another one is used in its place."""
+
+    min_features: int = limit(
+        12, "Fewest inliers that a camera is checked with.", chosen="By hand: nine unknowns need five points."
+    )
+    max_matches: int = limit(300, "Most matches that a camera is checked with.", chosen="By hand: for speed.")
+    doubt_log: float = limit(
+        0.025, "Change of the focal length's logarithm from which on a camera is doubted.", chosen=ON_ZOOMED
+    )
+    doubt_offset_share: float = limit(
+        0.04,
+        "Offset of the principal point, over the image's longer side, that is doubted.",
+        chosen=ON_ZOOMED,
+    )
+    doubt_sigmas: float = limit(2.0, "Sigmas by which a change must differ from none.", chosen=ON_ZOOMED)
+    rounds: int = limit(4, "Most rounds of refining a doubted camera.", chosen=ON_ZOOMED)
+    search_log: float = limit(
+        0.12,
+        "Change of the focal length's logarithm from which on all focal lengths are searched.",
+        chosen=ON_ZOOMED,
+    )
+    min_gain_ratio: float = limit(
+        1.12,
+        "Inliers with the refined camera, over those with the stated one, from which on it is used.",
+        chosen=ON_ZOOMED,
+    )
+    confirmed_sigma: float = limit(
+        0.01,
+        "Relative sigma of the focal length by the matches up to which they confirm a camera.",
+        chosen=ON_ZOOMED,
+    )
+    sure_gain_ratio: float = limit(
+        1.04,
+        "As min_gain_ratio, where the change of the focal length is beyond sure_sigmas.",
+        chosen=ON_ZOOMED,
+    )
+    sure_sigmas: float = limit(
+        4.0, "Sigmas of the focal length beyond which a smaller gain is enough.", chosen=ON_ZOOMED
+    )
+    refined_sigma: float = limit(
+        0.015,
+        "Relative standard deviation of a refined focal length: the errors of the map's points are common to all.",
+        chosen=ON_ZOOMED,
+    )
+
+
+OPTIONS = IntrinsicsCheckOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedCamera:
+    """The camera that an answer uses, the stated one or a refined one, and its pose.
+
+    `systematic` is one standard deviation of the pose by what is not known of the camera: all matches share it, so that
+    no covariance of theirs shows it.
+    """
+
+    camera: Camera
+    best: Hypothesis
+    systematic: Accuracy = Accuracy(0.0, 0.0)
+    is_refined: bool = False
+
+
+def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, search: Search) -> CheckedCamera:
+    """Return the stated camera, or a refined one where the matches fit it far better.
+
+    A camera that the matches don't contradict is taken as stated. One that they contradict without showing which other
+    one it is, or leave open, leaves the pose uncertain by what the other camera would change of it. `estimate` returns the pose of
+    matches, `search` the pinhole of any focal length that most of them agree with.
+    """
+    fit = _fit(best, camera)
+    if fit is None:
+        return CheckedCamera(camera, best)
+    if not _is_doubted(fit, camera):
+        is_confirmed = fit.focal_sigma <= OPTIONS.confirmed_sigma
+        return (
+            CheckedCamera(camera, best)
+            if is_confirmed
+            else CheckedCamera(camera, best, _left_open(best, fit))
+        )
+    refined = _refined(best, camera, fit, estimate, search)
+    if refined is not None:
+        return refined
+    return CheckedCamera(camera, best, _left_open(best, fit))
+
+
+def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
+    """Return by how much another camera that the matches allow would change a pose."""
+    apart = best.pose.inverse() @ fit.pose
+    return Accuracy(float(np.linalg.norm(apart.translation)), rotation_angle_deg(apart.rotation))
+
+
+def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
+    if best.inliers.feature_count < OPTIONS.min_features:
+        return None
+    step = -(-len(best.inliers) // OPTIONS.max_matches)
+    pixels, points = best.inliers.points_px[::step], best.inliers.points_in_world[::step]
+    return free_intrinsics(pixels, points, camera, best.pose)
+
+
+def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
+    zoom = max(OPTIONS.doubt_log, OPTIONS.doubt_sigmas * fit.focal_sigma)
+    shift_px = OPTIONS.doubt_offset_share * max(camera.width, camera.height)
+    shifts_px = np.maximum(shift_px, OPTIONS.doubt_sigmas * fit.sigmas[1:])
+    return abs(fit.log_focal) > zoom or bool(np.any(np.abs(fit.offset_px) > shifts_px))
+
+
+def _refined(
+    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, estimate: Estimate, search: Search
+) -> CheckedCamera | None:
+    """Return a camera with far more inliers than the stated one, None where refining leads to none."""
+    found: CheckedCamera | None = None
+    for candidate, pose in _starts(best, camera, fit, search):
+        tried, prior = candidate, pose
+        for _ in range(OPTIONS.rounds):
+            again = estimate(best.matches, tried, prior)
+            if again is None:
+                break
+            hypothesis = Hypothesis.of(again, best.matches)
+            if found is not None and hypothesis.inliers.feature_count <= found.best.inliers.feature_count:
+                break
+            next_fit = _fit(hypothesis, tried)
+            found = CheckedCamera(tried, hypothesis, _uncertainty(hypothesis, next_fit), is_refined=True)
+            if next_fit is None:
+                break
+            tried, prior = next_fit.camera, next_fit.pose
+    if found is None:
+        return None
+    gain = found.best.inliers.feature_count / best.inliers.feature_count
+    is_sure = abs(fit.log_focal) > OPTIONS.sure_sigmas * fit.focal_sigma
+    return found if gain >= (OPTIONS.sure_gain_ratio if is_sure else OPTIONS.min_gain_ratio) else None
+
+
+def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
+    """Return what an unknown share of the focal length changes of a pose: it moves along its axis."""
+    sigma = max(OPTIONS.refined_sigma, 0.0 if fit is None else fit.focal_sigma)
+    distances = np.linalg.norm(found.inliers.points_in_world - found.pose.translation, axis=1)
+    return Accuracy(sigma * float(np.median(distances)), float(np.degrees(sigma)) / 2)
+
+
+def _starts(
+    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, search: Search
+) -> Iterator[tuple[Camera, Pose | None]]:
+    """Yield the cameras from which refining starts, with the pose where one is known."""
+    yield fit.camera, fit.pose
+    if abs(fit.log_focal) > OPTIONS.search_log:
+        searched = search(best.matches)
+        if searched is not None:
+            zoom = float(np.log(searched.focal_px / camera.focal_px))
+            yield changed_camera(camera, [zoom, 0.0, 0.0]), None
