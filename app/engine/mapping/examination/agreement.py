@@ -36,12 +36,17 @@ class AgreementOptions:
         "The least parallax of a triangulated match, at the focal length of reference.",
         chosen="By hand: a tenth of it is the error of a feature.",
     )
-    min_front_matches: int = limit(
-        30, "Triangulated matches that show on which side of the cameras points lie.", chosen="By hand."
+    min_front_parallax_px: float = limit(
+        10.0,
+        "The least parallax of a match that shows on which side of the cameras its point lies.",
+        chosen="By hand: a degree, which good poses are not off between frames that agree otherwise.",
+    )
+    min_front_pairs: int = limit(
+        2, "Pairs that show on which side of the cameras points lie.", chosen="By hand: one may be a false match."
     )
     min_front_share: float = limit(
-        0.7,
-        "Right poses put at least this share of them in front.",
+        0.5,
+        "Right poses put the points of at least this share of these pairs in front.",
         chosen="By hand: the opposite motion puts nearly none there, the right one nearly all.",
     )
 
@@ -70,7 +75,7 @@ class Agreement:
 
     `score` is the usual epipolar error over what a right scan may have: at most 1 is right. It is infinite when the
     points would lie behind the cameras. `error_px` is the usual error at the focal length of reference;
-    `front_share` the share of points in front, NaN where too few are triangulated.
+    `front_share` the share of pairs whose points lie in front, NaN where too few show it.
     """
 
     score: float
@@ -161,13 +166,16 @@ def wide_matches(evidence: Evidence, parallax_px: Array, of_pairs_px: Array) -> 
     usual_px = group_medians(parallax_px, evidence.pair, evidence.pairs)
     wrong_px = np.hypot(np.maximum(of_pairs_px, LIMITS.min_noise_px), OPTIONS.motion_ratio * evidence.motion_px)
     counts = usual_px > np.maximum(OPTIONS.min_parallax_px, OPTIONS.min_parallax_ratio * wrong_px)
+    counts &= of_pairs_px <= evidence.tolerance_px
     wide = counts[evidence.pair] & (parallax_px > 0.5 * usual_px[evidence.pair])
     return wide, wrong_px / usual_px
 
 
 def _front_share(evidence: Evidence, rays: Rays, relative: PoseArrays, of_pairs_px: Array) -> float:
     first_m, second_m, parallax = triangulated(evidence, rays, relative)
-    wide, _ = wide_matches(evidence, parallax * REFERENCE_FOCAL_PX, of_pairs_px)
-    if np.count_nonzero(wide) < OPTIONS.min_front_matches:
-        return float("nan")
-    return float(np.mean((first_m > 0)[wide] & (second_m > 0)[wide]))
+    parallax_px = parallax * REFERENCE_FOCAL_PX
+    wide, _ = wide_matches(evidence, parallax_px, of_pairs_px)
+    wide &= parallax_px > OPTIONS.min_front_parallax_px
+    votes = group_medians(((first_m > 0) & (second_m > 0))[wide].astype(float), evidence.pair[wide], evidence.pairs)
+    votes = votes[np.isfinite(votes)]
+    return float(np.mean(votes)) if len(votes) >= OPTIONS.min_front_pairs else float("nan")

@@ -32,6 +32,9 @@ class DepthRatioOptions:
     min_matches: int = limit(
         40, "Triangulated matches with depth that make a ratio.", chosen="By hand: two pairs' worth."
     )
+    shared_ratio: float = limit(
+        0.5, "Part of what is wrong with a pair's depth that all pairs share.", chosen="By hand: half of it."
+    )
     pair_sigma: float = limit(
         0.02, "What a pair's own depth and poses leave in the logarithm of its ratio.", chosen="By hand."
     )
@@ -75,11 +78,11 @@ def measure_depth_ratio(evidence: Evidence, rays: Rays, poses: PoseArrays) -> De
     known = np.isfinite(medians)
     sigmas = np.hypot(OPTIONS.pair_sigma, pair_sigmas[known])
     log_ratio = _weighted_median(medians[known], 1.0 / sigmas)
-    scatter = 1.48 * float(np.median(np.abs(medians[known] - log_ratio))) / np.sqrt(np.count_nonzero(known))
+    scatter = 1.48 * float(np.median(np.abs(medians[known] - log_ratio)) / np.sqrt(np.count_nonzero(known)))
     slope, slope_sigma = _slope(logs - medians[pair], lengths)
     return DepthRatio(
         ratio=float(np.exp(log_ratio)),
-        sigma=1.25 * max(float(1.0 / np.sqrt(np.sum(1.0 / sigmas**2))), scatter),
+        sigma=_sigma(sigmas, scatter),
         by_ray=slope,
         by_ray_sigma=slope_sigma,
         depth_m=float(np.median(measured)),
@@ -108,6 +111,13 @@ def _slope(residuals: Array, lengths: Array) -> tuple[float, float]:
         scale = max(1.48 * float(np.median(np.abs(left))), 1e-3)
         weights = 1.0 / (1.0 + (left / (2 * scale)) ** 2) ** 2
     return slope, scale / float(np.sqrt(max((weights * x * x).sum(), 1e-12)))
+
+
+def _sigma(of_pairs: Array, scatter: float) -> float:
+    """Return the sigma of the median of pairs with sigmas (p,) that scatter so much about it."""
+    by_chance = 1.25 * max(float(1.0 / np.sqrt(np.sum(1.0 / of_pairs**2))), scatter)
+    # Late clocks and rolling shutters are wrong the same way in every pair.
+    return float(np.hypot(by_chance, OPTIONS.shared_ratio * np.median(of_pairs)))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:
