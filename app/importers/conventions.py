@@ -24,7 +24,14 @@ Direction = Literal["world_from_camera", "camera_from_world", "rotation_transpos
 QuaternionOrder = Literal["xyzw", "wxyz"]
 
 OWN_AXES = "rdf"
-AXES_NAMES = {"opencv": "rdf", "opengl": "rub", "arkit": "rub", "blender": "rub", "ros": "flu", "unity": "ruf"}
+AXES_NAMES = {
+    "opencv": "rdf",
+    "opengl": "rub",
+    "arkit": "rub",
+    "blender": "rub",
+    "ros": "flu",
+    "unity": "ruf",
+}
 DIRECTIONS = ("world_from_camera", "camera_from_world", "rotation_transposed")
 QUATERNION_ORDERS = ("xyzw", "wxyz")
 _LETTERS = {
@@ -149,9 +156,7 @@ def parse_axes(name: str) -> str:
 def _all_axes() -> tuple[str, ...]:
     pairs = ("rl", "du", "fb")
     return tuple(
-        "".join(letters[i] for i in order)
-        for letters in product(*pairs)
-        for order in permutations(range(3))
+        "".join(letters[i] for i in order) for letters in product(*pairs) for order in permutations(range(3))
     )
 
 

@@ -31,4 +31,6 @@ def with_time_offset(scan: Scan, offset_s: float) -> Scan:
         raise InvalidScanError(f"With time_offset_s {offset_s:g} no frame has a pose.")
     lost = tuple(frame.name for frame, pose in zip(scan.frames, poses, strict=True) if isinstance(pose, str))
     no_pose = (*scan.discarded.get("no_pose", ()), *lost)
-    return replace(scan, frames=frames, discarded={**scan.discarded, **({"no_pose": no_pose} if no_pose else {})})
+    return replace(
+        scan, frames=frames, discarded={**scan.discarded, **({"no_pose": no_pose} if no_pose else {})}
+    )

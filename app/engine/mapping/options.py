@@ -111,7 +111,9 @@ def _convention(values: Mapping[str, Any]) -> PoseConvention:
     """Return how the scan's poses are written, as far as the options say."""
     axes = values.get("axes", OWN_AXES)
     if not isinstance(axes, str):
-        raise InvalidInputError(f"axes must be a name: {', '.join(AXES_NAMES)}, or three letters such as rdf.")
+        raise InvalidInputError(
+            f"axes must be a name: {', '.join(AXES_NAMES)}, or three letters such as rdf."
+        )
     rotate = _number(values.get("rotate_deg"), "rotate_deg") or 0.0
     offset_s = _number(values.get("time_offset_s"), "time_offset_s")
     scale = _number(values.get("position_scale"), "position_scale")

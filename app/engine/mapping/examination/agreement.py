@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,9 @@ class AgreementOptions:
         chosen="By hand: a degree, which good poses are not off between frames that agree otherwise.",
     )
     min_front_pairs: int = limit(
-        2, "Pairs that show on which side of the cameras points lie.", chosen="By hand: one may be a false match."
+        2,
+        "Pairs that show on which side of the cameras points lie.",
+        chosen="By hand: one may be a false match.",
     )
     min_front_share: float = limit(
         0.5,
@@ -65,7 +68,8 @@ class Rays:
     def of(evidence: Evidence, camera: Camera) -> Rays:
         """Return the rays that a camera has for the evidence's pixels."""
         return Rays(
-            homogeneous(camera.normalize(evidence.first_px)), homogeneous(camera.normalize(evidence.second_px))
+            homogeneous(camera.normalize(evidence.first_px)),
+            homogeneous(camera.normalize(evidence.second_px)),
         )
 
 
@@ -152,19 +156,21 @@ def triangulated(evidence: Evidence, rays: Rays, relative: PoseArrays) -> tuple[
 def group_medians(values: Array, group: NDArray[np.intp], count: int) -> Array:
     """Return the median (count,) of the values (m,) of each group; `group` (m,) is sorted. NaN for an empty one."""
     bounds = np.searchsorted(group, np.arange(count + 1))
-    return np.array(
-        [np.median(values[i:j]) if j > i else np.nan for i, j in zip(bounds, bounds[1:], strict=False)]
-    )
+    return np.array([np.median(values[i:j]) if j > i else np.nan for i, j in pairwise(bounds)])
 
 
-def wide_matches(evidence: Evidence, parallax_px: Array, of_pairs_px: Array) -> tuple[NDArray[np.bool_], Array]:
+def wide_matches(
+    evidence: Evidence, parallax_px: Array, of_pairs_px: Array
+) -> tuple[NDArray[np.bool_], Array]:
     """Return which matches (m,) can be triangulated, and for each pair (p,) how exactly, as a sigma over the depth.
 
     A pair counts by its usual parallax: a wide one amid narrow ones is a false match. What is wrong with a pair's
     poses, `of_pairs_px` (p,) and what moves during the shutter, goes into its depths.
     """
     usual_px = group_medians(parallax_px, evidence.pair, evidence.pairs)
-    wrong_px = np.hypot(np.maximum(of_pairs_px, LIMITS.min_noise_px), OPTIONS.motion_ratio * evidence.motion_px)
+    wrong_px = np.hypot(
+        np.maximum(of_pairs_px, LIMITS.min_noise_px), OPTIONS.motion_ratio * evidence.motion_px
+    )
     counts = usual_px > np.maximum(OPTIONS.min_parallax_px, OPTIONS.min_parallax_ratio * wrong_px)
     counts &= of_pairs_px <= evidence.tolerance_px
     wide = counts[evidence.pair] & (parallax_px > 0.5 * usual_px[evidence.pair])
@@ -176,6 +182,8 @@ def _front_share(evidence: Evidence, rays: Rays, relative: PoseArrays, of_pairs_
     parallax_px = parallax * REFERENCE_FOCAL_PX
     wide, _ = wide_matches(evidence, parallax_px, of_pairs_px)
     wide &= parallax_px > OPTIONS.min_front_parallax_px
-    votes = group_medians(((first_m > 0) & (second_m > 0))[wide].astype(float), evidence.pair[wide], evidence.pairs)
+    votes = group_medians(
+        ((first_m > 0) & (second_m > 0))[wide].astype(float), evidence.pair[wide], evidence.pairs
+    )
     votes = votes[np.isfinite(votes)]
     return float(np.mean(votes)) if len(votes) >= OPTIONS.min_front_pairs else float("nan")

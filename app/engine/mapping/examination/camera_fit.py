@@ -21,12 +21,15 @@ class CameraFitOptions:
     """How another camera is searched for."""
 
     max_focal_ratio: float = limit(
-        2.6, "Focal lengths are searched up to this many times the stated one, and down to its inverse.",
+        2.6,
+        "Focal lengths are searched up to this many times the stated one, and down to its inverse.",
         chosen="By hand: intrinsics of a picture of twice the size are a factor of 2.",
     )
     grid_steps: int = limit(31, "Focal lengths that are tried first.", chosen="By hand: 6 % apart.")
     searched_matches: int = limit(
-        40, "Matches of a pair that a search looks at.", chosen="By hand: the search then takes a tenth of a second."
+        40,
+        "Matches of a pair that a search looks at.",
+        chosen="By hand: the search then takes a tenth of a second.",
     )
 
 
@@ -76,7 +79,9 @@ def fit_principal_point(evidence: Evidence, camera: Camera, poses: PoseArrays) -
     middle = (0.5 * (camera.width - 1) - cx) / size, (0.5 * (camera.height - 1) - cy) / size
     starts = [np.zeros(3), np.array([0.0, *middle])]
     found = [
-        minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex + start, "maxfev": 120})
+        minimize(
+            cost, start, method="Nelder-Mead", options={"initial_simplex": simplex + start, "maxfev": 120}
+        )
         for start in starts
     ]
     best = min(found, key=lambda one: float(one.fun))
@@ -98,5 +103,7 @@ def turned_intrinsics(camera: Camera) -> Iterator[Camera]:
 
 
 def _refined(cost: Callable[[float], float], start: float, step: float) -> float:
-    found = minimize_scalar(cost, bounds=(start - step, start + step), method="bounded", options={"maxiter": 20})
+    found = minimize_scalar(
+        cost, bounds=(start - step, start + step), method="bounded", options={"maxiter": 20}
+    )
     return float(found.x)

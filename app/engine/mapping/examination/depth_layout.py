@@ -30,18 +30,23 @@ class DepthLayoutOptions:
         0.02, "Neighbouring depths whose logarithms differ by less lie on one surface.", chosen="By hand."
     )
     smoother: float = limit(
-        0.1, "Exchanged bytes must make this share of neighbours more lie on one surface.",
+        0.1,
+        "Exchanged bytes must make this share of neighbours more lie on one surface.",
         chosen="By hand: right depth gets rougher by 0.15 or more on all scans of docs/examination.md.",
     )
     shift_ratio: float = limit(
         0.015, "A shift counts from this part of the picture's longer side.", chosen="By hand: 10 px of 640."
     )
     shift_peak: float = limit(
-        5.5, "Standard deviations by which edges must agree at the shift.", chosen="By hand: right scans reach 6 to 12."
+        5.5,
+        "Standard deviations by which edges must agree at the shift.",
+        chosen="By hand: right scans reach 6 to 12.",
     )
     shift_gain: float = limit(1.5, "And by which they must agree better than unmoved.", chosen="By hand.")
     ray_reach: float = limit(
-        0.3, "How near to -1 the slope over a ray's length must be for distances along the ray.", chosen="By hand."
+        0.3,
+        "How near to -1 the slope over a ray's length must be for distances along the ray.",
+        chosen="By hand.",
     )
     ray_sigma: float = limit(0.1, "And how well it must be known.", chosen="By hand.")
 
@@ -65,7 +70,7 @@ class DepthLayout:
         return Finding(
             code="depth_along_rays",
             sentence="The depth images hold distances along the rays, not depth along the optical axis: they are too "
-            "large by what a ray is longer than its depth; give \"depth_along_rays\": true.",
+            'large by what a ray is longer than its depth; give "depth_along_rays": true.',
             options={"depth_along_rays": True},
             certain=True,
             figures={"by_ray": round(ratio.by_ray, 3)},
@@ -85,7 +90,7 @@ def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
             Finding(
                 code="depth_byte_order",
                 sentence="The two bytes of each depth value are exchanged: with them the other way round neighbouring "
-                f"pixels lie on one surface; give \"swap_depth_bytes\": {_json(source.depth.swap_bytes)}.",
+                f'pixels lie on one surface; give "swap_depth_bytes": {_json(source.depth.swap_bytes)}.',
                 options={"swap_depth_bytes": source.depth.swap_bytes},
                 certain=True,
                 figures={"smoother": round(float(np.median(gains)), 3)},
@@ -106,9 +111,7 @@ def _smoothness(scan: Scan, row: int) -> float:
 
 
 def _shift(scan: Scan, rows: list[int]) -> Finding | None:
-    pictures = [
-        (to_gray(frame_rgb(scan, scan.frames[row])), scan.depth_m(scan.frames[row])) for row in rows
-    ]
+    pictures = [(to_gray(frame_rgb(scan, scan.frames[row])), scan.depth_m(scan.frames[row])) for row in rows]
     found = measure_depth_shift(pictures)
     if found is None or found.peak < OPTIONS.shift_peak or found.peak < found.unmoved + OPTIONS.shift_gain:
         return None
@@ -121,7 +124,7 @@ def _shift(scan: Scan, rows: list[int]) -> Finding | None:
         code="depth_shift",
         sentence=f"The depth images lie beside their colour pictures: edges meet when depth is moved by "
         f"{found.right_px:.0f} px to the right and {found.down_px:.0f} px down; register the depth to the colour, or "
-        f"give \"depth_shift_px\": {shift}.",
+        f'give "depth_shift_px": {shift}.',
         options={"depth_shift_px": shift},
         certain=True,
         figures={"right_px": found.right_px, "down_px": found.down_px, "peak": round(found.peak, 2)},

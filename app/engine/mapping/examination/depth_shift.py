@@ -21,10 +21,14 @@ class DepthShiftOptions:
     """How edges are found and compared."""
 
     side_px: int = limit(
-        320, "Longer side of the pictures that are compared.", chosen="By hand: half of 640, a shift shows to 2 px."
+        320,
+        "Longer side of the pictures that are compared.",
+        chosen="By hand: half of 640, a shift shows to 2 px.",
     )
     min_step_ratio: float = limit(
-        1.06, "Depth between neighbouring pixels by which an edge begins.", chosen="By hand: above noise and slopes."
+        1.06,
+        "Depth between neighbouring pixels by which an edge begins.",
+        chosen="By hand: above noise and slopes.",
     )
     reach_ratio: float = limit(
         0.15, "Shifts are searched up to this part of the longer side.", chosen="By hand: 96 px of 640."
@@ -58,15 +62,16 @@ def measure_depth_shift(pictures: Sequence[tuple[Gray, DepthImage]]) -> DepthShi
     for gray, depth_m in pictures:
         small, scale = shrink(gray, OPTIONS.side_px)
         reach = round(OPTIONS.reach_ratio * max(small.shape))
-        edges = _depth_edges(cv2.resize(depth_m, small.shape[::-1], interpolation=cv2.INTER_NEAREST))
+        edges = _depth_edges(_small(depth_m, small))
         edge_pixels += int(edges.sum())
         found = _correlation(edges, _gradients(small), reach)
         total = found if total is None else total + found
     if total is None or edge_pixels < OPTIONS.min_edge_pixels:
         return None
     # A picture has more gradients in its middle or its lower half: only what is sharper than that counts.
-    sharp = total - cv2.GaussianBlur(total, (0, 0), reach / 4)
-    sharp = cv2.GaussianBlur(sharp, (0, 0), 1.0)
+    sharp = np.asarray(
+        cv2.GaussianBlur(total - cv2.GaussianBlur(total, (0, 0), reach / 4), (0, 0), 1.0), np.float64
+    )
     sharp = (sharp - sharp.mean()) / max(float(sharp.std()), 1e-12)
     row, column = np.unravel_index(int(np.argmax(sharp)), sharp.shape)
     return DepthShift(
@@ -75,6 +80,11 @@ def measure_depth_shift(pictures: Sequence[tuple[Gray, DepthImage]]) -> DepthShi
         peak=float(sharp[row, column]),
         unmoved=float(sharp[reach - 1 : reach + 2, reach - 1 : reach + 2].max()),
     )
+
+
+def _small(depth_m: DepthImage, gray: Gray) -> DepthImage:
+    height, width = gray.shape
+    return np.asarray(cv2.resize(depth_m, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.float32)
 
 
 def _depth_edges(depth_m: DepthImage) -> Array:

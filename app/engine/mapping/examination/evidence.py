@@ -63,7 +63,8 @@ class EvidenceOptions:
         chosen="By hand: half as much again as a SIFT match is off at 640 pixels.",
     )
     near_m: float = limit(
-        1.0, "Frames that the poses put this near are tried when neighbours in time share too little.",
+        1.0,
+        "Frames that the poses put this near are tried when neighbours in time share too little.",
         chosen="By hand: a step and a half.",
     )
     near_rad: float = limit(
@@ -119,7 +120,9 @@ class Evidence:
         """Return the evidence with at most so many matches of each pair, evenly chosen."""
         place = np.arange(len(self.pair)) - np.searchsorted(self.pair, self.pair)
         step = np.ceil(np.bincount(self.pair, minlength=self.pairs) / matches).astype(np.intp)
-        return self._with_matches(place % np.maximum(step, 1)[self.pair] == 0, np.ones(self.pairs, dtype=bool))
+        return self._with_matches(
+            place % np.maximum(step, 1)[self.pair] == 0, np.ones(self.pairs, dtype=bool)
+        )
 
     def _with_matches(self, matches: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> Evidence:
         renumbered = np.cumsum(pairs) - 1
@@ -287,7 +290,7 @@ def _packed(pairs: Sequence[_Pair], source: FrameSource, tried: int) -> Evidence
 
 
 def _motion_px(pairs: Sequence[_Pair], source: FrameSource) -> Array:
-    """Return how far the matches of each pair (p,) move during `LIMITS.shutter_s`, by the fastest pair of its frames."""
+    """Return how far matches (p,) move during `LIMITS.shutter_s`, by the fastest pair of each pair's frames."""
     speeds = []
     for pair in pairs:
         elapsed_s = abs(source.frames[pair.first].timestamp_s - source.frames[pair.second].timestamp_s)

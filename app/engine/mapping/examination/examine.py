@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,13 @@ class ExamineOptions:
     min_pairs: int = limit(4, "Pairs that an examination needs.", chosen="By hand: half of them may be odd.")
     min_matches: int = limit(120, "Matches that it needs.", chosen="By hand: thirty a pair.")
     still_px: float = limit(
-        1.0, "Poses that would move the picture by less than this, at the focal length of reference, stand still.",
+        1.0,
+        "Poses that would move the picture by less than this, at the focal length of reference, stand still.",
         chosen="By hand: the error of a match.",
     )
     moved_px: float = limit(
-        12.0, "A picture that moved by more than this, at the focal length of reference, was moved.",
+        12.0,
+        "A picture that moved by more than this, at the focal length of reference, was moved.",
         chosen="By hand: far above the error of a match.",
     )
     frozen_share: float = limit(
@@ -84,7 +86,9 @@ def examine_scan(
     ratio = None
     if searched.found.score <= 1.0:
         ratio = measure_depth_ratio(layout.evidence, searched.state.rays(), searched.state.poses)
-        findings.extend(_depth_findings(scan, options.convention, ratio, layout, times_s, searched.state.poses))
+        findings.extend(
+            _depth_findings(scan, options.convention, ratio, layout, times_s, searched.state.poses)
+        )
     if not any(finding.options.get("axes") or finding.options.get("poses") for finding in searched.findings):
         findings.extend(up)
     progress.report("examine", 1, 1)
@@ -144,7 +148,7 @@ def _frozen(evidence: Evidence, scan: Scan, poses: PoseArrays) -> list[Finding]:
     seen_px = np.array([np.median(moves[evidence.pair == pair]) for pair in range(evidence.pairs)]) / scale
     moved = seen_px > OPTIONS.moved_px
     frozen = moved & (by_poses_px < OPTIONS.still_px)
-    share = float(np.count_nonzero(frozen) / max(np.count_nonzero(moved), 1))
+    share = float(frozen.sum()) / max(int(moved.sum()), 1)
     if share < OPTIONS.doubtful_share or np.count_nonzero(frozen) < 2:
         return []
     return [

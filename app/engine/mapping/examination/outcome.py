@@ -70,7 +70,7 @@ class Examination:
         """Return the error of a scan that is refused."""
         sentences = " ".join(finding.sentence for finding in self.wrong)
         if self.remedy is not None:
-            sentences += " Or give \"repair\": true, which does this."
+            sentences += ' Or give "repair": true, which does this.'
         return InvalidScanError(f"The scan contradicts itself, so no map is built from it. {sentences}")
 
     def as_dict(self) -> dict[str, Any]:

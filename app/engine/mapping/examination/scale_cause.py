@@ -14,7 +14,13 @@ from app.limits import limit
 # Depth units per metre that recorders write.
 DEPTH_SCALES = (1000.0, 5000.0, 256.0, 4000.0, 10000.0, 6553.5, 100.0, 2000.0, 512.0, 1.0)
 # Units per metre of positions, and their names.
-POSITION_UNITS = {1000.0: "millimetres", 100.0: "centimetres", 39.3701: "inches", 3.28084: "feet", 10.0: "decimetres"}
+POSITION_UNITS = {
+    1000.0: "millimetres",
+    100.0: "centimetres",
+    39.3701: "inches",
+    3.28084: "feet",
+    10.0: "decimetres",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,19 +28,31 @@ class ScaleOptions:
     """When a ratio is wrong, and what is plausible."""
 
     doubtful_log: float = limit(
-        0.1, "Logarithm of the ratio from which it is doubtful.", chosen="By hand: sensors are off by up to 4 %."
+        0.1,
+        "Logarithm of the ratio from which it is doubtful.",
+        chosen="By hand: sensors are off by up to 4 %.",
     )
     wrong_log: float = limit(
-        0.2, "Logarithm of the ratio from which it is wrong.", chosen="By hand: no sensor or tracking is so far off."
+        0.2,
+        "Logarithm of the ratio from which it is wrong.",
+        chosen="By hand: no sensor or tracking is so far off.",
     )
     sigmas: float = limit(3.0, "And it must be this many of its own sigmas.", chosen="By hand.")
     known_log: float = limit(
-        0.045, "A known scale is one within this, or two sigmas of the ratio.", chosen="By hand: twice a sensor's bias."
+        0.045,
+        "A known scale is one within this, or two sigmas of the ratio.",
+        chosen="By hand: twice a sensor's bias.",
     )
-    least_depth_m: float = limit(0.25, "The usual depth of a scan is at least this.", chosen="By hand: sensors see no nearer.")
-    most_depth_m: float = limit(9.0, "The usual depth of a scan is at most this.", chosen="By hand: sensors see no farther.")
+    least_depth_m: float = limit(
+        0.25, "The least usual depth of a scan.", chosen="By hand: sensors see no nearer."
+    )
+    most_depth_m: float = limit(
+        9.0, "The largest usual depth of a scan.", chosen="By hand: sensors see no farther."
+    )
     least_speed_m_s: float = limit(0.02, "A camera that scans moves at least so fast.", chosen="By hand.")
-    most_speed_m_s: float = limit(3.0, "A camera that scans moves at most so fast.", chosen="By hand: a slow run.")
+    most_speed_m_s: float = limit(
+        3.0, "A camera that scans moves at most so fast.", chosen="By hand: a slow run."
+    )
 
 
 OPTIONS = ScaleOptions()
@@ -79,16 +97,16 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
     by_position: dict[str, Any] = {"position_scale": _rounded(position_scale)}
     first, second = (by_depth, by_position) if likely != "positions" else (by_position, by_depth)
     words = {
-        "depth": f"More likely is the depth: give \"depth_scale\": {by_depth['depth_scale']:g}",
-        "positions": f"More likely are the positions{_in_unit(unit)}: give \"position_scale\": "
+        "depth": f'More likely is the depth: give "depth_scale": {by_depth["depth_scale"]:g}',
+        "positions": f'More likely are the positions{_in_unit(unit)}: give "position_scale": '
         f"{by_position['position_scale']:g}",
-        None: f"Give \"depth_scale\": {by_depth['depth_scale']:g} or \"position_scale\": "
+        None: f'Give "depth_scale": {by_depth["depth_scale"]:g} or "position_scale": '
         f"{by_position['position_scale']:g}",
     }[likely]
-    (other, value), = second.items()
+    ((other, value),) = second.items()
     return Finding(
         code="position_scale" if likely == "positions" else "depth_scale",
-        sentence=f"{told} {words}" + (f", otherwise \"{other}\": {value:g}." if likely else "."),
+        sentence=f"{told} {words}" + (f', otherwise "{other}": {value:g}.' if likely else "."),
         options=first,
         certain=(likely == "depth" and len(depth) == 1) or (likely == "positions" and bool(unit)),
         figures=figures,

@@ -34,20 +34,27 @@ class SearchOptions:
     reading_gain: float = limit(
         3.0, "Another reading of the poses must lower the score by this factor.", chosen=_MEASURED
     )
-    fit_gain: float = limit(1.25, "A fitted focal length or time offset must lower it by this one.", chosen=_MEASURED)
+    fit_gain: float = limit(
+        1.25, "A fitted focal length or time offset must lower it by this one.", chosen=_MEASURED
+    )
     point_gain: float = limit(1.5, "A fitted principal point must lower it by this one.", chosen=_MEASURED)
     contest_ratio: float = limit(
-        1.5, "A remedy is beyond doubt when the next one's score is this many times its own.", chosen=_MEASURED
+        1.5,
+        "A remedy is beyond doubt when the next one's score is this many times its own.",
+        chosen=_MEASURED,
     )
     least_focal_log: float = limit(
-        0.07, "Logarithm of the factor from which a focal length is wrong.",
+        0.07,
+        "Logarithm of the factor from which a focal length is wrong.",
         chosen="By hand: lens distortion that is not stated looks like 3 %.",
     )
     least_point_ratio: float = limit(
         0.05, "A principal point is wrong from this part of the picture's longer side.", chosen="By hand."
     )
     least_offset_s: float = limit(
-        0.03, "A time offset is wrong from this.", chosen="By hand: a frame of video, and the rolling shutter."
+        0.03,
+        "A time offset is wrong from this.",
+        chosen="By hand: a frame of video, and the rolling shutter.",
     )
 
 
@@ -114,7 +121,8 @@ def search_remedies(start: State, rounds: int = 3) -> Searched:
         contest = [
             other
             for other in remedies[1:]
-            if other.weighted < OPTIONS.contest_ratio * max(best.weighted, 0.02) and other.options != best.options
+            if other.weighted < OPTIONS.contest_ratio * max(best.weighted, 0.02)
+            and other.options != best.options
             and other.code != best.code
         ]
         findings.append(_finding(best, contest, found))
@@ -186,8 +194,8 @@ def _cameras(state: State) -> Iterator[Remedy]:
     moved = float(np.abs(point.principal_point_px - before.principal_point_px).max())
     if moved > OPTIONS.least_point_ratio * max(before.width, before.height):
         words = (
-            f"{_focal_words(before, point)}, with its principal point near "
-            f"({point.params[2]:.0f}, {point.params[3]:.0f}) instead of ({before.params[2]:.0f}, {before.params[3]:.0f})"
+            f"{_focal_words(before, point)}, with its principal point near ({point.params[2]:.0f}, "
+            f"{point.params[3]:.0f}) instead of ({before.params[2]:.0f}, {before.params[3]:.0f})"
         )
         yield _of_camera(state, point, "principal_point", words, penalty=1.3, gain=OPTIONS.point_gain)
 

@@ -23,14 +23,17 @@ class TimeOffsetOptions:
     """How a time offset is searched for."""
 
     max_offset_s: float = limit(
-        1.0, "Offsets are searched up to this, or to four frames if that is more.",
+        1.0,
+        "Offsets are searched up to this, or to four frames if that is more.",
         chosen="By hand: delays of video and of tracking are below half a second.",
     )
     grid_steps: int = limit(
         40, "Offsets that are tried on each side of zero.", chosen="By hand: a step of 25 ms in a second."
     )
     searched_matches: int = limit(
-        40, "Matches of a pair that a search looks at.", chosen="By hand: the search then takes half a second."
+        40,
+        "Matches of a pair that a search looks at.",
+        chosen="By hand: the search then takes half a second.",
     )
     min_pair_share: float = limit(
         0.6, "Pairs whose moved times still lie within the scan, for an offset to count.", chosen="By hand."

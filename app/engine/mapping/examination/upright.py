@@ -37,7 +37,9 @@ OPTIONS = UprightOptions()
 _AXES = ("x", "y", "z")
 
 
-def judge_gravity(poses: PoseArrays, gravity: tuple[float, float, float] | None, *, asked: bool) -> list[Finding]:
+def judge_gravity(
+    poses: PoseArrays, gravity: tuple[float, float, float] | None, *, asked: bool
+) -> list[Finding]:
     """Return what is wrong with gravity, the direction of down in the frame of the poses (None: not known).
 
     `asked` says that without gravity z would have to point up for plan positions.
@@ -57,7 +59,7 @@ def _against(down: Array, gravity: Array) -> list[Finding]:
         Finding(
             code="gravity_up",
             sentence="By its gravity nearly all pictures of the scan hang upside down: gravity must point down, and "
-            f"this one points up; give \"gravity\": {right}.",
+            f'this one points up; give "gravity": {right}.',
             options={"gravity": right},
             certain=True,
             figures={"gravity_cosine": round(cosine, 3)},
@@ -79,7 +81,7 @@ def _without(down: Array) -> list[Finding]:
             severity="doubtful",
             sentence="The scan's z axis does not point up: by its pictures down is nearest to "
             f"{'+' if mean[axis] > 0 else '-'}{_AXES[axis]}. Without gravity there are no plan positions; give "
-            f"\"gravity\": {guess} if that is down.",
+            f'"gravity": {guess} if that is down.',
             options={"gravity": guess},
             figures={"down_cosine": round(float(abs(mean[axis]) / length), 3)},
         )
