@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.engine.mapping.examination.examine import examine_scan
-from app.engine.mapping.examination.outcome import Examination, Finding
+from app.engine.mapping.examination.outcome import Examination, Finding, RefusedScanError
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.progress import Progress
 from app.importers.frames import Scan
@@ -61,7 +61,7 @@ def examined_scan(
     """Examine the scan of a folder, read with the options of a request.
 
     With `repair` the options of a remedy that is beyond doubt are added and the scan is read and examined again. Raises
-    `InvalidScanError` for a scan that is refused, with what was found and the option that would mend it.
+    `RefusedScanError` for a scan that is refused, with what was found and the option that would mend it.
     """
     values = dict(options)
     parsed = parse_build_options(values)
@@ -80,7 +80,7 @@ def examined_scan(
         if found.verdict != "refused":
             return ExaminedScan(scan=scan, options=parsed, examination=found, repairs=tuple(repairs))
         if not parsed.repair or found.remedy is None or len(repairs) >= MAX_REPAIRS:
-            raise found.error()
+            raise RefusedScanError(found)
         repairs.extend(found.wrong)
         values.update(found.remedy)
         parsed = parse_build_options(values)

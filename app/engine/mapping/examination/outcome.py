@@ -66,13 +66,6 @@ class Examination:
         """The sentences of what is doubtful."""
         return tuple(finding.sentence for finding in self.findings if finding.severity == "doubtful")
 
-    def error(self) -> InvalidScanError:
-        """Return the error of a scan that is refused."""
-        sentences = " ".join(finding.sentence for finding in self.wrong)
-        if self.remedy is not None:
-            sentences += ' Or give "repair": true, which does this.'
-        return InvalidScanError(f"The scan contradicts itself, so no map is built from it. {sentences}")
-
     def as_dict(self) -> dict[str, Any]:
         """Return the examination for a report."""
         return {
@@ -80,3 +73,14 @@ class Examination:
             **self.figures,
             "findings": [finding.as_dict() for finding in self.findings],
         }
+
+
+class RefusedScanError(InvalidScanError):
+    """A scan that its examination refuses, with what was found and the options that would mend it."""
+
+    def __init__(self, examination: Examination) -> None:
+        sentences = " ".join(finding.sentence for finding in examination.wrong)
+        if examination.remedy is not None:
+            sentences += ' Or give "repair": true, which does this.'
+        super().__init__(f"The scan contradicts itself, so no map is built from it. {sentences}")
+        self.examination = examination
