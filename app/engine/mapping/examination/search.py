@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,11 @@ class SearchOptions:
         1.25, "A fitted focal length or time offset must lower it by this one.", chosen=_MEASURED
     )
     point_gain: float = limit(1.5, "A fitted principal point must lower it by this one.", chosen=_MEASURED)
+    exact_ratio: float = limit(
+        2.0,
+        "Poses whose error is below this many times that of the matches are read as they are meant.",
+        chosen="By hand: a mistake leaves ten times as much.",
+    )
     contest_ratio: float = limit(
         1.5,
         "A remedy is beyond doubt when the next one's score is this many times its own.",
@@ -133,7 +139,12 @@ def search_remedies(start: State, rounds: int = 3) -> Searched:
 
 
 def _believed(state: State, before: Agreement) -> Iterator[Remedy]:
-    for remedy in (*_readings(state), *_orders(state), *_fits(state)):
+    noise_px = float(np.median(state.evidence.noise_px))
+    discrete: Iterator[Remedy] = chain(_readings(state), _orders(state))
+    # Poses with the error of the matches themselves can't be read any better.
+    if before.error_px < OPTIONS.exact_ratio * noise_px and np.isfinite(before.score):
+        discrete = iter(())
+    for remedy in chain(discrete, _fits(state)):
         good = remedy.found.score <= OPTIONS.right_score
         if good and remedy.found.score * remedy.least_gain <= before.score:
             yield remedy
