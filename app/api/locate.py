@@ -63,6 +63,10 @@ class LocateBody(BaseModel):
     floor: str | None
     pose: PoseBody | None
     plan: PlanBody | None
+    plan_reason: Literal["up_unknown"] | None = Field(
+        None,
+        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity)",
+    )
     accuracy: AccuracyBody | None
     confidence: float = Field(description="Probability that the error is below 0.5 m and 5 degrees")
     inliers: int
@@ -138,6 +142,7 @@ def body_of(result: LocateResult) -> LocateBody:
             nearest_landmark_name=plan.nearest_landmark_name,
             nearest_landmark_m=_rounded(plan.nearest_landmark_m, 3),
         ),
+        plan_reason=result.plan_reason,
         accuracy=None
         if result.accuracy is None
         else AccuracyBody(

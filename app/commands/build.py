@@ -135,6 +135,9 @@ def ensure_venue(resources: Resources, venue: str, name: str) -> None:
 
 def _report_table(report: dict[str, Any]) -> Table:
     table = Table(show_header=False)
+    for name in ("repaired", "warnings"):
+        if report.get(name):
+            table.add_row(name, json.dumps(report[name]))
     for name in (
         "frames",
         "discarded",
@@ -144,6 +147,7 @@ def _report_table(report: dict[str, Any]) -> Table:
         "bytes",
         "seconds",
         "placement",
+        "examination",
         "self_check",
     ):
         table.add_row(name, json.dumps(report.get(name)))

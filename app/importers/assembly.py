@@ -162,7 +162,15 @@ def _depth_format(
             raise InvalidScanError(f"{readable[0][0].depth.name}: {error}") from None
     color_from_depth = options.color_from_depth or Pose.identity()
     return (
-        DepthFormat(scale or source.default_depth_scale, depth_camera, color_from_depth, float_scale),
+        DepthFormat(
+            scale=scale or source.default_depth_scale,
+            camera=depth_camera,
+            color_from_depth=color_from_depth,
+            float_scale=float_scale,
+            swap_bytes=options.swap_depth_bytes,
+            along_rays=options.depth_along_rays,
+            shift_px=options.depth_shift_px,
+        ),
         notes,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,13 +70,15 @@ class Trajectory:
     """Poses `scan_from_camera` over time.
 
     Times (n,) in seconds, ascending; positions (n, 3) in metres; unit quaternions (n, 4) `x y z w`; `valid`
-    (n,) is False for the rows with numbers that are not finite or a zero quaternion.
+    (n,) is False for the rows with numbers that are not finite or a zero quaternion. Between rows up to `reach_s`
+    away a pose is interpolated whatever the tolerance; 0 but for a trajectory whose times were moved.
     """
 
     times_s: Array
     positions_m: Array
     quaternions: Array
     valid: NDArray[np.bool_]
+    reach_s: float = 0.0
 
     @staticmethod
     def from_rows(rows: Array) -> Trajectory:
@@ -91,6 +93,12 @@ class Trajectory:
         with np.errstate(invalid="ignore", divide="ignore"):
             return Trajectory(times, positions, quaternions / norms[:, None], valid)
 
+    def moved(self, offset_s: float) -> Trajectory:
+        """Return the trajectory whose pose at a time is the one that was at the time plus an offset."""
+        # Rows that were at the frames' times lie between them now.
+        reach_s = float(np.median(np.diff(self.times_s))) if len(self.times_s) > 1 else 0.0
+        return replace(self, times_s=self.times_s - offset_s, reach_s=reach_s)
+
     def pose_at(self, time_s: float, max_difference_s: float) -> Pose | str:
         """Return `scan_from_camera` at a time, or the reason why there is none: `no_pose` or `invalid_pose`.
 
@@ -99,7 +107,8 @@ class Trajectory:
         If the nearest row holds no pose, none is made up from its neighbours.
         """
         right = int(np.searchsorted(self.times_s, time_s))
-        reach = max_difference_s + TIME_ROUNDING_S
+        inside = self.times_s[0] <= time_s <= self.times_s[-1]
+        reach = (max(max_difference_s, self.reach_s) if inside else max_difference_s) + TIME_ROUNDING_S
         near = [
             i
             for i in (right - 1, right)

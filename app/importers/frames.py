@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from app.geometry.camera import Camera
 from app.geometry.depth import register_depth
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
+from app.importers.conventions import PoseConvention
 from app.importers.images.depth_files import read_depth
 
 # Written into 16 bits by several recorders for "no measurement"; 0 is the other such value.
@@ -36,19 +38,24 @@ class Frame:
     scan_from_camera: Pose
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFormat:
     """How the depth files are to be read.
 
     `scale` is in units per metre for images of integers, `float_scale` for images of floats. Without `camera` the
     depth is registered to the colour image, pixel by pixel; with it, the depth has a camera of its own, and
-    `color_from_depth` moves points to the colour camera.
+    `color_from_depth` moves points to the colour camera. `swap_bytes` exchanges the two bytes of each value of 16 bits;
+    `along_rays` says that the values are distances along the rays, not along the optical axis; `shift_px` moves the
+    registered depth to the right and down.
     """
 
     scale: float
     camera: Camera | None = None
     color_from_depth: Pose = field(default_factory=Pose.identity)
     float_scale: float = 1.0
+    swap_bytes: bool = False
+    along_rays: bool = False
+    shift_px: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +65,8 @@ class ScanOptions:
     `camera` and `depth_camera` are a `Camera` or 4, 8 or 9 numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]`, which
     then get the images' size. `depth_scale` is in units per metre. `color_from_depth` needs a `depth_camera`.
     `max_time_difference_s` is how far apart the times of colour, depth and pose may be. `motion` stands in for
-    the poses of a scan that has none. Raises `InvalidInputError` for values that can't be meant.
+    the poses of a scan that has none. `convention` is how the poses are written; the last three are as in
+    `DepthFormat`. Raises `InvalidInputError` for values that can't be meant.
     """
 
     camera: Camera | tuple[float, ...] | None = None
@@ -67,6 +75,10 @@ class ScanOptions:
     color_from_depth: Pose | None = None
     max_time_difference_s: float = 0.02
     motion: UniformMotion | None = None
+    convention: PoseConvention = PoseConvention()
+    swap_depth_bytes: bool = False
+    depth_along_rays: bool = False
+    depth_shift_px: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         if self.depth_scale is not None and not 0 < self.depth_scale < math.inf:
@@ -143,20 +155,45 @@ class Scan:
                 f"{source.width} x {source.height} are expected."
             )
         depth_m = metres(raw, self.depth)
-        if self.depth.camera is None:
-            return depth_m
-        return register_depth(depth_m, self.depth.camera, self.camera, self.depth.color_from_depth)
+        if self.depth.along_rays:
+            depth_m /= _ray_lengths(source)
+        if self.depth.camera is not None:
+            depth_m = register_depth(depth_m, self.depth.camera, self.camera, self.depth.color_from_depth)
+        return depth_m if self.depth.shift_px == (0, 0) else _shifted(depth_m, self.depth.shift_px)
 
 
 def metres(raw: NDArray[np.generic], depth: DepthFormat) -> NDArray[np.float32]:
     """Return the values of a depth image in metres, 0 where they are invalid."""
     is_float = raw.dtype.kind == "f"
+    if depth.swap_bytes and raw.dtype == np.uint16:
+        raw = raw.byteswap()
     depth_m = raw.astype(np.float32) / np.float32(depth.float_scale if is_float else depth.scale)
     if raw.dtype == np.uint16:
         depth_m[raw == np.uint16(RAW_DEPTH_SATURATED)] = 0.0
     else:
         depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = 0.0
     return depth_m
+
+
+@lru_cache(maxsize=4)
+def _ray_lengths(camera: Camera) -> NDArray[np.float32]:
+    """Return the length (height, width) of each pixel's ray at z = 1."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    plane = camera.normalize(np.stack([u, v], axis=-1).reshape(-1, 2))
+    lengths = np.sqrt(1.0 + (plane**2).sum(axis=1))
+    return np.asarray(lengths.reshape(camera.height, camera.width), dtype=np.float32)
+
+
+def _shifted(depth_m: NDArray[np.float32], shift_px: tuple[int, int]) -> NDArray[np.float32]:
+    """Return depth moved to the right and down; 0 where nothing is moved to."""
+    height, width = depth_m.shape
+    right, down = shift_px
+    moved = np.zeros_like(depth_m)
+    if abs(right) < width and abs(down) < height:
+        moved[max(down, 0) : height + min(down, 0), max(right, 0) : width + min(right, 0)] = depth_m[
+            max(-down, 0) : height + min(-down, 0), max(-right, 0) : width + min(-right, 0)
+        ]
+    return moved
 
 
 def _read(path: Path, frame_name: str) -> bytes:

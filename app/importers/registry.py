@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 from app.errors import InvalidScanError
 from app.importers import nerfstudio, polycam, redwood, scannet, seven_scenes, tum
+from app.importers.conventions import PoseArrays, PoseConvention
 from app.importers.frames import Scan, ScanOptions
 from app.importers.other_formats import describe_other_format
+from app.importers.time_offset import with_time_offset
 from app.limits import limit
 
 
@@ -73,7 +75,24 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
         raise InvalidScanError(
             f"A uniform motion gives poses to scans in TUM layout without groundtruth.txt; this one is {name}."
         )
-    return FORMATS[name].open_scan(folder, options or ScanOptions())
+    given = options or ScanOptions()
+    scan = FORMATS[name].open_scan(folder, given)
+    # A TUM scan has more poses than frames, and moves their times itself.
+    if name != "tum" and given.convention.time_offset_s:
+        scan = with_time_offset(scan, given.convention.time_offset_s)
+    return _read_by_convention(scan, given.convention)
+
+
+def _read_by_convention(scan: Scan, convention: PoseConvention) -> Scan:
+    """Return the scan whose poses are written by a convention with poses `scan_from_camera`; times are done already."""
+    if convention.without_times() == PoseConvention():
+        return scan
+    poses = convention.read(PoseArrays.of([frame.scan_from_camera for frame in scan.frames])).poses()
+    frames = tuple(
+        replace(frame, scan_from_camera=pose) for frame, pose in zip(scan.frames, poses, strict=True)
+    )
+    gravity = None if scan.gravity is None else convention.direction_in_own(scan.gravity)
+    return replace(scan, frames=frames, gravity=gravity)
 
 
 def _find_scan(directory: Path, importers: Mapping[str, Importer]) -> tuple[Path, str]:

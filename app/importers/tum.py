@@ -113,6 +113,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     )
     discarded = Discarded()
     color = _existing(_found(folder, color_rows), folder, discarded)
+    poses = _moved(poses, options.convention.time_offset_s)
     frames = _frames(folder, color, _found(folder, depth_rows), poses, discarded, tolerance_s)
     return assemble_scan(frames, discarded, source, options)
 
@@ -169,6 +170,13 @@ def _poses(directory: Path, color: ImageRows, depth: ImageRows, options: ScanOpt
     example = f"the one at {trajectory.times_s[invalid[0]]:.6f} s" if len(invalid) else ""
     check_pose_ratio(len(invalid), len(trajectory.valid), example)
     return _Poses(trajectory, truth.name, text, (*notes, *rows.notes, *note))
+
+
+def _moved(poses: _Poses, offset_s: float) -> _Poses:
+    """Return the trajectory in which the pose of a picture is found at its own time plus an offset."""
+    if offset_s == 0:
+        return poses
+    return replace(poses, trajectory=poses.trajectory.moved(offset_s))
 
 
 def _file_of(rows: ImageRows) -> str:

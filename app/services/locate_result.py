@@ -21,6 +21,7 @@ from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
+PlanReason = Literal["up_unknown"]
 # A phone that is held still knows down to a degree or two; moving it can add ten.
 GRAVITY_LIMIT_DEG = 20.0
 
@@ -46,7 +47,8 @@ class LocateResult:
     """The answer: a pose, or a reason why there is none.
 
     `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
-    was compared with the request's gravity, None when there was none.
+    was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
+    plan position: `up_unknown`, while the map's z axis is not known to point up.
     """
 
     venue: str
@@ -56,6 +58,7 @@ class LocateResult:
     world_from_camera: Pose | None = None
     floor: Floor | None = None
     plan: PlanPoint | None = None
+    plan_reason: PlanReason | None = None
     accuracy: Accuracy | None = None
     confidence: float = 0.0
     support: Support = Support()
@@ -96,7 +99,8 @@ def map_result(
         reason=reason,
         world_from_camera=pose,
         floor=floor,
-        plan=plan_point(floor, pose) if floor is not None and pose is not None else None,
+        plan=plan_point(floor, pose) if floor is not None and pose is not None and version.z_up else None,
+        plan_reason="up_unknown" if pose is not None and not version.z_up else None,
         accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
         support=found.evidence.support,

@@ -14,7 +14,7 @@ from typing import Any
 from app.engine.mapping.build_map import BuiltMap, build_map, scan_placement
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
-from app.engine.mapping.register_scan import middle_of, register_scan
+from app.engine.mapping.register_scan import UnregisteredScanError, middle_of, register_scan
 from app.engine.mapping.self_check import SelfCheck, check_map
 from app.engine.maps.artifact import MapArtifact, MapArtifactError
 from app.engine.maps.open_map import OpenMap
@@ -26,6 +26,7 @@ from app.importers.archive import extract_archive
 from app.importers.archive_readers import ArchiveLimits
 from app.importers.frames import Frame, FrameSource
 from app.importers.registry import open_scan
+from app.services.examine_scan import ExaminedScan, examined_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
@@ -35,6 +36,8 @@ from app.storage.sweep import discard_blobs
 log = logging.getLogger("roomfix.builds")
 # A registration this close to the scan's own frame says that the frame is the world already.
 SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
+# So many frames, and this share of those tried, show that the present map knows the place of the scan.
+CONTRADICTING_FRAMES, CONTRADICTING_SHARE = 5, 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +49,7 @@ class Placement:
     source: str
     z_up: bool
     figures: dict[str, Any]
+    warnings: tuple[str, ...] = ()
 
 
 def run_build(build: Build, resources: Resources, library: MapLibrary, progress: Progress) -> int:
@@ -56,9 +60,17 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
     started = time.perf_counter()
     options = parse_build_options(build.options)
     with _scratch(resources.scratch_dir / build.id) as folder:
-        source = _unpack(build, options, resources, folder, progress)
+        root = _unpack(build, resources, folder, progress)
+        progress.report("read", 0, 1)
+        source = open_scan(root, options.format, options.scan)
         unpacked = time.perf_counter()
         present = _present_map(build, options, library)
+        z_is_up = present is not None and present[1].z_up
+        examined = examined_scan(
+            root, source, build.options, resources.executor, progress, up_is_known=z_is_up
+        )
+        source, options = examined.scan, examined.options
+        seen = time.perf_counter()
         placement = _place(source, options, present, resources, progress)
         placed = time.perf_counter()
         built = build_map(
@@ -66,17 +78,17 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
         )
         seconds = {
             "unpack": round(unpacked - started, 3),
-            "place": round(placed - unpacked, 3),
+            "examine": round(seen - unpacked, 3),
+            "place": round(placed - seen, 3),
             **built.seconds,
         }
         began = time.perf_counter()
-        check = check_map(built, source, resources.models, resources.executor, progress)
+        check = check_map(built, source, resources.models, resources.executor, progress, examined.examination)
         seconds["verify"] = round(time.perf_counter() - began, 3)
         with _discarded_on_failure(build, resources) as written:
             return _publish(
                 build,
-                options,
-                source,
+                examined,
                 built,
                 placement,
                 check,
@@ -125,18 +137,14 @@ def _discarded_on_failure(build: Build, resources: Resources) -> Iterator[set[st
         raise
 
 
-def _unpack(
-    build: Build, options: BuildOptions, resources: Resources, folder: Path, progress: Progress
-) -> FrameSource:
+def _unpack(build: Build, resources: Resources, folder: Path, progress: Progress) -> Path:
     archive = resources.blobs.local_path(build.archive_blob)
     limits = ArchiveLimits(max_total_bytes=resources.settings.max_unpacked_bytes)
 
     def report(done: int, total: int) -> None:
         progress.report("unpack", done, total)
 
-    root = extract_archive(archive, folder / "scan", limits, report)
-    progress.report("read", 0, 1)
-    return open_scan(root, options.format, options.scan)
+    return extract_archive(archive, folder / "scan", limits, report)
 
 
 def _place(
@@ -154,10 +162,11 @@ def _place(
         return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
     try:
         found = register_scan(source, Localizer(present[0]), resources.executor, progress)
-    except InvalidScanError:
+    except UnregisteredScanError as error:
         if options.mode == "extend":
             raise
-        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
+        warnings = _contradiction(error, options)
+        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {}, warnings)
     figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
     middle = middle_of(source.frames)
     registered, as_given = found.world_from_scan @ middle, own @ middle
@@ -170,10 +179,27 @@ def _place(
     return Placement(own if same else found.world_from_scan, "registered", z_up, figures)
 
 
+def _contradiction(error: UnregisteredScanError, options: BuildOptions) -> tuple[str, ...]:
+    """Return what to warn of when a scan that can't be registered replaces the present map.
+
+    Raises `InvalidScanError` when the map knows the scan's pictures and puts them elsewhere, unless `force` is given.
+    """
+    if error.located < CONTRADICTING_SHARE * error.tried or error.located < CONTRADICTING_FRAMES:
+        return ()
+    told = (
+        f"The new scan contradicts the present map: of {error.tried} of its frames the map locates {error.located}, "
+        f"and by its poses only {error.agreeing} of them lie as they do in the map"
+    )
+    if not options.force:
+        raise InvalidScanError(
+            f'{told}. If the map is what is wrong, or the place was changed, give "force": true to replace it.'
+        )
+    return (f"{told}; it was replaced all the same, as force says.",)
+
+
 def _publish(
     build: Build,
-    options: BuildOptions,
-    source: FrameSource,
+    examined: ExaminedScan,
     built: BuiltMap,
     placement: Placement,
     check: SelfCheck,
@@ -185,6 +211,7 @@ def _publish(
     progress: Progress,
 ) -> int:
     began = time.perf_counter()
+    options = examined.options
     progress.report("store", 0, 1)
     artifact, index = check.stated_in(built.artifact), built.index
     images = _store_images(built, options, resources, written)
@@ -209,7 +236,7 @@ def _publish(
     written.update((artifact_blob, index_blob))
     seconds["store"] = round(time.perf_counter() - began, 3)
     sizes = {"features": artifact_path.stat().st_size, "index": index_path.stat().st_size}
-    report = _report(source, options, built, placement, check, artifact, sizes, seconds)
+    report = _report(examined, built, placement, check, artifact, sizes, seconds)
     progress.report("publish", 0, 1)
     with resources.database.write() as connection:
         # Once more with the lock: a cancellation that was acknowledged counts, however late it came.
@@ -221,8 +248,7 @@ def _publish(
 
 
 def _report(
-    source: FrameSource,
-    options: BuildOptions,
+    examined: ExaminedScan,
     built: BuiltMap,
     placement: Placement,
     check: SelfCheck,
@@ -231,7 +257,10 @@ def _report(
     seconds: dict[str, float],
 ) -> dict[str, Any]:
     """Return what the build tells its admin; `artifact` is the venue's whole map."""
+    source, options = examined.scan, examined.options
     report = {
+        **examined.repairs_report(),
+        "warnings": [*examined.warnings, *placement.warnings, *check.warnings],
         "frames": len(source.frames) + sum(len(names) for names in source.discarded.values()),
         "discarded": {reason: len(names) for reason, names in built.discarded.items()},
         "discarded_frames": {reason: list(names[:100]) for reason, names in built.discarded.items()},
@@ -245,6 +274,7 @@ def _report(
         "seconds": seconds,
         "world_from_scan": placement.world_from_scan.matrix.tolist(),
         "placement": {"source": placement.source, "z_up": placement.z_up, **placement.figures},
+        "examination": None if examined.examination is None else examined.examination.as_dict(),
         "self_check": check.as_dict(),
         "lens": next(
             (

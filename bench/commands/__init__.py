@@ -8,6 +8,7 @@ COMMANDS = {
     "evaluate": "bench.commands.evaluate:evaluate",
     "benchmark": "bench.commands.evaluate:benchmark",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
+    "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
     "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",

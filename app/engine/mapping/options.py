@@ -17,6 +17,14 @@ from app.errors import InvalidInputError
 from app.geometry.camera import MODEL_PARAMETERS, Camera
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
+from app.importers.conventions import (
+    AXES_NAMES,
+    DIRECTIONS,
+    OWN_AXES,
+    QUATERNION_ORDERS,
+    PoseConvention,
+    parse_axes,
+)
 from app.importers.frames import ScanOptions
 from app.vision.local_features import FEATURE_NAMES, check_features
 
@@ -27,7 +35,8 @@ MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "store_images",
-    "max_features_per_keyframe", *MOTION_KEYS,
+    "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "time_offset_s",
+    "position_scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
 }  # fmt: skip
 
 
@@ -36,7 +45,9 @@ class BuildOptions:
     """A build's options. `world_from_scan` and `gravity` place the scan; without them its frame is the world.
 
     Without `max_features_per_keyframe` a map with pictures keeps all features, one without as many as its size
-    allows (`app.engine.mapping.sparse_map`).
+    allows (`app.engine.mapping.sparse_map`). `gravity` is in the frame of the poses as they are read. `repair` lets
+    the examination change how the scan is read where that is beyond doubt; `force` replaces a map that contradicts
+    the new one.
     """
 
     format: str = "auto"
@@ -49,6 +60,8 @@ class BuildOptions:
     refine_depth: bool = True
     store_images: bool = True
     max_features_per_keyframe: int | None = None
+    repair: bool = False
+    force: bool = False
 
 
 def parse_build_options(values: object) -> BuildOptions:
@@ -60,17 +73,21 @@ def parse_build_options(values: object) -> BuildOptions:
         raise InvalidInputError(
             f"Option {unknown[0]!r} is not known; the options are {', '.join(sorted(KEYS))}."
         )
+    scan = _scan_options(values)
+    gravity = _gravity(values.get("gravity"))
     return BuildOptions(
         format=_choice(values, "format", FORMATS, "auto"),
-        scan=_scan_options(values),
+        scan=scan,
         keyframes=parse_keyframe_rule(values.get("keyframes")),
         features=check_features(_choice(values, "features", FEATURE_NAMES, "sift")),
-        gravity=_gravity(values.get("gravity")),
+        gravity=None if gravity is None else scan.convention.direction_in_own(gravity),
         world_from_scan=_matrix(values.get("world_from_scan"), "world_from_scan"),
         mode=_choice(values, "mode", ("replace", "extend"), "replace"),  # type: ignore[arg-type]
         refine_depth=_flag(values, "refine_depth", True),
         store_images=_flag(values, "store_images", True),
         max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
+        repair=_flag(values, "repair", False),
+        force=_flag(values, "force", False),
     )
 
 
@@ -83,7 +100,46 @@ def _scan_options(values: Mapping[str, Any]) -> ScanOptions:
         color_from_depth=_matrix(values.get("color_from_depth"), "color_from_depth"),
         max_time_difference_s=0.02 if difference is None else difference,
         motion=_motion(values),
+        convention=_convention(values),
+        swap_depth_bytes=_flag(values, "swap_depth_bytes", False),
+        depth_along_rays=_flag(values, "depth_along_rays", False),
+        depth_shift_px=_shift(values.get("depth_shift_px")),
     )
+
+
+def _convention(values: Mapping[str, Any]) -> PoseConvention:
+    """Return how the scan's poses are written, as far as the options say."""
+    axes = values.get("axes", OWN_AXES)
+    if not isinstance(axes, str):
+        raise InvalidInputError(
+            f"axes must be a name: {', '.join(AXES_NAMES)}, or three letters such as rdf."
+        )
+    rotate = _number(values.get("rotate_deg"), "rotate_deg") or 0.0
+    offset_s = _number(values.get("time_offset_s"), "time_offset_s")
+    scale = _number(values.get("position_scale"), "position_scale")
+    return PoseConvention(
+        axes=parse_axes(axes),
+        poses=_choice(values, "poses", DIRECTIONS, "world_from_camera"),  # type: ignore[arg-type]
+        quaternion=_choice(values, "quaternion", QUATERNION_ORDERS, "xyzw"),  # type: ignore[arg-type]
+        rotate_deg=int(rotate) if rotate == int(rotate) else -1,
+        time_offset_s=0.0 if offset_s is None else offset_s,
+        position_scale=1.0 if scale is None else scale,
+    )
+
+
+def _shift(value: object) -> tuple[int, int]:
+    if value is None:
+        return 0, 0
+    right, down = (
+        (_number(part, "depth_shift_px") for part in value)
+        if isinstance(value, list | tuple) and len(value) == 2
+        else (None, None)
+    )
+    if right is None or down is None or right != int(right) or down != int(down):
+        raise InvalidInputError(
+            "depth_shift_px must be two whole numbers: pixels by which depth is moved to the right and down."
+        )
+    return int(right), int(down)
 
 
 def _motion(values: Mapping[str, Any]) -> UniformMotion | None:

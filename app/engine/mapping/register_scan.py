@@ -54,6 +54,17 @@ OPTIONS = RegistrationOptions()
 MAX_ATTITUDE_DIFFERENCE_RAD = float(np.radians(OPTIONS.max_attitude_difference_deg))
 
 
+class UnregisteredScanError(InvalidScanError):
+    """Too few frames of a scan were located in the present map, or too few of those agree."""
+
+    def __init__(self, tried: int, located: int, agreeing: int) -> None:
+        super().__init__(
+            f"The scan can't be placed in the present map: of {tried} frames {located} were located "
+            f"and {agreeing} agree; give world_from_scan, or scan more of what the map holds."
+        )
+        self.tried, self.located, self.agreeing = tried, located, agreeing
+
+
 @dataclass(frozen=True, slots=True)
 class Registration:
     """`world_from_scan`, from `agreeing` of the `located` frames among `tried`."""
@@ -70,7 +81,7 @@ def register_scan(
     """Return where a scan lies in the world: the mean of its located frames' placements that agree.
 
     A sample of its frames is located in the present map; frames near a keyframe have more weight. Raises
-    `InvalidScanError` with the figures when too few are located or agree.
+    `UnregisteredScanError` with the figures when too few are located or agree.
     """
     frames = spread(source.frames, OPTIONS.frames)
     # Placements are compared and averaged in a frame in the middle of the scan: with an origin far from the cameras
@@ -88,10 +99,7 @@ def register_scan(
     placements = [placement for placement in results if placement is not None]
     agreeing = largest_agreement([placement.world_from_middle for placement in placements])
     if len(agreeing) < max(OPTIONS.min_agreeing, OPTIONS.min_agreeing_share * len(placements)):
-        raise InvalidScanError(
-            f"The scan can't be placed in the present map: of {len(frames)} frames {len(placements)} were located "
-            f"and {len(agreeing)} agree; give world_from_scan, or scan more of what the map holds."
-        )
+        raise UnregisteredScanError(len(frames), len(placements), len(agreeing))
     chosen = {id(pose) for pose in agreeing}
     weights = [one.weight for one in placements if id(one.world_from_middle) in chosen]
     world_from_scan = average_poses(agreeing, weights) @ scan_from_middle.inverse()

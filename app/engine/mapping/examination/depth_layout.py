@@ -1,0 +1,146 @@
+"""Depth that is laid out another way: bytes exchanged, beside its picture, or along the rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.mapping.examination.depth_ratio import DepthRatio
+from app.engine.mapping.examination.depth_shift import measure_depth_shift
+from app.engine.mapping.examination.evidence import Evidence
+from app.engine.mapping.examination.outcome import Finding
+from app.engine.mapping.examination.search import State
+from app.engine.mapping.frame_images import frame_rgb
+from app.geometry.depth import sample_depth
+from app.importers.frames import Scan
+from app.limits import limit
+from app.vision.images import to_gray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthLayoutOptions:
+    """When depth is laid out another way."""
+
+    frames: int = limit(10, "Frames whose depth is looked at whole.", chosen="By hand: a second of work.")
+    smooth_log: float = limit(
+        0.02, "Neighbouring depths whose logarithms differ by less lie on one surface.", chosen="By hand."
+    )
+    smoother: float = limit(
+        0.1,
+        "Exchanged bytes must make this share of neighbours more lie on one surface.",
+        chosen="By hand: right depth gets rougher by 0.15 or more on all scans of docs/examination.md.",
+    )
+    shift_ratio: float = limit(
+        0.015, "A shift counts from this part of the picture's longer side.", chosen="By hand: 10 px of 640."
+    )
+    shift_peak: float = limit(
+        5.5,
+        "Standard deviations by which edges must agree at the shift.",
+        chosen="By hand: right scans reach 6 to 12.",
+    )
+    shift_gain: float = limit(1.5, "And by which they must agree better than unmoved.", chosen="By hand.")
+    ray_reach: float = limit(
+        0.3,
+        "How near to -1 the slope over a ray's length must be for distances along the ray.",
+        chosen="By hand.",
+    )
+    ray_sigma: float = limit(0.1, "And how well it must be known.", chosen="By hand.")
+
+
+OPTIONS = DepthLayoutOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class DepthLayout:
+    """What is wrong with the layout, and the evidence with depth as it should be."""
+
+    evidence: Evidence
+    findings: tuple[Finding, ...]
+
+    def judge_rays(self, ratio: DepthRatio) -> Finding | None:
+        """Return that depth holds distances along the rays, where the ratio shows it."""
+        if abs(ratio.by_ray + 1) > OPTIONS.ray_reach or ratio.by_ray_sigma > OPTIONS.ray_sigma:
+            return None
+        if ratio.sigma > 0.05:
+            return None
+        return Finding(
+            code="depth_along_rays",
+            sentence="The depth images hold distances along the rays, not depth along the optical axis: they are too "
+            'large by what a ray is longer than its depth; give "depth_along_rays": true.',
+            options={"depth_along_rays": True},
+            certain=True,
+            figures={"by_ray": round(ratio.by_ray, 3)},
+        )
+
+
+def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
+    """Return what is wrong with how the scan's depth images are laid out; the state has poses and camera that fit."""
+    rows = sorted({*np.linspace(0, len(scan.frames) - 1, OPTIONS.frames).round().astype(int).tolist()})
+    exchanged = replace(scan, depth=replace(scan.depth, swap_bytes=not scan.depth.swap_bytes))
+    gains = [_smoothness(exchanged, row) - _smoothness(scan, row) for row in rows[::3]]
+    evidence, findings, source = state.evidence, list[Finding](), scan
+    if np.median(gains) > OPTIONS.smoother:
+        source = exchanged
+        evidence = _resampled(evidence, source)
+        findings.append(
+            Finding(
+                code="depth_byte_order",
+                sentence="The two bytes of each depth value are exchanged: with them the other way round neighbouring "
+                f'pixels lie on one surface; give "swap_depth_bytes": {_json(source.depth.swap_bytes)}.',
+                options={"swap_depth_bytes": source.depth.swap_bytes},
+                certain=True,
+                figures={"smoother": round(float(np.median(gains)), 3)},
+            )
+        )
+    shift = _shift(source, rows)
+    return DepthLayout(evidence, (*findings, *([] if shift is None else [shift])))
+
+
+def _smoothness(scan: Scan, row: int) -> float:
+    """Return the share of neighbouring pixels that lie on one surface."""
+    depth_m = scan.depth_m(scan.frames[row])
+    a, b = depth_m[:, 1:], depth_m[:, :-1]
+    known = (a > 0) & (b > 0)
+    if not known.any():
+        return 0.0
+    return float(np.mean(np.abs(np.log(a[known] / b[known])) < OPTIONS.smooth_log))
+
+
+def _shift(scan: Scan, rows: list[int]) -> Finding | None:
+    pictures = [(to_gray(frame_rgb(scan, scan.frames[row])), scan.depth_m(scan.frames[row])) for row in rows]
+    found = measure_depth_shift(pictures)
+    if found is None or found.peak < OPTIONS.shift_peak or found.peak < found.unmoved + OPTIONS.shift_gain:
+        return None
+    least_px = OPTIONS.shift_ratio * max(scan.camera.width, scan.camera.height)
+    if np.hypot(found.right_px, found.down_px) < least_px:
+        return None
+    before = scan.depth.shift_px
+    shift = [round(before[0] + found.right_px), round(before[1] + found.down_px)]
+    return Finding(
+        code="depth_shift",
+        sentence=f"The depth images lie beside their colour pictures: edges meet when depth is moved by "
+        f"{found.right_px:.0f} px to the right and {found.down_px:.0f} px down; register the depth to the colour, or "
+        f'give "depth_shift_px": {shift}.',
+        options={"depth_shift_px": shift},
+        certain=True,
+        figures={"right_px": found.right_px, "down_px": found.down_px, "peak": round(found.peak, 2)},
+    )
+
+
+def _resampled(evidence: Evidence, scan: Scan) -> Evidence:
+    """Return the evidence with the depth of a scan that reads its files another way."""
+    first_m, second_m = np.zeros(len(evidence.pair)), np.zeros(len(evidence.pair))
+    depth = {int(row): scan.depth_m(scan.frames[row]) for row in {*evidence.first, *evidence.second}}
+    for pair in range(evidence.pairs):
+        matches = evidence.pair == pair
+        first_m[matches] = sample_depth(depth[int(evidence.first[pair])], evidence.first_px[matches])
+        second_m[matches] = sample_depth(depth[int(evidence.second[pair])], evidence.second_px[matches])
+    return replace(evidence, first_m=first_m, second_m=second_m)
+
+
+def _json(value: bool) -> str:
+    return "true" if value else "false"

@@ -1,0 +1,126 @@
+"""Depth that the poses triangulate, over the sensor's depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.mapping.examination.agreement import (
+    Rays,
+    epipolar_errors,
+    group_medians,
+    relative_poses,
+    triangulated,
+    wide_matches,
+)
+from app.engine.mapping.examination.evidence import Evidence
+from app.engine.mapping.examination.limits import LIMITS
+from app.geometry.camera import REFERENCE_FOCAL_PX
+from app.importers.conventions import PoseArrays
+from app.limits import limit
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthRatioOptions:
+    """When depth can be compared."""
+
+    min_matches: int = limit(
+        40, "Triangulated matches with depth that make a ratio.", chosen="By hand: two pairs' worth."
+    )
+    shared_ratio: float = limit(
+        0.5, "Part of what is wrong with a pair's depth that all pairs share.", chosen="By hand: half of it."
+    )
+    pair_sigma: float = limit(
+        0.02, "What a pair's own depth and poses leave in the logarithm of its ratio.", chosen="By hand."
+    )
+
+
+OPTIONS = DepthRatioOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class DepthRatio:
+    """Triangulated over measured depth: the weighted median `ratio`, and `sigma` of its logarithm.
+
+    `by_ray` is how the logarithm changes with that of a ray's length at z = 1: 0 for depth along z, -1 for distances
+    along the ray; `by_ray_sigma` is how well that is known. `depth_m` is the usual depth of the sensor.
+    """
+
+    ratio: float
+    sigma: float
+    by_ray: float
+    by_ray_sigma: float
+    depth_m: float
+    matches: int
+
+
+def measure_depth_ratio(evidence: Evidence, rays: Rays, poses: PoseArrays) -> DepthRatio | None:
+    """Return the ratio of triangulated to measured depth, None where too little is triangulated."""
+    relative = relative_poses(evidence, poses)
+    errors_px = epipolar_errors(evidence, rays, relative) * REFERENCE_FOCAL_PX
+    of_pairs = np.maximum(group_medians(errors_px, evidence.pair, evidence.pairs), LIMITS.min_noise_px)
+    first_m, second_m, parallax = triangulated(evidence, rays, relative)
+    wide, pair_sigmas = wide_matches(evidence, parallax * REFERENCE_FOCAL_PX, of_pairs)
+    sides = [
+        _compared(first_m, evidence.first_m, wide, evidence.pair, rays.first),
+        _compared(second_m, evidence.second_m, wide, evidence.pair, rays.second),
+    ]
+    logs, pair, lengths, measured = (np.concatenate(part) for part in zip(*sides, strict=True))
+    if len(logs) < OPTIONS.min_matches:
+        return None
+    order = np.argsort(pair, kind="stable")
+    medians = group_medians(logs[order], pair[order], evidence.pairs)
+    known = np.isfinite(medians)
+    sigmas = np.hypot(OPTIONS.pair_sigma, pair_sigmas[known])
+    log_ratio = _weighted_median(medians[known], 1.0 / sigmas)
+    scatter = 1.48 * float(np.median(np.abs(medians[known] - log_ratio)) / np.sqrt(np.count_nonzero(known)))
+    slope, slope_sigma = _slope(logs - medians[pair], lengths)
+    return DepthRatio(
+        ratio=float(np.exp(log_ratio)),
+        sigma=_sigma(sigmas, scatter),
+        by_ray=slope,
+        by_ray_sigma=slope_sigma,
+        depth_m=float(np.median(measured)),
+        matches=len(logs),
+    )
+
+
+def _compared(
+    depth_m: Array, sensor_m: Array, wide: Mask, pair: NDArray[np.intp], rays: Array
+) -> tuple[Array, NDArray[np.intp], Array, Array]:
+    kept = wide & (depth_m > 0) & (sensor_m > 0)
+    logs = np.log(depth_m[kept] / sensor_m[kept])
+    lengths = np.log(np.linalg.norm(rays[kept], axis=1))
+    return logs, pair[kept], lengths, sensor_m[kept]
+
+
+def _slope(residuals: Array, lengths: Array) -> tuple[float, float]:
+    """Return the slope of residuals (n,) over centred lengths (n,), robustly, and its sigma."""
+    x = lengths - np.median(lengths)
+    weights = np.ones(len(x))
+    slope, offset, scale = 0.0, 0.0, 1.0
+    for _ in range(10):
+        offset = float(np.average(residuals - slope * x, weights=weights))
+        slope = float((weights * x * (residuals - offset)).sum() / max((weights * x * x).sum(), 1e-12))
+        left = residuals - slope * x - offset
+        scale = max(1.48 * float(np.median(np.abs(left))), 1e-3)
+        weights = 1.0 / (1.0 + (left / (2 * scale)) ** 2) ** 2
+    return slope, scale / float(np.sqrt(max((weights * x * x).sum(), 1e-12)))
+
+
+def _sigma(of_pairs: Array, scatter: float) -> float:
+    """Return the sigma of the median of pairs with sigmas (p,) that scatter so much about it."""
+    by_chance = 1.25 * max(float(1.0 / np.sqrt(np.sum(1.0 / of_pairs**2))), scatter)
+    # Late clocks and rolling shutters are wrong the same way in every pair.
+    return float(np.hypot(by_chance, OPTIONS.shared_ratio * np.median(of_pairs)))
+
+
+def _weighted_median(values: Array, weights: Array) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

@@ -1,0 +1,303 @@
+"""What the pictures and depth images of a scan say by themselves: matches between frames a little apart."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.mapping.examination.limits import LIMITS
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.progress import Progress, map_in_order
+from app.geometry.camera import REFERENCE_FOCAL_PX, Camera
+from app.geometry.depth import sample_depth
+from app.geometry.epipolar import (
+    essential_from_pose,
+    estimate_relative_pose,
+    filter_by_fundamental_matrix,
+    sampson_errors,
+)
+from app.geometry.se3 import attitude_difference_rad, position_difference_m
+from app.importers.frames import FrameSource
+from app.limits import limit
+from app.vision.images import to_gray
+from app.vision.local_features import RootSift
+from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceOptions:
+    """How pairs of frames are chosen and matched."""
+
+    starts: int = limit(
+        16,
+        "Places along the scan at which frames are compared.",
+        chosen="By hand: three frames each keep the examination near a tenth of a build of 60 frames.",
+    )
+    wanted_shift_px: float = limit(
+        70.0,
+        "The second pair of a place is so far apart that matches move by this, at the focal length of reference.",
+        chosen="By hand: an eighth of a picture, where most of the view is still shared.",
+    )
+    max_gap: int = limit(
+        40, "Frames between the two of a pair.", chosen="By hand: more than a second of video."
+    )
+    features: int = limit(
+        800, "Local features of a frame.", chosen="By hand: enough for a hundred matches at half the time."
+    )
+    min_matches: int = limit(
+        24,
+        "Verified matches that make a pair count.",
+        chosen="By hand: twice as many as wrong pairs reach by chance.",
+    )
+    verification_px: float = limit(
+        2.0,
+        "The largest epipolar error of a verified match, at the focal length of reference.",
+        chosen="By hand: half as much again as a SIFT match is off at 640 pixels.",
+    )
+    near_m: float = limit(
+        1.0,
+        "Frames that the poses put this near are tried when neighbours in time share too little.",
+        chosen="By hand: a step and a half.",
+    )
+    near_rad: float = limit(
+        0.5, "The same for the turn between them.", chosen="By hand: half of a usual camera's view."
+    )
+
+
+OPTIONS = EvidenceOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """Matches of pairs of frames, verified by an epipolar geometry of their own, not by the scan's poses.
+
+    `first` and `second` (p,) are rows of the scan's frames. `pair` (m,) says of which pair a match is, `first_px`
+    and `second_px` (m, 2) where it is in both pictures, `first_m` and `second_m` (m,) the sensor's depth there,
+    0 where not known. `noise_px` (p,) is the median error that a pair's matches leave under their own geometry and
+    `motion_px` (p,) how far they move during `LIMITS.shutter_s`, both at the focal length of reference.
+    `tried` counts the pairs that were compared.
+    """
+
+    first: Rows
+    second: Rows
+    pair: Rows
+    first_px: Array
+    second_px: Array
+    first_m: Array
+    second_m: Array
+    noise_px: Array
+    motion_px: Array
+    tried: int
+
+    @property
+    def pairs(self) -> int:
+        """The number of pairs with enough matches."""
+        return len(self.first)
+
+    @property
+    def still_tolerance_px(self) -> Array:
+        """The epipolar error (p,) that matches of a still camera may have, at the focal length of reference."""
+        return LIMITS.noise_ratio * np.maximum(self.noise_px, LIMITS.min_noise_px)
+
+    @property
+    def tolerance_px(self) -> Array:
+        """The epipolar error (p,) that a right scan may have, at the focal length of reference."""
+        return np.asarray(np.hypot(self.still_tolerance_px, self.motion_px))
+
+    def of_pairs(self, pairs: NDArray[np.bool_]) -> Evidence:
+        """Return the evidence of some of the pairs (p,)."""
+        return self._with_matches(pairs[self.pair], pairs)
+
+    def thinned(self, matches: int) -> Evidence:
+        """Return the evidence with at most so many matches of each pair, evenly chosen."""
+        place = np.arange(len(self.pair)) - np.searchsorted(self.pair, self.pair)
+        step = np.ceil(np.bincount(self.pair, minlength=self.pairs) / matches).astype(np.intp)
+        return self._with_matches(
+            place % np.maximum(step, 1)[self.pair] == 0, np.ones(self.pairs, dtype=bool)
+        )
+
+    def _with_matches(self, matches: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> Evidence:
+        renumbered = np.cumsum(pairs) - 1
+        return replace(
+            self,
+            first=self.first[pairs],
+            second=self.second[pairs],
+            pair=renumbered[self.pair[matches]],
+            first_px=self.first_px[matches],
+            second_px=self.second_px[matches],
+            first_m=self.first_m[matches],
+            second_m=self.second_m[matches],
+            noise_px=self.noise_px[pairs],
+            motion_px=self.motion_px[pairs],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    keypoints_px: Array
+    units: Unit
+    depth_m: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    first: int
+    second: int
+    first_px: Array
+    second_px: Array
+    first_m: Array
+    second_m: Array
+    noise_px: float
+    shift_px: float
+
+
+class _Frames:
+    """The features of a scan's frames, each found once."""
+
+    def __init__(self, source: FrameSource) -> None:
+        self.source = source
+        self._extractor = RootSift(max_features=OPTIONS.features)
+        self._seen: dict[int, _Seen] = {}
+        self._lock = threading.Lock()
+
+    def seen(self, row: int) -> _Seen:
+        """Return the features of a frame and the depth at them."""
+        with self._lock:
+            known = self._seen.get(row)
+        if known is not None:
+            return known
+        frame = self.source.frames[row]
+        features = self._extractor.extract(to_gray(frame_rgb(self.source, frame)))
+        depth_m = sample_depth(self.source.depth_m(frame), features.keypoints_px)
+        found = _Seen(
+            features.keypoints_px.astype(np.float64),
+            to_unit_vectors(features.descriptors, self._extractor.binary),
+            depth_m.astype(np.float64),
+        )
+        with self._lock:
+            self._seen[row] = found
+        return found
+
+    def pair(self, first: int, second: int) -> _Pair | None:
+        """Return the verified matches of two frames, None when they are too few."""
+        a, b = self.seen(first), self.seen(second)
+        rows, others, _ = match_unit_vectors(a.units, b.units, self._extractor.ratio)
+        if len(rows) < OPTIONS.min_matches:
+            return None
+        camera = self.source.camera
+        scale = camera.focal_px / REFERENCE_FOCAL_PX
+        # Through a lens that bends lines no one matrix fits a whole picture.
+        flat_a, flat_b = (camera.undistort(px) for px in (a.keypoints_px[rows], b.keypoints_px[others]))
+        kept = filter_by_fundamental_matrix(flat_a, flat_b, max_error_px=OPTIONS.verification_px * scale)
+        rows, others = rows[kept], others[kept]
+        if len(rows) < OPTIONS.min_matches:
+            return None
+        a_px, b_px = a.keypoints_px[rows], b.keypoints_px[others]
+        return _Pair(
+            first=first,
+            second=second,
+            first_px=a_px,
+            second_px=b_px,
+            first_m=a.depth_m[rows],
+            second_m=b.depth_m[others],
+            noise_px=_own_error_px(a_px, b_px, camera),
+            shift_px=float(np.median(np.linalg.norm(a_px - b_px, axis=1))) / scale,
+        )
+
+
+def gather_evidence(source: FrameSource, executor: Executor, progress: Progress) -> Evidence:
+    """Match pairs of frames at places spread along the scan.
+
+    At each place the next frame, then one so far away that matches move by about 70 px; where the next one shares
+    too little, the nearest one by the poses.
+    """
+    frames = _Frames(source)
+    count = len(source.frames)
+    last = max(count - 2, 0)
+    starts = sorted({int(row) for row in np.linspace(0, last, OPTIONS.starts).round()}) if count > 1 else []
+
+    def compare(start: int) -> list[_Pair | None]:
+        near = frames.pair(start, start + 1)
+        if near is None:
+            beside = _nearest_by_pose(source, start)
+            return [None] if beside is None else [None, frames.pair(start, beside)]
+        gap = int(np.clip(round(OPTIONS.wanted_shift_px / max(near.shift_px, 1.0)), 2, OPTIONS.max_gap))
+        far = start + gap if start + gap < count else start - gap
+        return [near, frames.pair(start, far) if 0 <= far < count else None]
+
+    found: dict[tuple[int, int], _Pair] = {}
+    tried = 0
+    for results in map_in_order(executor, compare, starts, "examine", progress):
+        tried += len(results)
+        found.update({(min(p.first, p.second), max(p.first, p.second)): p for p in results if p is not None})
+    return _packed(list(found.values()), source, tried)
+
+
+def _nearest_by_pose(source: FrameSource, row: int) -> int | None:
+    """Return the frame that the poses put nearest to another, none of its neighbours in time."""
+    own = source.frames[row].scan_from_camera
+    best, best_distance = None, 1.0
+    for other, frame in enumerate(source.frames):
+        if abs(other - row) < 2:
+            continue
+        distance = max(
+            position_difference_m(own, frame.scan_from_camera) / OPTIONS.near_m,
+            attitude_difference_rad(own, frame.scan_from_camera) / OPTIONS.near_rad,
+        )
+        if distance < best_distance:
+            best, best_distance = other, distance
+    return best
+
+
+def _own_error_px(a_px: Array, b_px: Array, camera: Camera) -> float:
+    """Return the median error of matches under the relative pose that fits them best, at the focal length of
+    reference; NaN where none is found."""
+    limit_px = OPTIONS.verification_px * camera.focal_px / REFERENCE_FOCAL_PX
+    found = estimate_relative_pose(a_px, b_px, camera, camera, max_error_px=limit_px)
+    if found is None:
+        return float("nan")
+    errors = sampson_errors(
+        essential_from_pose(found.b_from_a), camera.normalize(a_px), camera.normalize(b_px)
+    )
+    return float(np.median(errors)) * REFERENCE_FOCAL_PX
+
+
+def _packed(pairs: Sequence[_Pair], source: FrameSource, tried: int) -> Evidence:
+    counts = [len(pair.first_px) for pair in pairs]
+    noise = np.array([pair.noise_px for pair in pairs])
+    usual = float(np.nanmedian(noise)) if np.isfinite(noise).any() else LIMITS.min_noise_px
+    none = np.zeros((0, 2)), np.zeros(0)
+    return Evidence(
+        first=np.array([pair.first for pair in pairs], dtype=np.intp),
+        second=np.array([pair.second for pair in pairs], dtype=np.intp),
+        pair=np.repeat(np.arange(len(pairs)), counts),
+        first_px=np.concatenate([none[0], *(pair.first_px for pair in pairs)]),
+        second_px=np.concatenate([none[0], *(pair.second_px for pair in pairs)]),
+        first_m=np.concatenate([none[1], *(pair.first_m for pair in pairs)]),
+        second_m=np.concatenate([none[1], *(pair.second_m for pair in pairs)]),
+        noise_px=np.where(np.isfinite(noise), noise, usual),
+        motion_px=_motion_px(pairs, source),
+        tried=tried,
+    )
+
+
+def _motion_px(pairs: Sequence[_Pair], source: FrameSource) -> Array:
+    """Return how far matches (p,) move during `LIMITS.shutter_s`, by the fastest pair of each pair's frames."""
+    speeds = []
+    for pair in pairs:
+        elapsed_s = abs(source.frames[pair.first].timestamp_s - source.frames[pair.second].timestamp_s)
+        # Without times that differ nothing is known of the speed.
+        speeds.append(pair.shift_px / elapsed_s if elapsed_s > 1e-6 else 0.0)
+    fastest: dict[int, float] = {}
+    for pair, speed in zip(pairs, speeds, strict=True):
+        for row in (pair.first, pair.second):
+            fastest[row] = max(fastest.get(row, 0.0), speed)
+    return LIMITS.shutter_s * np.array([max(fastest[pair.first], fastest[pair.second]) for pair in pairs])

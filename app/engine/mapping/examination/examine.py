@@ -1,0 +1,189 @@
+"""The examination of a scan: do its pictures, depth and poses agree, and if not, what would make them?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.mapping.examination.agreement import Agreement, relative_poses
+from app.engine.mapping.examination.depth_layout import DepthLayout, judge_depth_layout
+from app.engine.mapping.examination.depth_ratio import DepthRatio, measure_depth_ratio
+from app.engine.mapping.examination.evidence import Evidence, gather_evidence
+from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
+from app.engine.mapping.examination.scale_cause import Scales, judge_scale
+from app.engine.mapping.examination.search import State, search_remedies
+from app.engine.mapping.examination.upright import judge_gravity
+from app.engine.progress import Progress
+from app.geometry.camera import REFERENCE_FOCAL_PX
+from app.geometry.se3 import rotation_angle_deg
+from app.importers.conventions import PoseArrays, PoseConvention
+from app.importers.frames import Scan, ScanOptions
+from app.limits import limit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExamineOptions:
+    """When there is enough to judge by, and when poses stand still."""
+
+    min_pairs: int = limit(4, "Pairs that an examination needs.", chosen="By hand: half of them may be odd.")
+    min_matches: int = limit(120, "Matches that it needs.", chosen="By hand: thirty a pair.")
+    still_px: float = limit(
+        1.0,
+        "Poses that would move the picture by less than this, at the focal length of reference, stand still.",
+        chosen="By hand: the error of a match.",
+    )
+    moved_px: float = limit(
+        12.0,
+        "A picture that moved by more than this, at the focal length of reference, was moved.",
+        chosen="By hand: far above the error of a match.",
+    )
+    frozen_share: float = limit(
+        0.5, "Share of moved pairs whose poses stand still that makes a scan wrong.", chosen="By hand."
+    )
+    doubtful_share: float = limit(
+        0.1, "The same for a scan that is doubtful: tracking was lost for a while.", chosen="By hand."
+    )
+
+
+OPTIONS = ExamineOptions()
+
+
+def examine_scan(
+    scan: Scan,
+    options: ScanOptions,
+    gravity: tuple[float, float, float] | None,
+    executor: Executor,
+    progress: Progress,
+    *,
+    up_is_known: bool = False,
+) -> Examination:
+    """Examine a scan as it was read with `options`, before anything is built from it.
+
+    `gravity` is the direction of down in the frame of its poses; `up_is_known` says that a transform to the world is
+    given. Needs no map and no model; takes seconds.
+    """
+    evidence = gather_evidence(scan, executor, progress)
+    poses = PoseArrays.of([frame.scan_from_camera for frame in scan.frames])
+    up = judge_gravity(poses, gravity, asked=not up_is_known)
+    if evidence.pairs < OPTIONS.min_pairs or len(evidence.pair) < OPTIONS.min_matches:
+        return _unknown(evidence, up)
+    still = _frozen(evidence, scan, poses)
+    if still and still[0].severity == "wrong":
+        return _examined(evidence, None, None, still)
+    times_s = np.array([frame.timestamp_s for frame in scan.frames])
+    start = State(
+        convention=options.convention, camera=scan.camera, poses=poses, times_s=times_s, evidence=evidence
+    )
+    searched = search_remedies(start)
+    layout = judge_depth_layout(scan, searched.state)
+    findings = [*still, *searched.findings, *layout.findings]
+    ratio = None
+    if searched.found.score <= 1.0:
+        ratio = measure_depth_ratio(layout.evidence, searched.state.rays(), searched.state.poses)
+        findings.extend(
+            _depth_findings(scan, options.convention, ratio, layout, times_s, searched.state.poses)
+        )
+    if not any(finding.options.get("axes") or finding.options.get("poses") for finding in searched.findings):
+        findings.extend(up)
+    progress.report("examine", 1, 1)
+    return _examined(evidence, searched.found, ratio, findings)
+
+
+def _examined(
+    evidence: Evidence, found: Agreement | None, ratio: DepthRatio | None, findings: Sequence[Finding]
+) -> Examination:
+    ordered = sorted(findings, key=lambda finding: finding.severity != "wrong")
+    severities = {finding.severity for finding in findings if finding.code != "up_is_not_z"}
+    verdict: Verdict = "confirmed"
+    if severities:
+        verdict = "refused" if "wrong" in severities else "doubtful"
+    return Examination(verdict=verdict, figures=_figures(evidence, found, ratio), findings=tuple(ordered))
+
+
+def _unknown(evidence: Evidence, up: Sequence[Finding]) -> Examination:
+    finding = Finding(
+        code="too_little_in_common",
+        severity="doubtful",
+        sentence=f"The scan could not be examined: of {evidence.tried} pairs of frames a little apart {evidence.pairs} "
+        "share enough texture to compare pictures, depth and poses.",
+    )
+    refused = any(one.severity == "wrong" for one in up)
+    return Examination(
+        verdict="refused" if refused else "unknown",
+        figures=_figures(evidence, None, None),
+        findings=(*up, finding),
+    )
+
+
+def _figures(
+    evidence: Evidence, found: Agreement | None, ratio: DepthRatio | None
+) -> dict[str, float | int | None]:
+    return {
+        "pairs_tried": evidence.tried,
+        "pairs": evidence.pairs,
+        "matches": len(evidence.pair),
+        "epipolar_error_px": None if found is None else round(found.error_px, 3),
+        "usual_error_px": round(float(np.median(evidence.tolerance_px)), 3) if evidence.pairs else None,
+        "score": None if found is None or not np.isfinite(found.score) else round(found.score, 3),
+        "depth_ratio": None if ratio is None else round(ratio.ratio, 4),
+        "depth_ratio_sigma": None if ratio is None else round(ratio.sigma, 4),
+        "usual_depth_m": None if ratio is None else round(ratio.depth_m, 3),
+    }
+
+
+def _frozen(evidence: Evidence, scan: Scan, poses: PoseArrays) -> list[Finding]:
+    """Return what is wrong with poses that stand still while the pictures move."""
+    relative = relative_poses(evidence, poses)
+    turned_rad = np.radians([rotation_angle_deg(rotation) for rotation in relative.rotations])
+    # A step is seen as it would be at a metre.
+    by_poses_px = (turned_rad + np.linalg.norm(relative.positions, axis=1)) * REFERENCE_FOCAL_PX
+    moves = np.linalg.norm(evidence.first_px - evidence.second_px, axis=1)
+    scale = scan.camera.focal_px / REFERENCE_FOCAL_PX
+    seen_px = np.array([np.median(moves[evidence.pair == pair]) for pair in range(evidence.pairs)]) / scale
+    moved = seen_px > OPTIONS.moved_px
+    frozen = moved & (by_poses_px < OPTIONS.still_px)
+    share = float(frozen.sum()) / max(int(moved.sum()), 1)
+    if share < OPTIONS.doubtful_share or np.count_nonzero(frozen) < 2:
+        return []
+    return [
+        Finding(
+            code="poses_stand_still",
+            severity="wrong" if share >= OPTIONS.frozen_share else "doubtful",
+            sentence=f"The poses stand still while the pictures move, in {np.count_nonzero(frozen)} of "
+            f"{np.count_nonzero(moved)} places that were compared: was tracking lost, or do several rows share a time "
+            "that was printed with too few digits?",
+            figures={"frozen_share": round(share, 3)},
+        )
+    ]
+
+
+def _depth_findings(
+    scan: Scan,
+    convention: PoseConvention,
+    ratio: DepthRatio | None,
+    layout: DepthLayout,
+    times_s: Array,
+    poses: PoseArrays,
+) -> list[Finding]:
+    if ratio is None:
+        return []
+    steps = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
+    elapsed = np.diff(times_s)
+    moving = elapsed > 1e-6
+    scales = Scales(
+        depth_scale=scan.depth.scale,
+        position_scale=convention.position_scale,
+        usual_depth_scale=scan.depth.scale,
+        speed_m_s=float(np.median(steps[moving] / elapsed[moving])) if moving.any() else None,
+    )
+    by_ray = layout.judge_rays(ratio)
+    if by_ray is not None:
+        return [by_ray]
+    found = judge_scale(ratio, scales)
+    return [] if found is None else [found]

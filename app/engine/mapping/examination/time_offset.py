@@ -1,0 +1,117 @@
+"""Poses that are late or early: the time offset under which the matches fit them best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from app.engine.mapping.examination.agreement import Rays, misfit
+from app.engine.mapping.examination.evidence import Evidence
+from app.geometry.camera import Camera
+from app.geometry.se3 import quaternion_from_rotation
+from app.importers.conventions import PoseArrays
+from app.limits import limit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeOffsetOptions:
+    """How a time offset is searched for."""
+
+    max_offset_s: float = limit(
+        1.0,
+        "Offsets are searched up to this, or to four frames if that is more.",
+        chosen="By hand: delays of video and of tracking are below half a second.",
+    )
+    grid_steps: int = limit(
+        40, "Offsets that are tried on each side of zero.", chosen="By hand: a step of 25 ms in a second."
+    )
+    searched_matches: int = limit(
+        40,
+        "Matches of a pair that a search looks at.",
+        chosen="By hand: the search then takes half a second.",
+    )
+    min_pair_share: float = limit(
+        0.6, "Pairs whose moved times still lie within the scan, for an offset to count.", chosen="By hand."
+    )
+
+
+OPTIONS = TimeOffsetOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The poses of a scan over time: times (n,) in seconds, ascending, quaternions (n, 4), positions (n, 3)."""
+
+    times_s: Array
+    quaternions: Array
+    positions: Array
+
+    @staticmethod
+    def of(times_s: Array, poses: PoseArrays) -> Track:
+        """Return the track of poses; frames of one time after each other are taken as they come."""
+        quaternions = np.stack([quaternion_from_rotation(rotation) for rotation in poses.rotations])
+        signs = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
+        quaternions[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]
+        return Track(times_s, quaternions, poses.positions)
+
+    def shifted(self, offset_s: float) -> tuple[PoseArrays, NDArray[np.bool_]]:
+        """Return the poses (n,) at the frames' times plus an offset, and which (n,) lie within the track."""
+        asked = self.times_s + offset_s
+        right = np.clip(np.searchsorted(self.times_s, asked, side="left"), 1, len(self.times_s) - 1)
+        left = right - 1
+        elapsed = np.maximum(self.times_s[right] - self.times_s[left], 1e-9)
+        share = np.clip((asked - self.times_s[left]) / elapsed, 0.0, 1.0)[:, None]
+        # Between neighbouring frames the chord of two quaternions is as good as their arc.
+        quaternions = (1 - share) * self.quaternions[left] + share * self.quaternions[right]
+        positions = (1 - share) * self.positions[left] + share * self.positions[right]
+        inside = (asked >= self.times_s[0] - 1e-6) & (asked <= self.times_s[-1] + 1e-6)
+        return PoseArrays(_rotations(quaternions), positions), inside
+
+
+def fit_time_offset(evidence: Evidence, camera: Camera, track: Track) -> float | None:
+    """Return the offset in seconds, to be added to a frame's time to find its pose, that fits the matches best.
+
+    None when the frames have no times that differ.
+    """
+    spacing_s = float(np.median(np.diff(track.times_s)))
+    if spacing_s <= 1e-6:
+        return None
+    few = evidence.thinned(OPTIONS.searched_matches)
+    rays = Rays.of(few, camera)
+
+    def cost(offset_s: float) -> float:
+        poses, inside = track.shifted(offset_s)
+        within = inside[few.first] & inside[few.second]
+        if np.count_nonzero(within) < OPTIONS.min_pair_share * few.pairs:
+            return 1.0
+        matches = within[few.pair]
+        return misfit(few.of_pairs(within), Rays(rays.first[matches], rays.second[matches]), poses)
+
+    longest = max(OPTIONS.max_offset_s, 4 * spacing_s)
+    # Where frames are far apart, the poses between them are only guessed: whole frames are tried as well.
+    whole = spacing_s * np.arange(-4, 5)
+    grid = np.unique(np.concatenate([np.linspace(-longest, longest, 2 * OPTIONS.grid_steps + 1), whole]))
+    costs = np.array([cost(float(value)) for value in grid])
+    best = int(np.argmin(costs))
+    step = float(max(np.diff(grid)))
+    found = minimize_scalar(
+        cost, bounds=(grid[best] - step, grid[best] + step), method="bounded", options={"maxiter": 25}
+    )
+    return float(found.x) if found.fun < costs[best] else float(grid[best])
+
+
+def _rotations(quaternions: Array) -> Array:
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1),
+        ],
+        axis=1,
+    )

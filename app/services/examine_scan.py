@@ -1,0 +1,87 @@
+"""A scan examined before it is built, and read another way where the options ask for repair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.engine.mapping.examination.examine import examine_scan
+from app.engine.mapping.examination.outcome import Examination, Finding, RefusedScanError
+from app.engine.mapping.options import BuildOptions, parse_build_options
+from app.engine.progress import Progress
+from app.importers.frames import Scan
+from app.importers.registry import open_scan
+
+# One mistake hides another, as wrong axes hide a wrong depth scale.
+MAX_REPAIRS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExaminedScan:
+    """A scan that may be built, the options that it was read with, and what its examination found.
+
+    `repairs` are the findings that `repair` mended. A scan whose poses are a stated motion is not examined: they are
+    no measurement.
+    """
+
+    scan: Scan
+    options: BuildOptions
+    examination: Examination | None
+    repairs: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful about the scan."""
+        return () if self.examination is None else self.examination.warnings
+
+    def repairs_report(self) -> dict[str, Any]:
+        """Return the first lines of the build's report, none where nothing was repaired."""
+        if not self.repairs:
+            return {}
+        changed = {name: value for finding in self.repairs for name, value in finding.options.items()}
+        told = " ".join(finding.sentence for finding in self.repairs)
+        return {
+            "repaired": f"The scan was read another way than its files and options say. {told}",
+            "repairs": changed,
+        }
+
+
+def examined_scan(
+    root: Path,
+    scan: Scan,
+    options: Mapping[str, Any],
+    executor: Executor,
+    progress: Progress,
+    *,
+    up_is_known: bool = False,
+) -> ExaminedScan:
+    """Examine the scan of a folder, read with the options of a request.
+
+    With `repair` the options of a remedy that is beyond doubt are added and the scan is read and examined again. Raises
+    `RefusedScanError` for a scan that is refused, with what was found and the option that would mend it.
+    """
+    values = dict(options)
+    parsed = parse_build_options(values)
+    repairs: list[Finding] = []
+    while True:
+        if parsed.scan.motion is not None:
+            return ExaminedScan(scan=scan, options=parsed, examination=None)
+        found = examine_scan(
+            scan,
+            parsed.scan,
+            parsed.gravity or scan.gravity,
+            executor,
+            progress,
+            up_is_known=up_is_known or parsed.world_from_scan is not None,
+        )
+        if found.verdict != "refused":
+            return ExaminedScan(scan=scan, options=parsed, examination=found, repairs=tuple(repairs))
+        if not parsed.repair or found.remedy is None or len(repairs) >= MAX_REPAIRS:
+            raise RefusedScanError(found)
+        repairs.extend(found.wrong)
+        values.update(found.remedy)
+        parsed = parse_build_options(values)
+        scan = open_scan(root, parsed.format, parsed.scan)
