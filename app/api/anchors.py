@@ -13,8 +13,8 @@ from starlette.datastructures import UploadFile
 from app.api.deps import ID_PATTERN, State, require
 from app.api.schemas import problems
 from app.engine.anchors.anchor import AnchorSpec, Poi
-from app.engine.mapping.options import parse_camera
 from app.errors import InvalidInputError
+from app.geometry.camera_hint import parse_camera_hint
 from app.services.anchors import anchor_as_dict
 from app.storage.anchors import delete_anchor, get_anchor, list_anchors, list_frames
 
@@ -182,7 +182,7 @@ async def image_of(request: Request) -> bytes:
 
 
 def _spec(body: NewAnchor) -> AnchorSpec:
-    camera = parse_camera(body.camera)
+    camera = parse_camera_hint(body.camera)
     if camera is None:
         raise InvalidInputError(
             "camera must be fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] or {model, width, height, params}."

@@ -11,10 +11,9 @@ from pydantic import BaseModel, Field
 
 from app.api.deps import State, require
 from app.api.schemas import CameraBody, PoseBody, problems
-from app.engine.mapping.options import parse_camera
 from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
-from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
@@ -170,12 +169,12 @@ def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(value, digits)
 
 
-def _camera(text: str | None) -> Camera | tuple[float, ...] | None:
+def _camera(text: str | None) -> CameraHint | None:
     if text is None or not text.strip():
         return None
-    if text.lstrip().startswith("{"):
-        return parse_camera(_json(text, "camera"))
-    return parse_camera(text)
+    if text.lstrip().startswith(("{", "[")):
+        return parse_camera_hint(_json(text, "camera"))
+    return parse_camera_hint(text)
 
 
 def _gravity(text: str | None) -> tuple[float, float, float] | None:

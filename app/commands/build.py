@@ -22,8 +22,8 @@ from app.commands.console import (
     progress_bars,
     settings_from,
 )
-from app.engine.mapping.options import parse_camera
 from app.errors import ConflictError, RoomfixError
+from app.geometry.camera_hint import parse_camera_hint
 from app.jobs.local import finish_build_here
 from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
@@ -101,7 +101,7 @@ def locate(
     resources = Resources.open(settings_from(data_dir=data_dir))
     try:
         request = LocateRequest(
-            image=image.read_bytes(), venue=venue, floor=floor, camera=parse_camera(camera), area=area
+            image=image.read_bytes(), venue=venue, floor=floor, camera=parse_camera_hint(camera), area=area
         )
         result = wire_services(resources).locate.locate(request)
     finally:

@@ -21,7 +21,6 @@ from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.anchors import (
     AnchorFrameRow,
-    camera_as_json,
     get_anchor,
     list_frames,
     put_anchor,
@@ -158,10 +157,7 @@ class AnchorService:
 def frame_camera(spec: AnchorSpec, width: int, height: int) -> Camera:
     """Return the intrinsics of a frame of that size; raises `InvalidInputError` when the anchor's don't fit it, or
     when a region then lies outside."""
-    if isinstance(spec.camera, Camera):
-        camera = spec.camera.scaled_to(width, height)
-    else:
-        camera = Camera.from_values(spec.camera, width, height)
+    camera = spec.camera.for_image(width, height)
     for poi in spec.pois:
         if not camera.contains(region_in(poi, spec, camera)).all():
             raise InvalidInputError(
@@ -193,7 +189,7 @@ def anchor_as_dict(anchor: Anchor, frame: AnchorFrameRow | None, default_max_age
         "position": {"x": spec.x, "y": spec.y},
         "height_m": spec.height_m,
         "heading_deg": spec.heading_deg,
-        "camera": camera_as_json(spec.camera),
+        "camera": spec.camera.to_json(),
         "pois": [_poi_as_dict(poi) for poi in spec.pois],
         "store_images": spec.store_images,
         "max_age_s": max_age_s,

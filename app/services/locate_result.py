@@ -16,6 +16,7 @@ from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
@@ -35,7 +36,7 @@ class LocateRequest:
     image: bytes
     venue: str | None = None
     floor: str | None = None
-    camera: Camera | tuple[float, ...] | None = None
+    camera: CameraHint | None = None
     gravity: tuple[float, float, float] | None = None
     prior: Prior | None = None
     method: Method = "auto"
@@ -91,7 +92,8 @@ def map_result(
     located = pose is not None
     # What was given is answered as it was given; a focal length that led to no pose is not known.
     searched = found.camera if located else None
-    own = camera.camera if isinstance(camera.camera, Camera) else searched
+    is_refined = located and found.is_refined
+    own = camera.camera if isinstance(camera.camera, Camera) and not is_refined else searched
     return LocateResult(
         venue=venue,
         method="vdm" if request.method == "vdm" else "rgbd",
@@ -106,7 +108,7 @@ def map_result(
         support=found.evidence.support,
         keyframes=found.keyframes,
         camera=own,
-        camera_source=camera.source_of(own),
+        camera_source="refined" if is_refined else camera.source_of(own),
         narrowed=narrowed,
         gravity_checked=gravity_checked,
         timings_ms=dict(found.timings_ms),

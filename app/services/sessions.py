@@ -13,7 +13,6 @@ import numpy as np
 
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
-from app.engine.mapping.options import parse_camera
 from app.engine.maps.open_map import OpenMap
 from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
@@ -25,8 +24,6 @@ from app.engine.tracking.anchor_fixes import AnchorFixes, FirstFixes
 from app.engine.tracking.fix import FixSource, MapFixes
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.memory import (
-    camera_from_json,
-    camera_to_json,
     memory_from_json,
     memory_to_json,
     pose_to_json,
@@ -38,6 +35,7 @@ from app.engine.tracking.tracked import Tracked
 from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of, parse_camera_hint
 from app.geometry.se3 import Pose
 from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
@@ -73,7 +71,7 @@ class SessionFrame:
     `motion` is this camera in the axes of the previous frame's; `time_s` when it was taken, by the phone's clock."""
 
     image: bytes
-    camera: Camera | tuple[float, ...] | None = None
+    camera: CameraHint | None = None
     motion: Pose | None = None
     time_s: float | None = None
     gravity: tuple[float, float, float] | None = None
@@ -134,7 +132,7 @@ class SessionService:
     ) -> Session:
         """Start a session; raises `NotFoundError` for an unknown venue or destination, `InvalidInputError` for a bad
         camera, destination or language."""
-        values = camera_to_json(parse_camera(camera))
+        values = _json_of(parse_camera_hint(camera))
         with self._resources.database.read() as connection:
             get_venue(connection, venue)
         self._guide.check(venue, destination, language)
@@ -158,7 +156,7 @@ class SessionService:
         """Change destination, language or camera; raises `NotFoundError`, `InvalidInputError`."""
         self._guide.check(self.get(session_id).venue_id, values.get("destination"), values.get("language"))
         if "camera" in values:
-            values = {**values, "camera": camera_to_json(parse_camera(values["camera"]))}
+            values = {**values, "camera": _json_of(parse_camera_hint(values["camera"]))}
         with self._resources.database.write() as connection:
             get_session(connection, session_id, self.timeout)
             change_session(connection, session_id, values)
@@ -298,22 +296,29 @@ class SessionService:
     def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:
         camera = session.camera
         if searched and tracker.camera is not None:
-            camera = {**camera_to_json(tracker.camera), "source": "search"}
+            camera = {**hint_of(tracker.camera).to_json(), "source": "search"}
         keep = self._resources.settings.session_trajectory_points
         with self._resources.database.write() as connection:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep)
 
 
-def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> Camera | tuple[float, ...] | None:
+def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> CameraHint | None:
     """Return the session's camera; None for one that was searched for and doesn't fit the image, since the phone
     was turned: then it is searched for again."""
-    own = camera_from_json(session.camera)
+    stored = session.camera
+    if isinstance(stored, dict):
+        stored = {name: value for name, value in stored.items() if name != "source"}
+    own = parse_camera_hint(stored)
     if _was_searched(session):
         try:
             query_camera(own, rgb, b"")
         except InvalidCameraError:
             own = tracker.camera = None
     return own
+
+
+def _json_of(hint: CameraHint | None) -> Any:
+    return None if hint is None else hint.to_json()
 
 
 def _was_searched(session: Session) -> bool:

@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Row, delete, insert, select, update
 from app.engine.anchors.anchor import Anchor, AnchorSpec, Poi
 from app.errors import ConflictError, NotFoundError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of, parse_camera_hint
 from app.storage.db import as_utc, now
 from app.storage.tables import anchor_frames, anchors
 
@@ -96,7 +97,7 @@ def set_frame(connection: Connection, frame: AnchorFrameRow, features: bytes) ->
             anchor_id=frame.anchor_id,
             id=frame.id,
             received_at=frame.received_at,
-            camera=camera_as_json(frame.camera),
+            camera=hint_of(frame.camera).to_json(),
             feature_count=frame.feature_count,
             pois_visible=list(frame.pois_visible),
             features=features,
@@ -119,22 +120,10 @@ def frame_features(connection: Connection, frame_id: str) -> bytes | None:
     return connection.execute(query).scalar()
 
 
-def camera_as_json(camera: Camera | tuple[float, ...]) -> Any:
-    """Return the JSON of a camera."""
-    if isinstance(camera, Camera):
-        return {
-            "model": camera.model,
-            "width": camera.width,
-            "height": camera.height,
-            "params": list(camera.params),
-        }
-    return list(camera)
-
-
-def _camera(value: Any) -> Camera | tuple[float, ...]:
-    if isinstance(value, list):
-        return tuple(float(number) for number in value)
-    return Camera(value["model"], value["width"], value["height"], tuple(value["params"]))
+def _hint(value: Any) -> CameraHint:
+    hint = parse_camera_hint(value)
+    assert hint is not None  # noqa: S101 - the columns are not nullable
+    return hint
 
 
 def _moved(before: AnchorSpec, after: AnchorSpec) -> bool:
@@ -150,7 +139,7 @@ def _columns(spec: AnchorSpec) -> dict[str, Any]:
         "y": spec.y,
         "height_m": spec.height_m,
         "heading_deg": spec.heading_deg,
-        "camera": camera_as_json(spec.camera),
+        "camera": spec.camera.to_json(),
         "pois": [asdict(poi) for poi in spec.pois],
         "store_images": spec.store_images,
         "max_age_s": spec.max_age_s,
@@ -169,7 +158,7 @@ def _anchor(row: Row[Any]) -> Anchor:
         y=row.y,
         height_m=row.height_m,
         heading_deg=row.heading_deg,
-        camera=_camera(row.camera),
+        camera=_hint(row.camera),
         pois=pois,
         store_images=row.store_images,
         max_age_s=row.max_age_s,
@@ -189,9 +178,9 @@ def _anchor(row: Row[Any]) -> Anchor:
 
 
 def _frame(row: Row[Any]) -> AnchorFrameRow:
-    received, camera = as_utc(row.received_at), _camera(row.camera)
+    received, camera = as_utc(row.received_at), _hint(row.camera).camera
     assert received is not None  # noqa: S101 - the column is not nullable
-    assert isinstance(camera, Camera)  # noqa: S101 - stored with its size
+    assert camera is not None  # noqa: S101 - stored with its size
     return AnchorFrameRow(
         anchor_id=row.anchor_id,
         id=row.id,

@@ -28,6 +28,9 @@ SENSOR_BITS = (8, 10, 12, 14, 16)
 # A 16-bit colour file that uses less than this of what 8 bits show was written from a sensor of fewer bits.
 DIM_COLOR_VALUE = 128
 
+# EXIF orientation -> quarter turns counter-clockwise that make the image upright.
+QUARTER_TURNS = {3: 2, 6: 3, 8: 1}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageOptions:
@@ -120,6 +123,18 @@ def decode_image(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Rgb:
         if str(error) == RAW_PHOTO:
             raise UnsupportedImageError(f"The file is {RAW_PHOTO}; send {FORMATS_IN_WORDS}.") from None
         raise InvalidImageError(f"The image is damaged or cut short ({error}).") from None
+
+
+def quarter_turns_of(data: bytes) -> int:
+    """Return by how many quarter turns, counter-clockwise, `decode_image` turns an image file upright.
+
+    0 for a mirrored one, and for bytes that can't be read.
+    """
+    try:
+        with open_image(io.BytesIO(data)) as image:
+            return QUARTER_TURNS.get(image.getexif().get(ORIENTATION, UPRIGHT), 0)
+    except (*DAMAGE, UnidentifiedImageError, Image.DecompressionBombError):
+        return 0
 
 
 def _check_size(width: int, height: int, max_pixels: int) -> None:

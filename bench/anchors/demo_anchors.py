@@ -9,6 +9,7 @@ import numpy as np
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.vision.images import Rgb, decode_image
 from bench.anchors.maps import MapPair
@@ -35,7 +36,7 @@ def anchor_pair(pair: MonitorPair, phone_camera: Camera = PHONE_CAMERA) -> Ancho
         y=float(camera[1]),
         height_m=float(camera[2]),
         heading_deg=None,
-        camera=MONITOR_CAMERA,
+        camera=hint_of(MONITOR_CAMERA),
         pois=pois,
     )
     return AnchorPair(

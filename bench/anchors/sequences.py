@@ -13,6 +13,7 @@ from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.mapping.frame_images import frame_rgb
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import rotation_between
 from app.importers.frames import Frame, Scan
 from app.vision.images import Rgb, to_gray
@@ -133,7 +134,7 @@ class PairOfViews:
                 y=float(b[1]),
                 height_m=float(b[2]),
                 heading_deg=None,
-                camera=camera,
+                camera=hint_of(camera),
                 pois=(poi,),
             ),
             monitor=_loader(scan, self.monitor),

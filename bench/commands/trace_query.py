@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from app.commands.console import DataDir, console, settings_from
-from app.engine.mapping.options import parse_camera
+from app.geometry.camera_hint import parse_camera_hint
 from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
 from app.services.wiring import wire_services
@@ -26,7 +26,7 @@ def trace_query(
     resources = Resources.open(settings_from(data_dir=data_dir))
     try:
         service = wire_services(resources).locate
-        request = LocateRequest(image=image.read_bytes(), venue=venue, camera=parse_camera(camera))
+        request = LocateRequest(image=image.read_bytes(), venue=venue, camera=parse_camera_hint(camera))
         service.locate(request)
         found = trace(lambda: service.locate(request))
     finally:

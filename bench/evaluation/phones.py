@@ -23,6 +23,7 @@ from app.engine.query.camera_sources import query_camera
 from app.engine.query.localizer import Localizer
 from app.engine.query.upright import localize_upright
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose
 from app.geometry.turns import camera_from_turned, turned_camera
 from app.vision.exif import EXIF_IFD, FOCAL_LENGTH, PIXEL_X, PIXEL_Y, PLANE_UNIT, PLANE_X_RESOLUTION
@@ -128,10 +129,10 @@ def _figures(
     )
 
 
-def _sent(case: PhoneCase, camera: Camera, rgb: Rgb) -> tuple[Camera | None, Rgb, bytes]:
+def _sent(case: PhoneCase, camera: Camera, rgb: Rgb) -> tuple[CameraHint | None, Rgb, bytes]:
     """Return the camera of the request, the image, and the bytes that its EXIF is read from."""
     if case.with_camera:
-        return turned_camera(camera, case.turns), rgb, b""
+        return hint_of(turned_camera(camera, case.turns)), rgb, b""
     return None, rgb, b"" if case.exif_error is None else _photo(rgb, camera, case.exif_error)
 
 

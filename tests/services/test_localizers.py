@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from app.geometry.camera_hint import hint_of
 from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
 from app.services.wiring import wire_services
@@ -28,7 +29,7 @@ def test_a_servers_limits_hold(
     resources = Resources.open(Settings(data_dir=Path(museum.data_dir), **stated))
     try:
         request = LocateRequest(
-            image=encode(queries[0].rgb[:, :, ::-1], ".png"), venue="museum", camera=CAMERA
+            image=encode(queries[0].rgb[:, :, ::-1], ".png"), venue="museum", camera=hint_of(CAMERA)
         )
         assert wire_services(resources).locate.locate(request).reason == reason
     finally:

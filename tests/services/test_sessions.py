@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from app.services.feature_library import FeatureLibrary
 from sqlalchemy.exc import OperationalError
 
+from app.geometry.camera_hint import hint_of
+from app.services.floor_features import FeatureLibrary
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
@@ -37,7 +38,7 @@ class Phone:
 
     def send(self, view: View, time_s: float) -> SessionResult:
         """Send a frame and return its answer."""
-        return self.service.process(self.session, SessionFrame(view.png(), CAMERA, time_s=time_s))
+        return self.service.process(self.session, SessionFrame(view.png(), hint_of(CAMERA), time_s=time_s))
 
     @contextmanager
     def unable_to_store(self) -> Iterator[None]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +26,7 @@ class Poi:
 class AnchorSpec:
     """A monitoring camera as a request describes it.
 
-    `camera` is a `Camera`, or the numbers of one without an image size, which is then that of the frames.
+    `camera` may be without an image size, which is then that of the frames.
     """
 
     venue_id: str
@@ -35,7 +35,7 @@ class AnchorSpec:
     y: float
     height_m: float
     heading_deg: float | None
-    camera: Camera | tuple[float, ...]
+    camera: CameraHint
     pois: tuple[Poi, ...]
     store_images: bool = False
     max_age_s: float | None = None

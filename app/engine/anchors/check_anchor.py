@@ -10,7 +10,7 @@ from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.poi_triangulation import centroid
 from app.engine.floors.floor import Floor
 from app.errors import InvalidInputError
-from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.plan import pixels_from_plan
 from app.limits import limit
 
@@ -138,12 +138,13 @@ def _check_region(spec: AnchorSpec, poi: Poi) -> None:
         raise InvalidInputError(
             f"region_px of POI {poi.id!r} covers {area:.0f} pixels; draw it around the whole object."
         )
-    if isinstance(spec.camera, Camera) and not np.isfinite(spec.camera.normalize(centroid(corners))).all():
+    own = spec.camera.camera
+    if own is not None and not np.isfinite(own.normalize(centroid(corners))).all():
         raise InvalidInputError(f"region_px of POI {poi.id!r} lies where the lens model sees nothing.")
 
 
-def _image_size(camera: Camera | tuple[float, ...]) -> tuple[float, float]:
+def _image_size(hint: CameraHint) -> tuple[float, float]:
     """Return width and height of the image, or the largest possible ones of a camera without an image size."""
-    if isinstance(camera, Camera):
-        return camera.width, camera.height
-    return OPTIONS.max_side_ratio * camera[2], OPTIONS.max_side_ratio * camera[3]
+    if hint.camera is not None:
+        return hint.camera.width, hint.camera.height
+    return OPTIONS.max_side_ratio * hint.values[2], OPTIONS.max_side_ratio * hint.values[3]

@@ -69,9 +69,10 @@ OPTIONS = PoiTriangulationOptions()
 def region_in(poi: Poi, spec: AnchorSpec, camera: Camera) -> Array:
     """Return the corners (n, 2) of a POI's region in a frame's pixels, scaled from their own image size."""
     corners = np.array(poi.region_px, dtype=np.float64)
-    if not isinstance(spec.camera, Camera):
+    own = spec.camera.camera
+    if own is None:
         return corners
-    scale = np.array([camera.width / spec.camera.width, camera.height / spec.camera.height])
+    scale = np.array([camera.width / own.width, camera.height / own.height])
     return np.asarray((corners + 0.5) * scale - 0.5)
 
 

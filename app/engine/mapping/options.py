@@ -14,7 +14,8 @@ from app.engine.mapping.option_values import count as _count
 from app.engine.mapping.option_values import flag as _flag
 from app.engine.mapping.option_values import number as _number
 from app.errors import InvalidInputError
-from app.geometry.camera import MODEL_PARAMETERS, Camera
+from app.geometry.camera import Camera
+from app.geometry.camera_hint import parse_camera_hint
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
 from app.importers.conventions import (
@@ -180,38 +181,9 @@ def _max_features(value: object) -> int | None:
 
 
 def parse_camera(value: object, name: str = "camera") -> Camera | tuple[float, ...] | None:
-    """Return the camera of a request: numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]` as a list or text, which get the
-    images' size, or an object `{model, width, height, params}`. Raises `InvalidInputError`."""
-    if value is None or value == "":
-        return None
-    if isinstance(value, Mapping):
-        return _camera_from_mapping(value, name)
-    parts = value.split(",") if isinstance(value, str) else value
-    if not isinstance(parts, list | tuple):
-        raise InvalidInputError(f"{name} must be numbers fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] or a JSON object.")
-    try:
-        numbers = tuple(float(part) for part in parts)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInputError(f"{name} holds something that is not a number.") from None
-    if len(numbers) not in (4, 8, 9):
-        raise InvalidInputError(
-            f"{name} takes 4, 8 or 9 numbers, fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; got {len(numbers)}."
-        )
-    if not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
-        raise InvalidInputError(f"{name} must hold finite numbers with focal lengths above zero.")
-    return numbers
-
-
-def _camera_from_mapping(value: Mapping[str, Any], name: str) -> Camera:
-    model = value.get("model", "PINHOLE")
-    if not isinstance(model, str) or model not in MODEL_PARAMETERS:
-        raise InvalidInputError(f"{name}.model must be one of {', '.join(MODEL_PARAMETERS)}.")
-    try:
-        width, height = int(value["width"]), int(value["height"])
-        params = tuple(float(x) for x in value["params"])
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise InvalidInputError(f"{name} needs model, width, height and params (numbers).") from None
-    return Camera(model, width, height, params)
+    """Return the camera of a scan's options, or its numbers, which get the images' size (`parse_camera_hint`)."""
+    hint = parse_camera_hint(value, name)
+    return None if hint is None else hint.camera or hint.values
 
 
 def _gravity(value: object) -> tuple[float, float, float] | None:

@@ -6,15 +6,17 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from app.engine.query.stated_camera import stated_camera
 from app.errors import InvalidCameraError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.focal import ApproximateCamera, pinhole
 from app.limits import limit
 from app.vision.exif import PhotoTags, read_photo_tags
-from app.vision.images import Rgb
+from app.vision.images import Rgb, quarter_turns_of
 from app.vision.phone_cameras import PhoneCamera, find_phone
 
-CameraSource = Literal["request", "exif", "phone_database", "search", "unknown"]
+CameraSource = Literal["request", "request_turned", "refined", "exif", "phone_database", "search", "unknown"]
 
 # The diagonal of 35 mm film, to which equivalent focal lengths refer (CIPA DC-008).
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -62,26 +64,16 @@ class QueryCamera:
         return self.source
 
 
-def query_camera(given: Camera | tuple[float, ...] | None, rgb: Rgb, image: bytes) -> QueryCamera:
+def query_camera(given: CameraHint | None, rgb: Rgb, image: bytes) -> QueryCamera:
     """Return what is known of the camera of an image (h, w, 3) that was decoded from these bytes.
 
-    Raises `InvalidCameraError` when the camera that was given can't be the image's own.
+    Raises `InvalidCameraError` with the likely cause when the camera that was given can't be the image's own.
     """
     height, width = rgb.shape[:2]
-    if given is not None:
-        return QueryCamera(_given_camera(given, width, height), "request")
-    return camera_from_tags(read_photo_tags(image), width, height)
-
-
-def _given_camera(camera: Camera | tuple[float, ...], width: int, height: int) -> Camera:
-    if not isinstance(camera, Camera):
-        return Camera.from_values(camera, width, height)
-    if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
-        raise InvalidCameraError(
-            f"The camera is for {camera.width} x {camera.height} pixels, the upright image has {width} x "
-            f"{height}: give the intrinsics of the image as its EXIF orientation turns it."
-        )
-    return camera.scaled_to(width, height)
+    if given is None:
+        return camera_from_tags(read_photo_tags(image), width, height)
+    stated = stated_camera(given, width, height, quarter_turns_of(image))
+    return QueryCamera(stated.camera, "request_turned" if stated.is_turned else "request")
 
 
 def camera_from_tags(tags: PhotoTags, width: int, height: int) -> QueryCamera:

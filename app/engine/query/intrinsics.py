@@ -62,6 +62,12 @@ class IntrinsicsCheckOptions:
     sure_sigmas: float = limit(
         4.0, "Sigmas of the focal length beyond which a smaller gain is enough.", chosen=ON_ZOOMED
     )
+    truncation_factor: float = limit(
+        1.5,
+        "Factor on the change that another camera would make: it is estimated on inliers of the stated one, which "
+        "leaves out what contradicts it most.",
+        chosen=ON_ZOOMED,
+    )
     refined_sigma: float = limit(
         0.015,
         "Relative standard deviation of a refined focal length: the errors of the map's points are common to all.",
@@ -77,21 +83,22 @@ class CheckedCamera:
     """The camera that an answer uses, the stated one or a refined one, and its pose.
 
     `systematic` is one standard deviation of the pose by what is not known of the camera: all matches share it, so that
-    no covariance of theirs shows it.
+    no covariance of theirs shows it. `is_contradicted` says that the matches contradict the camera that is used.
     """
 
     camera: Camera
     best: Hypothesis
     systematic: Accuracy = Accuracy(0.0, 0.0)
+    is_contradicted: bool = False
     is_refined: bool = False
 
 
 def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, search: Search) -> CheckedCamera:
     """Return the stated camera, or a refined one where the matches fit it far better.
 
-    A camera that the matches don't contradict is taken as stated. One that they contradict without showing which other
-    one it is, or leave open, leaves the pose uncertain by what the other camera would change of it. `estimate` returns the pose of
-    matches, `search` the pinhole of any focal length that most of them agree with.
+    A camera that the matches confirm is taken as stated. Where they leave it open, or contradict it without showing
+    which other camera it is, the pose is uncertain by what the other camera would change of it. `estimate` returns the
+    pose of matches, `search` the pinhole of any focal length that most of them agree with.
     """
     fit = _fit(best, camera)
     if fit is None:
@@ -106,13 +113,15 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     refined = _refined(best, camera, fit, estimate, search)
     if refined is not None:
         return refined
-    return CheckedCamera(camera, best, _left_open(best, fit))
+    return CheckedCamera(camera, best, _left_open(best, fit), is_contradicted=True)
 
 
 def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
     """Return by how much another camera that the matches allow would change a pose."""
-    apart = best.pose.inverse() @ fit.pose
-    return Accuracy(float(np.linalg.norm(apart.translation)), rotation_angle_deg(apart.rotation))
+    apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
+    return Accuracy(
+        factor * float(np.linalg.norm(apart.translation)), factor * rotation_angle_deg(apart.rotation)
+    )
 
 
 def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:

@@ -306,10 +306,12 @@ class Localizer:
         """Return the outcome for the best pose: its accuracy, the evidence, and whether it can be trusted."""
         opened, query = self.map, matcher.query
         camera = checked.camera
+        metadata = opened.artifact.metadata
         own = accuracy_in_map(opened.artifact, best.inliers, camera, best.pose, *sigmas)
-        own = own.with_more(checked.systematic)
-        accuracy = with_map_error(own, opened.artifact.metadata)
-        evidence, reason = self._judged(matcher, best, rival, camera, own, accuracy)
+        accuracy = with_map_error(own.with_more(checked.systematic), metadata)
+        if checked.is_contradicted:
+            own = own.with_more(checked.systematic)
+        evidence, reason = self._judged(matcher, best, rival, camera, own, with_map_error(own, metadata))
         query.timer.lap("pose")
         found = Localization(
             evidence=evidence,

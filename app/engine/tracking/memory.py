@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.engine.mapping.options import parse_camera
 from app.engine.query.placed import WORLD, Accuracy, PlacedPose
 from app.engine.tracking.state import TrackingMemory
-from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 
 
@@ -65,20 +63,3 @@ def memory_from_json(values: Mapping[str, Any]) -> TrackingMemory:
 def _placed(values: list[float] | None, frame_id: str) -> PlacedPose | None:
     pose = pose_from_json(values)
     return None if pose is None else PlacedPose(pose, frame_id)
-
-
-def camera_to_json(camera: Camera | tuple[float, ...] | None) -> Any:
-    """Return a camera, or the numbers of one, as JSON."""
-    if isinstance(camera, Camera):
-        return {
-            "model": camera.model,
-            "width": camera.width,
-            "height": camera.height,
-            "params": list(camera.params),
-        }
-    return None if camera is None else list(camera)
-
-
-def camera_from_json(values: Any) -> Camera | tuple[float, ...] | None:
-    """Return the camera, or the numbers of one, of JSON."""
-    return parse_camera(values)

@@ -10,6 +10,7 @@ import pytest
 from app.engine.query.camera_sources import QueryCamera, camera_from_tags, focal_from_35mm, query_camera
 from app.errors import InvalidCameraError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.focal import ApproximateCamera, pinhole
 from app.vision.exif import PhotoTags
 
@@ -93,5 +94,6 @@ def test_what_was_used_in_the_end_decides_the_source() -> None:
     ],
 )
 def test_a_camera_that_can_not_be_the_images_own(camera: Camera | tuple[float, ...], words: str) -> None:
+    hint = hint_of(camera) if isinstance(camera, Camera) else CameraHint(values=camera)
     with pytest.raises(InvalidCameraError, match=words):
-        query_camera(camera, np.zeros((480, 640, 3), np.uint8), b"")
+        query_camera(hint, np.zeros((480, 640, 3), np.uint8), b"")

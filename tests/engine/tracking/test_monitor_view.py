@@ -11,6 +11,7 @@ from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.poi_triangulation import scale_by_pois
 from app.engine.tracking.odometry.monitor_view import MonitorView, SeenByMonitor
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.lens import Lens
 from app.geometry.se3 import Pose
 
@@ -67,7 +68,7 @@ def test_the_scale_is_what_known_distances_say_of_the_points_that_are_there() ->
         y=0.0,
         height_m=2.5,
         heading_deg=None,
-        camera=PHONE,
+        camera=hint_of(PHONE),
         pois=(Poi(id="p", region_px=region, x=3.0, y=0.0, distance_m=3.0),),
     )
     seen = replace(seen_by(PHONE, pixels), scale_of=lambda px, away: scale_by_pois(spec, PHONE, px, away))
