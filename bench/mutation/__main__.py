@@ -13,6 +13,7 @@ from bench.mutation.run import baseline_s, import_libraries, try_mutant
 from bench.mutation.targets import TARGETS, Target
 
 RESULTS = Path(".mutants.json")
+PROGRESS_EVERY = 25
 PAGE = Path("docs/figures/mutants.md")
 
 
@@ -56,7 +57,9 @@ def _run(target: Target, function: str | None) -> Result:
     began = time.monotonic()
     reasons = read_reasons(target.path)
     tried = []
-    for mutant in mutants:
+    for number, mutant in enumerate(mutants):
+        if number % PROGRESS_EVERY == 0 and number:
+            print(f"  {number} tried", flush=True)
         tried.append(try_mutant(target.path, mutant, target.tests, seconds))
         if tried[-1].outcome != "killed":
             known = reasons.get((mutant.function, mutant.before, mutant.after))

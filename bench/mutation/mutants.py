@@ -162,7 +162,8 @@ def _operator_of_comparison(index: int, other: type[ast.cmpop]) -> Change:
 def _without_value(index: int) -> Change:
     def change(node: ast.AST) -> None:
         assert isinstance(node, ast.BoolOp)  # noqa: S101 - the node that this was made for
-        del node.values[index]
+        # A neighbour in its place, since one value alone makes no such node.
+        node.values[index] = copy.deepcopy(node.values[index - 1])
 
     return change
 

@@ -62,14 +62,15 @@ class _Mutated(MetaPathFinder):
     """Finds one module as a mutant of itself."""
 
     def __init__(self, name: str, path: Path, mutant: Mutant) -> None:
-        self._name, self._path, self._mutant = name, path, mutant
+        self._name, self._path = name, path
+        self._code = compile(mutant.tree, str(path), "exec")
 
     def find_spec(self, fullname: str, *_: object) -> ModuleSpec | None:
         """Return the mutant's spec under the module's own name."""
         if fullname != self._name:
             return None
         loader = _MutantLoader(self._name, str(self._path))
-        loader.code = compile(self._mutant.tree, str(self._path), "exec")
+        loader.code = self._code
         return spec_from_file_location(self._name, self._path, loader=loader)
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 QUERY = "tests/engine/query"
 TRACKING = "tests/engine/tracking"
 SERVICES = "tests/services"
-MUSEUM = f"{QUERY}/test_abstention.py::test_a_room_that_is_in_the_map_twice_is_ambiguous"
+# For tests without fixtures of conftest.py, which import the whole application.
+ALONE = "--noconftest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,29 +22,13 @@ class Target:
 
 
 TARGETS = (
-    Target(
-        "app/engine/query/verification.py",
-        (
-            f"{QUERY}/test_verification.py",
-            f"{QUERY}/test_abstention.py",
-            f"--deselect={MUSEUM}",
-        ),
-    ),
-    Target(
-        "app/engine/query/contradiction.py",
-        (f"{QUERY}/test_contradiction.py",),
-    ),
-    Target(
-        "app/engine/query/accuracy.py",
-        (f"{QUERY}/test_accuracy.py",),
-    ),
-    Target(
-        "app/engine/query/camera.py",
-        (f"{QUERY}/test_query_camera.py",),
-    ),
+    Target("app/engine/query/verification.py", (ALONE, f"{QUERY}/test_verification.py")),
+    Target("app/engine/query/contradiction.py", (ALONE, f"{QUERY}/test_contradiction.py")),
+    Target("app/engine/query/accuracy.py", (ALONE, f"{QUERY}/test_accuracy.py")),
+    Target("app/engine/query/camera.py", (ALONE, f"{QUERY}/test_query_camera.py")),
     Target(
         "app/engine/tracking/tracker.py",
-        (f"{TRACKING}/test_belief.py", f"{TRACKING}/test_confirmation.py"),
+        (ALONE, f"{TRACKING}/test_belief.py"),
         (
             "Tracker._search",
             "Tracker._just_searched",
@@ -56,10 +41,7 @@ TARGETS = (
             "Tracker._doubt",
         ),
     ),
-    Target(
-        "app/storage/maps.py",
-        ("tests/storage/test_maps.py",),
-    ),
+    Target("app/storage/maps.py", (ALONE, "tests/storage/test_maps.py")),
     Target(
         "app/services/run_build.py",
         (f"{SERVICES}/test_publishing.py", f"{SERVICES}/test_run_build.py"),
