@@ -44,6 +44,8 @@ LIBRARIES = (
     "shapely",
     "sqlalchemy",
 )
+# Ends with the first failure, about which nothing is to be said; no plugin that takes time to load, but the limit.
+PYTEST = ("-x", "-q", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "pytest_timeout")
 # A mutant that takes so much longer than the module itself doesn't end. Time of the processor, which a busy machine
 # doesn't stretch; a mutant that sleeps is ended by pytest's own limit.
 PATIENCE = 4.0
@@ -130,6 +132,7 @@ def _become_pytest(finder: MetaPathFinder | None, tests: Sequence[str], limit_s:
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s), int(limit_s) + 5))
         if finder is not None:
             sys.meta_path.insert(0, finder)
-        code = int(pytest.main(["-x", "-q", "--tb=no", "-p", "no:cacheprovider", *tests]))
+        os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+        code = int(pytest.main([*PYTEST, *tests]))
     finally:
         os._exit(code)

@@ -122,23 +122,23 @@ CLEAR = Evidence(
 
 
 @pytest.mark.parametrize(
-    ("passes", "fails"),
+    ("passes", "fails", "why"),
     [
-        ({"inliers": 16, "matches": 30}, {"inliers": 9, "matches": 20}),
-        ({"matches": 2600}, {"matches": 6000}),
-        ({"coverage": 0.18}, {"coverage": 0.1}),
-        ({"distinct": 150}, {"distinct": 110}),
-        ({"coverage": 0.2, "distinct": 144}, {"coverage": 0.15, "distinct": 140}),
-        ({"unrepeated": 100}, {"unrepeated": 55}),
-        ({"contradicted": 0.18}, {"contradicted": 0.3}),
-        ({"rival": 80}, {"rival": 150}),
-        ({"sigma_m": 0.12}, {"sigma_m": 0.2}),
-        ({"keyframe_distance_m": 9.0}, {"keyframe_distance_m": 16.0}),
+        ({"inliers": 16, "matches": 30}, {"inliers": 9, "matches": 20}, "too_few_inliers"),
+        ({"matches": 2600}, {"matches": 6000}, "too_few_inliers"),
+        ({"coverage": 0.18}, {"coverage": 0.1}, "too_few_inliers"),
+        ({"distinct": 150}, {"distinct": 110}, "ambiguous"),
+        ({"coverage": 0.2, "distinct": 144}, {"coverage": 0.15, "distinct": 140}, "ambiguous"),
+        ({"unrepeated": 100}, {"unrepeated": 55}, "ambiguous"),
+        ({"contradicted": 0.18}, {"contradicted": 0.3}, "ambiguous"),
+        ({"rival": 80}, {"rival": 150}, "ambiguous"),
+        ({"sigma_m": 0.12}, {"sigma_m": 0.2}, "too_few_inliers"),
+        ({"keyframe_distance_m": 9.0}, {"keyframe_distance_m": 16.0}, "outside_venue"),
     ],
     ids=str,
 )
 def test_the_limits_in_use_are_between_a_clear_view_and_chance(
-    passes: dict[str, float], fails: dict[str, float]
+    passes: dict[str, float], fails: dict[str, float], why: str
 ) -> None:
     def reason(changes: dict[str, float]) -> str | None:
         rest = {name: value for name, value in changes.items() if name != "sigma_m"}
@@ -151,7 +151,22 @@ def test_the_limits_in_use_are_between_a_clear_view_and_chance(
         return judge(replace(CLEAR, **{**others, **rest}), changes.get("sigma_m", 0.02), LIMITS)
 
     assert reason(passes) is None
-    assert reason(fails) is not None
+    assert reason(fails) == why
+
+
+def test_a_pose_that_is_right_two_times_in_three_is_not_trusted() -> None:
+    doubtful = replace(
+        CLEAR,
+        matches=2400,
+        coverage=0.2,
+        distinct=144,
+        rival=48,
+        unrepeated=120,
+        position_sigma_m=0.14,
+    )
+    assert 0.55 < confidence_of(doubtful) < 0.75
+    assert judge(doubtful, 0.14, LIMITS) == "too_few_inliers"
+    assert judge(doubtful, 0.14, replace(LIMITS, min_confidence=0.5)) is None
 
 
 def test_no_limits_let_everything_pass() -> None:
