@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from app.services.feature_library import FeatureLibrary
 from sqlalchemy.exc import OperationalError
 
-from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.routes import RouteService
 from app.services.sessions import SessionFrame, SessionResult, SessionService
+from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.maps import publish_map
 from app.storage.venues import create_venue
@@ -66,9 +64,7 @@ def phone(room: Room, tmp_path: Path) -> Iterator[Phone]:
     with resources.database.write() as connection:
         create_venue(connection, "v", "V")
         publish_map(connection, "v", "", *stored, {}, [])
-    features = FeatureLibrary(resources.database)
-    routes = RouteService(resources.database, features)
-    service = SessionService(resources, MapLibrary(resources), features, routes)
+    service = wire_services(resources).sessions
     yield Phone(service, resources, service.create("v").id)
     resources.close()
 

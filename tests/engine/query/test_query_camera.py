@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.engine.query.camera import MIN_FEATURES, fit_query_camera
+from app.engine.query.camera import OPTIONS, fit_query_camera
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
 from app.geometry.focal import pinhole
@@ -13,7 +13,10 @@ from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate, refine_pose
 from app.geometry.se3 import Pose
 
-WIDTH, HEIGHT, FOCAL_PX = 640, 480, 525.0
+WIDTH = 640
+HEIGHT = 480
+FOCAL_PX = 525.0
+MIN_FEATURES = OPTIONS.min_features
 PINHOLE = pinhole(WIDTH, HEIGHT, FOCAL_PX)
 BENT = Lens(-0.1).of(PINHOLE)
 
