@@ -30,7 +30,7 @@ format: $(STAMP)  ## Format and fix
 	$(BIN)/ruff format .
 
 mutants: $(STAMP)  ## Change the code that refuses wrong answers, and list the changes that no test notices (about an hour)
-	$(BIN)/python -m bench.mutation --write
+	$(BIN)/python -m bench.mutation --figures
 
 clean:  ## Remove the environment and the demonstration data
 	rm -rf $(VENV) .roomfix

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from bench.mutation.__main__ import chosen_mutants
 from bench.mutation.mutants import Mutant, mutants_of
-from bench.mutation.report import Result, Survivor, page_of, read_reasons
+from bench.mutation.report import OPEN, key_of, read_reasons, summary_of, write_section
 from bench.mutation.run import Tried, baseline_s, try_mutant
+from bench.mutation.targets import TARGETS, Target
 
 SOURCE = '''"""A toy."""
 LIMIT = 4.0
@@ -125,29 +127,35 @@ def test_without_passing_tests_there_is_nothing_to_see(toy: Path) -> None:
 def test_the_page_tells_equivalent_mutants_from_open_ones(tmp_path: Path) -> None:
     killed = mutant_of("10 is_far: `10` -> `11`")
     left = mutant_of("10 is_far: `metres > LIMIT` -> `metres >= LIMIT`")
-    result = Result.of(
-        "app/toy.py", [Tried(killed, "killed"), Tried(killed, "timed out"), Tried(left, "survived")]
-    )
-    assert (result.mutants, result.killed, result.timed_out) == (3, 2, 1)
-    assert result.survivors == (Survivor("is_far", "metres > LIMIT", "metres >= LIMIT"),)
-    assert Result.from_dict(result.as_dict()) == result
-    page = page_of([result])
-    assert "| `app/toy.py` | 3 | 2 | 0 | 1 |" in page
-    assert "`metres > LIMIT` becomes `metres >= LIMIT` | no test notices |" in page
-    reasons = tmp_path / "equivalent.toml"
-    reasons.write_text(
-        '[[mutant]]\nmodule = "app/toy.py"\nfunction = "is_far"\nbefore = "a"\nafter = "b"\nreason = "Why."\n'
-    )
-    assert read_reasons("app/toy.py", reasons) == {("is_far", "a", "b"): "Why."}
-    assert read_reasons("app/other.py", reasons) == {}
+    other = mutant_of("5 is_far: `0` -> `1`")
+    tried = [
+        Tried(killed, "killed"),
+        Tried(killed, "timed out"),
+        Tried(left, "survived"),
+        Tried(other, "survived"),
+    ]
+    file = tmp_path / "equivalent.toml"
+    entry = 'function = "is_far"\nbefore = "0"\nafter = "1"\nreason = "Why."\n'
+    file.write_text(f'[[mutant]]\nmodule = "app/toy.py"\n{entry}')
+    reasons = read_reasons("app/toy.py", file)
+    assert reasons == {("is_far", "0", "1"): "Why."}
+    assert read_reasons("app/other.py", file) == {}
+    assert summary_of(tried, reasons) == "4 mutants: 2 killed, 1 behave as the module does, 1 open."
+    page = write_section("app/toy.py", tried, reasons, tmp_path).read_text()
+    assert "## app/toy.py\n" in page
+    assert f"`metres > LIMIT` becomes `metres >= LIMIT` | {OPEN} |" in page
+    assert "| `is_far` | `0` becomes `1` | Why. |" in page
 
 
-def test_the_reasons_that_are_kept_are_of_mutants_that_there_are() -> None:
-    from bench.mutation.targets import TARGETS
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.path)
+def test_what_is_mutated_and_what_is_explained_is_there(target: Target) -> None:
+    there = {key_of(mutant) for mutant in chosen_mutants(target)}
+    assert there
+    assert set(read_reasons(target.path)) <= there
+    files = [name for name in target.tests if not name.startswith("-")]
+    assert all(Path(name).is_file() for name in files)
 
-    for target in TARGETS:
-        there = {
-            (mutant.function, mutant.before, mutant.after)
-            for mutant in mutants_of(Path(target.path).read_text(encoding="utf-8"))
-        }
-        assert set(read_reasons(target.path)) <= there
+
+def test_a_function_that_is_gone_is_no_silent_success() -> None:
+    with pytest.raises(ValueError, match="no mutants in gone"):
+        chosen_mutants(Target(TARGETS[0].path, (), ("gone",)))

@@ -27,8 +27,15 @@ def seen(count: int, camera: Camera, is_flat: bool = False, noise_px: float = 0.
     depth_m = np.full(count, 3.0) if is_flat else rng.uniform(2.0, 5.0, count)
     points = PINHOLE.unproject(rng.uniform([30, 30], [WIDTH - 30, HEIGHT - 30], (count, 2)), depth_m)
     pixels = camera.project(points) + rng.normal(0, noise_px, (count, 2))
-    rows = np.arange(count)
-    return Matches(pixels, points, np.full(count, 0.01), rows, np.zeros(count, np.intp), np.ones(count, bool))
+    return Matches(
+        points_px=pixels,
+        points_in_world=points,
+        sigma_m=np.full(count, 0.01),
+        query_rows=np.arange(count),
+        keyframes=np.zeros(count, np.intp),
+        distances=np.zeros(count, np.float32),
+        distinct=np.ones(count, bool),
+    )
 
 
 def fitted(

@@ -24,6 +24,7 @@ from tests.tracking import TrackerIn
 
 BLANK = np.full((CAMERA.height, CAMERA.width, 3), 128, np.uint8)
 HOME = pose_at(0.0, 0.0)
+PLACE = PlacedPose(HOME)
 PLAN = "plan:ground"
 NOTHING = NoFix("no_match", Support(3, 7))
 
@@ -72,7 +73,7 @@ class Seen:
 
 
 def remembered(
-    last: PlacedPose | None = PlacedPose(HOME), state: State = "tracking", sigma_m: float = 0.0
+    last: PlacedPose | None = PLACE, state: State = "tracking", sigma_m: float = 0.0
 ) -> TrackingMemory:
     """Return the memory of a camera that was at a place at 100 s."""
     return TrackingMemory(state=state, last=last, time_s=100.0, fix_accuracy=Accuracy(sigma_m, 0.0))
@@ -308,7 +309,7 @@ def test_what_is_found_near_the_last_place_must_be_in_reach() -> None:
 
 @pytest.mark.parametrize(
     ("time_s", "last"),
-    [(103.1, PlacedPose(HOME)), (96.9, PlacedPose(HOME)), (100.1, None), (100.1, PlacedPose(HOME, PLAN))],
+    [(103.1, PLACE), (96.9, PLACE), (100.1, None), (100.1, PlacedPose(HOME, PLAN))],
     ids=["later", "before", "no place", "on a plan"],
 )
 def test_only_a_place_in_the_world_of_a_moment_ago_is_looked_around(
