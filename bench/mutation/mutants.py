@@ -143,6 +143,9 @@ def _changes(node: ast.AST, place: _Place) -> Iterator[Change]:
         yield from (_field("value", value) for value in _other_values(node.value, bool(place.returns)))
     elif isinstance(node, ast.Return) and node.value is not None:
         yield from _returned_constants(node.value, place.returns)
+    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute | ast.Subscript):
+        # What is to be kept is not.
+        yield _field("targets", [ast.Name("_", ast.Store())])
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         yield _field("value", ast.Constant(None))
 

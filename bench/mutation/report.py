@@ -1,4 +1,4 @@
-"""What a run found as a section of docs/figures/mutants.md: how many mutants were killed, and why the others were not."""
+"""What a run found as a section of docs/figures/mutants.md: how many mutants were killed, why others were not."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.figures.page import FOLDER, write_figures
+from bench.figures.page import FOLDER, Block, write_figures
 from bench.figures.provenance import provenance
 from bench.mutation.mutants import Mutant
 from bench.mutation.run import Tried
@@ -62,5 +62,7 @@ def survivors_table(tried: Sequence[Tried], reasons: dict[Key, str]) -> ReportTa
 def write_section(path: str, tried: Sequence[Tried], reasons: dict[Key, str], folder: Path = FOLDER) -> Path:
     """Write the section of a module and return the page's path."""
     table = survivors_table(tried, reasons)
-    blocks = [summary_of(tried, reasons), *([table] if table.rows else [])]
+    blocks: list[Block] = [summary_of(tried, reasons)]
+    if table.rows:
+        blocks.append(table)
     return write_figures(PAGE, path, provenance(f"python -m bench.mutation {path}"), blocks, folder)
