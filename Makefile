@@ -3,7 +3,7 @@ VENV := .venv
 STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
 
-.PHONY: run test check format clean help
+.PHONY: run test check format mutants clean help
 
 help:  ## Show the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -28,6 +28,9 @@ check: $(STAMP)  ## Lint, format check, types
 format: $(STAMP)  ## Format and fix
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+mutants: $(STAMP)  ## Change the code that refuses wrong answers, and list the changes that no test notices (about an hour)
+	$(BIN)/python -m bench.mutation --figures
 
 clean:  ## Remove the environment and the demonstration data
 	rm -rf $(VENV) .roomfix

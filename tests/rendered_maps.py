@@ -56,4 +56,4 @@ def map_of_views(views: Sequence[View]) -> tuple[MapArtifact, GlobalIndex]:
 
 def localizer_of(views: Sequence[View]) -> Localizer:
     """Return the localizer of the map of views."""
-    return Localizer(*map_of_views(views), models())
+    return Localizer.of(*map_of_views(views), models())

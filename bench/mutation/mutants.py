@@ -143,6 +143,9 @@ def _changes(node: ast.AST, place: _Place) -> Iterator[Change]:
         yield from (_field("value", value) for value in _other_values(node.value, bool(place.returns)))
     elif isinstance(node, ast.Return) and node.value is not None:
         yield from _returned_constants(node.value, place.returns)
+    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute | ast.Subscript):
+        # What is to be kept is not.
+        yield _field("targets", [ast.Name("_", ast.Store())])
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         yield _field("value", ast.Constant(None))
 
@@ -162,7 +165,8 @@ def _operator_of_comparison(index: int, other: type[ast.cmpop]) -> Change:
 def _without_value(index: int) -> Change:
     def change(node: ast.AST) -> None:
         assert isinstance(node, ast.BoolOp)  # noqa: S101 - the node that this was made for
-        del node.values[index]
+        # A neighbour in its place, since one value alone makes no such node.
+        node.values[index] = copy.deepcopy(node.values[index - 1])
 
     return change
 

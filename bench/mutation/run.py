@@ -44,6 +44,8 @@ LIBRARIES = (
     "shapely",
     "sqlalchemy",
 )
+# Ends with the first failure, about which nothing is to be said; no plugin that takes time to load, but the limit.
+PYTEST = ("-x", "-q", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "pytest_timeout")
 # A mutant that takes so much longer than the module itself doesn't end. Time of the processor, which a busy machine
 # doesn't stretch; a mutant that sleeps is ended by pytest's own limit.
 PATIENCE = 4.0
@@ -62,14 +64,15 @@ class _Mutated(MetaPathFinder):
     """Finds one module as a mutant of itself."""
 
     def __init__(self, name: str, path: Path, mutant: Mutant) -> None:
-        self._name, self._path, self._mutant = name, path, mutant
+        self._name, self._path = name, path
+        self._code = compile(mutant.tree, str(path), "exec")
 
     def find_spec(self, fullname: str, *_: object) -> ModuleSpec | None:
         """Return the mutant's spec under the module's own name."""
         if fullname != self._name:
             return None
         loader = _MutantLoader(self._name, str(self._path))
-        loader.code = compile(self._mutant.tree, str(self._path), "exec")
+        loader.code = self._code
         return spec_from_file_location(self._name, self._path, loader=loader)
 
 
@@ -129,6 +132,7 @@ def _become_pytest(finder: MetaPathFinder | None, tests: Sequence[str], limit_s:
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s), int(limit_s) + 5))
         if finder is not None:
             sys.meta_path.insert(0, finder)
-        code = int(pytest.main(["-x", "-q", "--tb=no", "-p", "no:cacheprovider", *tests]))
+        os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+        code = int(pytest.main([*PYTEST, *tests]))
     finally:
         os._exit(code)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 QUERY = "tests/engine/query"
 TRACKING = "tests/engine/tracking"
 SERVICES = "tests/services"
-MUSEUM = f"{QUERY}/test_abstention.py::test_a_room_that_is_in_the_map_twice_is_ambiguous"
+# For tests without fixtures of conftest.py, which import the whole application.
+ALONE = "--noconftest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,45 +22,24 @@ class Target:
 
 
 TARGETS = (
-    Target(
-        "app/engine/query/verification.py",
-        (
-            f"{QUERY}/test_verification.py",
-            f"{QUERY}/test_abstention.py",
-            f"--deselect={MUSEUM}",
-        ),
-    ),
-    Target(
-        "app/engine/query/contradiction.py",
-        (f"{QUERY}/test_contradiction.py",),
-    ),
-    Target(
-        "app/engine/query/accuracy.py",
-        (f"{QUERY}/test_accuracy.py",),
-    ),
-    Target(
-        "app/engine/query/camera.py",
-        (f"{QUERY}/test_query_camera.py",),
-    ),
+    Target("app/engine/query/verification.py", (ALONE, f"{QUERY}/test_verification.py")),
+    Target("app/engine/query/contradiction.py", (ALONE, f"{QUERY}/test_contradiction.py")),
+    Target("app/engine/query/accuracy.py", (ALONE, f"{QUERY}/test_accuracy.py")),
+    Target("app/engine/query/camera.py", (ALONE, f"{QUERY}/test_query_camera.py")),
+    Target("app/engine/tracking/belief.py", (ALONE, f"{TRACKING}/test_belief.py")),
+    Target("app/engine/tracking/drift.py", (ALONE, f"{TRACKING}/test_belief.py"), ("reach_m",)),
     Target(
         "app/engine/tracking/tracker.py",
-        (f"{TRACKING}/test_belief.py", f"{TRACKING}/test_confirmation.py"),
+        (ALONE, f"{TRACKING}/test_belief.py"),
         (
             "Tracker._search",
-            "Tracker._just_searched",
             "Tracker._near_last",
-            "Tracker._can_be",
-            "Tracker._is_plausible",
-            "Tracker._is_confirmed",
-            "Tracker._may_be_elsewhere",
-            "Tracker._is_near",
+            "Tracker._just_searched",
             "Tracker._doubt",
+            "Tracker._miss",
         ),
     ),
-    Target(
-        "app/storage/maps.py",
-        ("tests/storage/test_maps.py",),
-    ),
+    Target("app/storage/maps.py", (ALONE, "tests/storage/test_maps.py")),
     Target(
         "app/services/run_build.py",
         (f"{SERVICES}/test_publishing.py", f"{SERVICES}/test_run_build.py"),

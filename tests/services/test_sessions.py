@@ -11,11 +11,9 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from app.geometry.camera_hint import hint_of
-from app.services.floor_features import FeatureLibrary
-from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.routes import RouteService
 from app.services.sessions import SessionFrame, SessionResult, SessionService
+from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.maps import publish_map
 from app.storage.venues import create_venue
@@ -67,9 +65,7 @@ def phone(room: Room, tmp_path: Path) -> Iterator[Phone]:
     with resources.database.write() as connection:
         create_venue(connection, "v", "V")
         publish_map(connection, "v", "", *stored, {}, [])
-    features = FeatureLibrary(resources.database)
-    routes = RouteService(resources.database, features)
-    service = SessionService(resources, MapLibrary(resources), features, routes)
+    service = wire_services(resources).sessions
     yield Phone(service, resources, service.create("v").id)
     resources.close()
 

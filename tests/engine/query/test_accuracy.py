@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.engine.maps.artifact import MapMetadata
 from app.engine.query.accuracy import (
     accuracy_in_map,
     accuracy_of,
     seen_from_one_side,
     sigma_across,
+    with_map_error,
 )
 from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy
 from app.geometry.se3 import Pose
+from tests.maps import map_of
 from tests.scenes import CAMERA
 
 ORIGIN = np.zeros(3)
@@ -64,35 +68,55 @@ def test_accuracy_is_of_what_the_points_show() -> None:
     exact, noisy = np.zeros(len(points)), np.full(len(points), 0.05)
     by_exact = accuracy_of(pixels, points, exact, CAMERA, Pose.identity())
     by_noisy = accuracy_of(pixels, points, noisy, CAMERA, Pose.identity())
-    assert 0 < by_exact[0] < by_noisy[0] < 0.2
-    assert 0 < by_exact[1] < by_noisy[1] < 2.0
+    assert 0 < by_exact.position_m < by_noisy.position_m < 0.2
+    assert 0 < by_exact.orientation_deg < by_noisy.orientation_deg < 2.0
     # What is not known of the focal length or the lens makes the place less certain.
     for extra in ((0.05, 0.0), (0.0, 0.03)):
-        assert accuracy_of(pixels, points, exact, CAMERA, Pose.identity(), *extra)[0] > by_exact[0]
+        vague = accuracy_of(pixels, points, exact, CAMERA, Pose.identity(), *extra)
+        assert vague.position_m > by_exact.position_m
 
 
 def test_points_that_leave_the_pose_open_give_no_accuracy() -> None:
     pixels, points = spread()
-    same = np.repeat(points[:1], 40, axis=0), np.repeat(pixels[:1], 40, axis=0)
-    found = accuracy_of(same[1], same[0], np.zeros(40), CAMERA, Pose.identity())
-    assert found == (float("inf"), 180.0)
+    same_px, same = np.repeat(pixels[:1], 40, axis=0), np.repeat(points[:1], 40, axis=0)
+    found = accuracy_of(same_px, same, np.zeros(40), CAMERA, Pose.identity())
+    assert found == Accuracy(float("inf"), 180.0)
 
 
 def test_in_a_map_only_the_noise_across_the_cameras_rays_counts() -> None:
     pixels, points = spread()
-    rows = np.arange(len(points))
-    matches = Matches(
-        pixels,
-        points,
-        np.full(len(points), 0.05),
-        rows,
-        np.zeros(len(rows), np.intp),
-        np.ones(len(rows), bool),
+    # One keyframe is where the camera is, the other beside it.
+    beside = Pose(np.eye(3), np.array([2.0, 0.0, 0.0]))
+    artifact = map_of([Pose.identity(), beside], [points[:1], points[:1]], [np.zeros((1, 128), np.uint8)] * 2)
+
+    def accuracy(keyframe: int, *sigmas: float) -> Accuracy:
+        matches = Matches(
+            points_px=pixels,
+            points_in_world=points,
+            sigma_m=np.full(len(points), 0.05),
+            query_rows=np.arange(len(points)),
+            keyframes=np.full(len(points), keyframe),
+            distances=np.zeros(len(points), np.float32),
+            distinct=np.ones(len(points), bool),
+        )
+        return accuracy_in_map(artifact, matches, CAMERA, Pose.identity(), *sigmas)
+
+    exact = accuracy_of(pixels, points, np.zeros(len(points)), CAMERA, Pose.identity())
+    assert accuracy(0) == exact
+    assert accuracy(1).position_m > 1.5 * exact.position_m
+    for sigmas in ((0.05, 0.0), (0.0, 0.03)):
+        assert accuracy(0, *sigmas).position_m > exact.position_m
+
+
+def test_the_maps_own_error_is_added_to_that_of_its_points() -> None:
+    metadata = MapMetadata(
+        features="sift",
+        descriptor_sha256="",
+        descriptor_size=8,
+        cameras=(CAMERA,),
+        keyframe_names=(),
+        position_sigma_m=0.03,
+        orientation_sigma_deg=1.2,
     )
-    here = np.zeros((len(points), 3))
-    from_here = accuracy_in_map(matches, here, CAMERA, Pose.identity())
-    from_beside = accuracy_in_map(matches, here + np.array([2.0, 0.0, 0.0]), CAMERA, Pose.identity())
-    assert from_here == accuracy_of(pixels, points, np.zeros(len(points)), CAMERA, Pose.identity())
-    assert from_beside[0] > 1.5 * from_here[0]
-    for extra in ((0.05, 0.0), (0.0, 0.03)):
-        assert accuracy_in_map(matches, here, CAMERA, Pose.identity(), *extra)[0] > from_here[0]
+    found = with_map_error(Accuracy(0.04, 0.5), metadata)
+    assert (found.position_m, found.orientation_deg) == pytest.approx((0.05, 1.3))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.engine.query.localization import Localization
-from app.engine.query.localizer import Localizer, LocalizerSettings
+from app.engine.query.localizer import Localizer
 from app.geometry.se3 import Pose
 from app.vision.images import Rgb
 from tests.rendered_maps import localizer_of, map_of_views, models
@@ -101,7 +101,7 @@ def test_points_count_from_the_side_they_were_scanned_from_alone(room: Room, wal
         positions=np.stack([pose.translation for pose in behind]),
         quaternions=np.stack([pose.quaternion for pose in behind]),
     )
-    found = Localizer(replace(artifact, arrays=arrays), index, models()).localize(picture, CAMERA)
+    found = Localizer.of(replace(artifact, arrays=arrays), index, models()).localize(picture, CAMERA)
     assert (found.world_from_camera, found.reason, found.evidence.inliers) == (None, "no_match", 0)
     assert found.evidence.matches > 100
 
@@ -113,8 +113,8 @@ def faint(picture: Rgb, contrast: float) -> Rgb:
 
 def test_a_faint_picture_is_located_by_its_faint_features(room: Room, wall: Localizer) -> None:
     picture = faint(room.view(QUERY).rgb, 0.2)
-    # By the features of the map's own method it is not.
-    once = Localizer(wall.artifact, wall.index, models(), LocalizerSettings(second_look=0))
+    # By the features of the map's own method alone it is not.
+    once = Localizer(replace(wall.map, faint_extractor=None))
     assert once.localize(picture, CAMERA).reason in ("no_match", "too_few_inliers")
     found = wall.localize(picture, CAMERA)
     assert error_m(found) < 0.03

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.engine.query.camera import MIN_FEATURES, fit_query_camera
+from app.engine.query.camera import OPTIONS, fit_query_camera
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
 from app.geometry.focal import pinhole
@@ -13,7 +13,10 @@ from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate, refine_pose
 from app.geometry.se3 import Pose
 
-WIDTH, HEIGHT, FOCAL_PX = 640, 480, 525.0
+WIDTH = 640
+HEIGHT = 480
+FOCAL_PX = 525.0
+MIN_FEATURES = OPTIONS.min_features
 PINHOLE = pinhole(WIDTH, HEIGHT, FOCAL_PX)
 BENT = Lens(-0.1).of(PINHOLE)
 
@@ -24,8 +27,15 @@ def seen(count: int, camera: Camera, is_flat: bool = False, noise_px: float = 0.
     depth_m = np.full(count, 3.0) if is_flat else rng.uniform(2.0, 5.0, count)
     points = PINHOLE.unproject(rng.uniform([30, 30], [WIDTH - 30, HEIGHT - 30], (count, 2)), depth_m)
     pixels = camera.project(points) + rng.normal(0, noise_px, (count, 2))
-    rows = np.arange(count)
-    return Matches(pixels, points, np.full(count, 0.01), rows, np.zeros(count, np.intp), np.ones(count, bool))
+    return Matches(
+        points_px=pixels,
+        points_in_world=points,
+        sigma_m=np.full(count, 0.01),
+        query_rows=np.arange(count),
+        keyframes=np.zeros(count, np.intp),
+        distances=np.zeros(count, np.float32),
+        distinct=np.ones(count, bool),
+    )
 
 
 def fitted(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.engine.query.matches import Matches
 from app.engine.query.verification import (
     CONFIDENCE,
     ConfidenceModel,
@@ -14,10 +15,12 @@ from app.engine.query.verification import (
     Limits,
     confidence_of,
     coverage,
+    evidence_of,
     features_of,
     gather_evidence,
     judge,
 )
+from tests.scenes import CAMERA
 
 SIZE_PX = (320, 240)
 LIMITS = Limits()
@@ -122,23 +125,23 @@ CLEAR = Evidence(
 
 
 @pytest.mark.parametrize(
-    ("passes", "fails"),
+    ("passes", "fails", "why"),
     [
-        ({"inliers": 16, "matches": 30}, {"inliers": 9, "matches": 20}),
-        ({"matches": 2600}, {"matches": 6000}),
-        ({"coverage": 0.18}, {"coverage": 0.1}),
-        ({"distinct": 150}, {"distinct": 110}),
-        ({"coverage": 0.2, "distinct": 144}, {"coverage": 0.15, "distinct": 140}),
-        ({"unrepeated": 100}, {"unrepeated": 55}),
-        ({"contradicted": 0.18}, {"contradicted": 0.3}),
-        ({"rival": 80}, {"rival": 150}),
-        ({"sigma_m": 0.12}, {"sigma_m": 0.2}),
-        ({"keyframe_distance_m": 9.0}, {"keyframe_distance_m": 16.0}),
+        ({"inliers": 16, "matches": 30}, {"inliers": 9, "matches": 20}, "too_few_inliers"),
+        ({"matches": 2600}, {"matches": 6000}, "too_few_inliers"),
+        ({"coverage": 0.18}, {"coverage": 0.1}, "too_few_inliers"),
+        ({"distinct": 150}, {"distinct": 110}, "ambiguous"),
+        ({"coverage": 0.2, "distinct": 144}, {"coverage": 0.15, "distinct": 140}, "ambiguous"),
+        ({"unrepeated": 100}, {"unrepeated": 55}, "ambiguous"),
+        ({"contradicted": 0.18}, {"contradicted": 0.3}, "ambiguous"),
+        ({"rival": 80}, {"rival": 150}, "ambiguous"),
+        ({"sigma_m": 0.12}, {"sigma_m": 0.2}, "too_few_inliers"),
+        ({"keyframe_distance_m": 9.0}, {"keyframe_distance_m": 16.0}, "outside_venue"),
     ],
     ids=str,
 )
 def test_the_limits_in_use_are_between_a_clear_view_and_chance(
-    passes: dict[str, float], fails: dict[str, float]
+    passes: dict[str, float], fails: dict[str, float], why: str
 ) -> None:
     def reason(changes: dict[str, float]) -> str | None:
         rest = {name: value for name, value in changes.items() if name != "sigma_m"}
@@ -151,7 +154,22 @@ def test_the_limits_in_use_are_between_a_clear_view_and_chance(
         return judge(replace(CLEAR, **{**others, **rest}), changes.get("sigma_m", 0.02), LIMITS)
 
     assert reason(passes) is None
-    assert reason(fails) is not None
+    assert reason(fails) == why
+
+
+def test_a_pose_that_is_right_two_times_in_three_is_not_trusted() -> None:
+    doubtful = replace(
+        CLEAR,
+        matches=2400,
+        coverage=0.2,
+        distinct=144,
+        rival=48,
+        unrepeated=120,
+        position_sigma_m=0.14,
+    )
+    assert 0.55 < confidence_of(doubtful) < 0.75
+    assert judge(doubtful, 0.14, LIMITS) == "too_few_inliers"
+    assert judge(doubtful, 0.14, replace(LIMITS, min_confidence=0.5)) is None
 
 
 def test_no_limits_let_everything_pass() -> None:
@@ -168,7 +186,7 @@ def test_no_limits_let_everything_pass() -> None:
         contradicted=1.0,
     )
     assert judge(worst, 1e9, Limits.none()) is None
-    assert judge(Evidence.none(), float("inf"), Limits.none()) is None
+    assert judge(Evidence(), float("inf"), Limits.none()) is None
 
 
 def test_shares_are_of_the_inliers() -> None:
@@ -177,31 +195,60 @@ def test_shares_are_of_the_inliers() -> None:
     assert AT_THE_EDGE.distinct_coverage == 0.25
     assert AT_THE_EDGE.unrepeated_share == 0.25
     assert replace(AT_THE_EDGE, unrepeated=None).unrepeated_share is None
-    nothing = Evidence.none(7)
+    nothing = Evidence(matches=7)
     assert (nothing.matches, nothing.inliers, nothing.distinct, nothing.coverage) == (7, 0, 0, 0.0)
     assert (nothing.rival, nothing.rival_only, nothing.pose_only) == (0, 0, 0)
     assert nothing.keyframe_distance_m == nothing.position_sigma_m == float("inf")
     assert (nothing.inlier_ratio, nothing.distinct_share, nothing.unrepeated_share) == (0.0, 0.0, None)
     assert replace(nothing, unrepeated=0).unrepeated_share is None
-    assert (Evidence.none().matches, Evidence.none().inlier_ratio) == (0, 0.0)
+    assert (Evidence().matches, Evidence().inlier_ratio) == (0, 0.0)
 
 
 def test_features_count_once_however_often_they_were_matched() -> None:
     pixels = np.array([[10.0, 10.0], [10.0, 10.0], [300.0, 200.0]])
     found = gather_evidence(
-        np.array([0, 0, 1, 2, 3, 3, 4, 5]),
-        np.array([0, 0, 1]),
-        pixels,
-        2,
-        np.array([1, 2, 2, 3]),
-        SIZE_PX,
-        1.5,
+        matched_rows=np.array([0, 0, 1, 2, 3, 3, 4, 5]),
+        inlier_rows=np.array([0, 0, 1]),
+        inlier_px=pixels,
+        distinct=2,
+        rival_rows=np.array([1, 2, 2, 3]),
+        size_px=SIZE_PX,
+        keyframe_distance_m=1.5,
     )
     assert (found.matches, found.inliers, found.distinct) == (6, 2, 2)
     # The rival has 2 and 3 for itself, the pose 0.
     assert (found.rival, found.rival_only, found.pose_only) == (3, 2, 1)
     assert (found.coverage, found.keyframe_distance_m) == (2 / 48, 1.5)
     assert (found.unrepeated, found.contradicted) == (None, 0.0)
+
+
+def matches_of(rows: list[int], distinct: list[bool]) -> Matches:
+    """Return matches of features of a picture, all in one pixel."""
+    count = len(rows)
+    return Matches(
+        points_px=np.full((count, 2), 10.0),
+        points_in_world=np.zeros((count, 3)),
+        sigma_m=np.full(count, 0.01),
+        query_rows=np.array(rows, np.intp),
+        keyframes=np.arange(count),
+        distances=np.zeros(count, np.float32),
+        distinct=np.array(distinct),
+    )
+
+
+def test_evidence_is_of_what_agrees_and_of_what_agrees_with_a_rival() -> None:
+    matches = matches_of([0, 1, 2, 3, 3], [True] * 5)
+    inliers = matches_of([0, 1, 1], [False, True, True])
+    alone = evidence_of(matches, inliers, CAMERA, 2.0)
+    assert (alone.matches, alone.inliers, alone.distinct, alone.rival) == (4, 2, 1, 0)
+    assert (alone.coverage, alone.keyframe_distance_m, alone.pose_only) == (1 / 48, 2.0, 2)
+    contested = evidence_of(matches, inliers, CAMERA, 2.0, matches_of([1, 2, 3], [True] * 3))
+    assert (contested.rival, contested.rival_only, contested.pose_only) == (3, 2, 1)
+
+
+def test_a_pose_without_inliers_is_judged_like_any_other() -> None:
+    assert judge(Evidence(unrepeated=0), 0.01, LIMITS) == "no_match"
+    assert judge(Evidence(matches=100, unrepeated=0), 0.01, LIMITS) == "too_few_inliers"
 
 
 def test_coverage_is_the_share_of_an_8_by_6_grid() -> None:
@@ -225,8 +272,8 @@ def test_confidence_is_a_logistic_model_of_five_features() -> None:
     # The position counts from 3 mm to 1 m.
     for sigma_m, feature in ((0.001, -np.log10(0.003)), (5.0, 0.0), (float("inf"), 0.0)):
         assert features_of(replace(AT_THE_EDGE, position_sigma_m=sigma_m))[2] == pytest.approx(feature)
-    assert features_of(Evidence.none())[4] == 0.0
-    assert confidence_of(Evidence.none(50)) == 0.0
+    assert features_of(Evidence())[4] == 0.0
+    assert confidence_of(Evidence(matches=50)) == 0.0
     assert confidence_of(AT_THE_EDGE) == CONFIDENCE(AT_THE_EDGE)
 
 

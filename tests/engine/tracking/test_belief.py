@@ -10,20 +10,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from app.engine.query.placed import WORLD, Accuracy, PlacedPose, Support
 from app.engine.query.verification import Reason
-from app.engine.tracking.fix import WORLD, Fix, NoFix
+from app.engine.tracking.fix import Fix, NoFix
 from app.engine.tracking.frame import TrackingFrame
-from app.engine.tracking.state import TrackingMemory
+from app.engine.tracking.settings import TrackerSettings
+from app.engine.tracking.state import State, TrackingMemory
 from app.engine.tracking.tracked import Tracked
-from app.engine.tracking.tracker import Tracker, TrackerSettings
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from tests.scenes import CAMERA, pose_at
+from tests.tracking import TrackerIn
 
 BLANK = np.full((CAMERA.height, CAMERA.width, 3), 128, np.uint8)
 HOME = pose_at(0.0, 0.0)
+PLACE = PlacedPose(HOME)
 PLAN = "plan:ground"
-NOTHING = NoFix("no_match", 3, 7)
+NOTHING = NoFix("no_match", Support(3, 7))
 
 
 def fix_at(
@@ -33,17 +36,14 @@ def fix_at(
     pose = pose_at(x, y, HOME.translation[2] + climb_m, yaw_deg)
     empty = np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0)
     return Fix(
-        world_from_camera=pose,
-        position_m=0.0,
-        orientation_deg=0.5,
+        placed=PlacedPose(pose, frame_id),
+        accuracy=Accuracy(0.0, 0.5),
+        support=Support(40, 50),
+        confidence=0.9,
         points_px=empty[0],
-        points_in_world=empty[1],
+        points_in_frame=empty[1],
         point_sigma_m=empty[2],
         camera=CAMERA,
-        confidence=0.9,
-        inliers=40,
-        matches=50,
-        frame_id=frame_id,
     )
 
 
@@ -72,32 +72,37 @@ class Seen:
         return self.around
 
 
-def tracker_of(source: Seen, **memory: object) -> Tracker:
-    """Return a tracker whose camera was at home at 100 s, unless the memory is said to be another."""
-    values = {"state": "tracking", "world_from_camera": HOME, "time_s": 100.0, **memory}
-    return Tracker(source, TrackingMemory(**values))  # type: ignore[arg-type]
+def remembered(
+    last: PlacedPose | None = PLACE, state: State = "tracking", sigma_m: float = 0.0
+) -> TrackingMemory:
+    """Return the memory of a camera that was at a place at 100 s."""
+    return TrackingMemory(state=state, last=last, time_s=100.0, fix_accuracy=Accuracy(sigma_m, 0.0))
 
 
-def at(tracker: Tracker, time_s: float, seen: Fix | NoFix | None = None) -> Tracked:
+AT_HOME = remembered()
+
+
+def at(tracker: TrackerIn, time_s: float, seen: Fix | NoFix | None = None) -> Tracked:
     """Return the answer to a blank frame, in which `seen` is seen."""
-    assert isinstance(tracker.source, Seen)
+    source = tracker.surroundings.source
+    assert isinstance(source, Seen)
     if seen is not None:
-        tracker.source.everywhere = seen
+        source.everywhere = seen
     return tracker.process(TrackingFrame.of(BLANK, time_s), CAMERA)
 
 
 def assert_lost(tracked: Tracked, reason: Reason) -> None:
-    assert (tracked.state, tracked.reason, tracked.world_from_camera) == ("lost", reason, None)
+    assert (tracked.state, tracked.reason, tracked.placed) == ("lost", reason, None)
 
 
 def test_the_first_fix_is_believed_at_once() -> None:
-    tracker = Tracker(Seen())
+    tracker = TrackerIn(Seen())
     nothing = at(tracker, 100.0)
-    assert (nothing.state, nothing.reason, nothing.world_from_camera) == ("initializing", "no_match", None)
-    assert (nothing.inliers, nothing.matches) == (3, 7)
+    assert (nothing.state, nothing.reason, nothing.placed) == ("initializing", "no_match", None)
+    assert nothing.support == Support(3, 7)
     first = at(tracker, 100.1, fix_at(50.0))
     assert (first.state, first.reason) == ("tracking", None)
-    assert first.world_from_camera is not None
+    assert first.placed is not None
     assert tracker.memory.time_s == 100.1
 
 
@@ -118,34 +123,34 @@ def test_the_first_fix_is_believed_at_once() -> None:
 )
 def test_what_can_be_reached_is_believed_at_once(waited_s: float, distance_m: float, believed: bool) -> None:
     for fix in (fix_at(distance_m), fix_at(0.0, -distance_m), fix_at(yaw_deg=180.0, x=distance_m)):
-        found = at(tracker_of(Seen()), 100.0 + waited_s, fix)
+        found = at(TrackerIn(Seen(), AT_HOME), 100.0 + waited_s, fix)
         if believed:
             assert (found.state, found.reason) == ("relocalized", None)
         else:
             assert_lost(found, "ambiguous")
-            assert (found.inliers, found.matches) == (40, 50)
+            assert found.support == Support(40, 50)
 
 
 @pytest.mark.parametrize(
     ("climb_m", "believed"), [(1.19, True), (1.21, False), (-1.19, True), (-1.21, False)]
 )
 def test_another_storey_is_not_reached(climb_m: float, believed: bool) -> None:
-    found = at(tracker_of(Seen()), 101.0, fix_at(climb_m=climb_m))
-    assert (found.world_from_camera is not None) == believed
+    found = at(TrackerIn(Seen(), AT_HOME), 101.0, fix_at(climb_m=climb_m))
+    assert (found.placed is not None) == believed
 
 
 def test_how_uncertain_the_last_place_is_adds_to_the_reach() -> None:
-    sure, unsure = {"fix_position_m": 0.0}, {"fix_position_m": 0.2}
-    assert_lost(at(tracker_of(Seen(), **sure), 100.0, fix_at(0.9)), "ambiguous")
-    assert at(tracker_of(Seen(), **unsure), 100.0, fix_at(0.9)).state == "relocalized"
+    assert_lost(at(TrackerIn(Seen(), AT_HOME), 100.0, fix_at(0.9)), "ambiguous")
+    unsure = remembered(sigma_m=0.2)
+    assert at(TrackerIn(Seen(), unsure), 100.0, fix_at(0.9)).state == "relocalized"
     # So does how uncertain the fix is.
-    rough = replace(fix_at(0.9), position_m=0.2)
-    assert at(tracker_of(Seen(), **sure), 100.0, rough).state == "relocalized"
+    rough = replace(fix_at(0.9), accuracy=Accuracy(0.2, 0.5))
+    assert at(TrackerIn(Seen(), AT_HOME), 100.0, rough).state == "relocalized"
 
 
-def doubted(fix: Fix, time_s: float = 100.1, **memory: object) -> Tracker:
+def doubted(fix: Fix, time_s: float = 100.1) -> TrackerIn:
     """Return a tracker that has seen a fix once, out of reach."""
-    tracker = tracker_of(Seen(), **memory)
+    tracker = TrackerIn(Seen(), AT_HOME)
     assert_lost(at(tracker, time_s, fix), "ambiguous")
     return tracker
 
@@ -177,7 +182,7 @@ def test_out_of_reach_a_second_fix_must_agree_with_the_first(
     found = at(doubted(fix_at(20.0), 112.0), 112.0 + after_s, again)
     if believed:
         assert found.state == "relocalized"
-        assert found.world_from_camera is again.world_from_camera
+        assert found.placed is again.placed
     else:
         assert_lost(found, "ambiguous")
 
@@ -225,28 +230,25 @@ def test_a_camera_that_can_have_left_its_floor_may_be_anywhere() -> None:
         return away_s > 0.5
 
     source = Seen(fix_at(20.0))
-    tracker = tracker_of(source)
-    tracker.can_change_floor = can_change
+    tracker = TrackerIn(source, AT_HOME, can_change_floor=can_change)
     assert_lost(at(tracker, 100.2), "ambiguous")
     assert_lost(at(tracker, 100.4), "ambiguous")
     assert at(tracker, 100.6).state == "relocalized"
     assert source.asked_any_floor == [False, False, True]
     assert {id(pose) for pose, _ in asked} == {id(HOME)}
-    assert [away_s for _, away_s in asked] == pytest.approx([0.2, 0.4, 0.4, 0.6, 0.6])
+    assert {round(away_s, 6) for _, away_s in asked} == {0.2, 0.4, 0.6}
     # The time counts whichever way the clock went.
-    tracker = tracker_of(Seen(fix_at(20.0)))
-    tracker.can_change_floor = can_change
+    tracker = TrackerIn(Seen(fix_at(20.0)), AT_HOME, can_change_floor=can_change)
     at(tracker, 99.3)
     assert at(tracker, 99.4).state == "relocalized"
 
 
-def test_a_camera_without_a_last_place_has_left_none() -> None:
-    for memory in ({"world_from_camera": None}, {"frame_id": PLAN}):
-        source = Seen()
-        tracker = tracker_of(source, **memory)
-        tracker.can_change_floor = lambda *_: True
-        at(tracker, 100.2)
-        assert source.asked_any_floor == [False]
+@pytest.mark.parametrize("last", [None, PlacedPose(HOME, PLAN)], ids=["none", "on a plan"])
+def test_a_camera_without_a_last_place_in_the_world_has_left_none(last: PlacedPose | None) -> None:
+    source = Seen()
+    tracker = TrackerIn(source, remembered(last), can_change_floor=lambda *_: True)
+    at(tracker, 100.2)
+    assert source.asked_any_floor == [False]
 
 
 def test_a_fix_in_another_frame_is_believed_when_it_is_seen_twice() -> None:
@@ -255,7 +257,9 @@ def test_a_fix_in_another_frame_is_believed_when_it_is_seen_twice() -> None:
     assert_lost(at(tracker, 100.2, fix_at(20.0)), "ambiguous")
     assert_lost(at(tracker, 100.25, fix_at(20.0, frame_id=PLAN)), "ambiguous")
     found = at(tracker, 100.3, fix_at(20.0, frame_id=PLAN))
-    assert (found.state, found.frame_id) == ("relocalized", PLAN)
+    assert found.state == "relocalized"
+    assert found.placed is not None
+    assert found.placed.frame_id == PLAN
     assert tracker.memory.frame_id == PLAN
     # Within a plan places are near or far as in the world.
     assert at(tracker, 100.4, fix_at(20.3, frame_id=PLAN)).state == "relocalized"
@@ -265,15 +269,14 @@ def test_a_fix_in_another_frame_is_believed_when_it_is_seen_twice() -> None:
 
 def test_where_no_camera_can_be_no_fix_is_believed() -> None:
     source = Seen(fix_at(0.1), around=fix_at(0.1))
-    tracker = tracker_of(source)
-    tracker.is_inside = lambda pose: bool(pose.translation[0] <= 0.0)
+    tracker = TrackerIn(source, AT_HOME, is_inside=lambda pose: bool(pose.translation[0] <= 0.0))
     found = at(tracker, 100.1)
     assert_lost(found, "outside_venue")
-    assert (found.inliers, found.matches) == (40, 50)
+    assert found.support == Support(40, 50)
     # A plan has no outside: the world is not known there.
     source.everywhere, source.around = fix_at(0.1, frame_id=PLAN), None
     at(tracker, 100.2)
-    assert at(tracker, 100.3).frame_id == PLAN
+    assert at(tracker, 100.3).state == "relocalized"
 
 
 def test_a_frame_that_shows_nothing_leaves_a_doubted_fix_waiting_for_five_seconds() -> None:
@@ -288,40 +291,40 @@ def test_a_frame_that_shows_nothing_leaves_a_doubted_fix_waiting_for_five_second
 
 def test_near_its_last_place_a_camera_is_found_without_looking_everywhere() -> None:
     source = Seen(around=fix_at(0.3))
-    tracker = tracker_of(source)
+    tracker = TrackerIn(source, AT_HOME)
     found = at(tracker, 100.1)
     assert (found.state, source.asked_near) == ("tracking", [])
     assert source.reaches_m == pytest.approx([0.4 + 3.0 * 0.1])
     assert found.fix is source.around
     # Who was lost is told that it is found again.
-    assert at(tracker_of(Seen(around=fix_at(0.3)), state="lost"), 100.1).state == "relocalized"
+    assert at(TrackerIn(Seen(around=fix_at(0.3)), remembered(state="lost")), 100.1).state == "relocalized"
 
 
 def test_what_is_found_near_the_last_place_must_be_in_reach() -> None:
     for around in (fix_at(0.9), fix_at(climb_m=1.3)):
         source = Seen(around=around)
-        assert_lost(at(tracker_of(source), 100.1), "no_match")
+        assert_lost(at(TrackerIn(source, AT_HOME), 100.1), "no_match")
         assert source.asked_near == [HOME]
 
 
 @pytest.mark.parametrize(
-    ("time_s", "memory"),
-    [(103.1, {}), (96.9, {}), (100.1, {"world_from_camera": None}), (100.1, {"frame_id": PLAN})],
-    ids=str,
+    ("time_s", "last"),
+    [(103.1, PLACE), (96.9, PLACE), (100.1, None), (100.1, PlacedPose(HOME, PLAN))],
+    ids=["later", "before", "no place", "on a plan"],
 )
 def test_only_a_place_in_the_world_of_a_moment_ago_is_looked_around(
-    time_s: float, memory: dict[str, object]
+    time_s: float, last: PlacedPose | None
 ) -> None:
     source = Seen(around=fix_at())
-    at(tracker_of(source, **memory), time_s)
+    at(TrackerIn(source, remembered(last)), time_s)
     assert source.reaches_m == []
-    at(tracker_of(source), 102.9)
+    at(TrackerIn(source, AT_HOME), 102.9)
     assert len(source.reaches_m) == 1
 
 
 def test_a_camera_that_is_not_known_is_looked_for_everywhere() -> None:
     source = Seen(around=fix_at())
-    tracker = tracker_of(source)
+    tracker = TrackerIn(source, AT_HOME)
     tracker.process(TrackingFrame.of(BLANK, 100.1), None)
     assert (source.reaches_m, source.asked_near) == ([], [HOME])
 
@@ -329,19 +332,19 @@ def test_a_camera_that_is_not_known_is_looked_for_everywhere() -> None:
 def test_for_half_a_minute_the_last_place_tells_look_alikes_apart() -> None:
     for time_s, near in ((129.9, HOME), (130.1, None), (70.1, HOME), (69.9, None)):
         source = Seen()
-        at(tracker_of(source), time_s)
+        at(TrackerIn(source, AT_HOME), time_s)
         assert source.asked_near == [near]
     # The phone's own motion says where it is by now.
     source = Seen()
     step = Pose(np.eye(3), np.array([0.0, 0.0, 0.5]))
-    tracker_of(source).process(TrackingFrame.of(BLANK, 100.1), CAMERA, step)
+    TrackerIn(source, AT_HOME).process(TrackingFrame.of(BLANK, 100.1), CAMERA, step)
     assert source.asked_near[0] is not None
     assert source.asked_near[0].translation == pytest.approx((HOME @ step).translation)
 
 
 def test_who_is_lost_for_long_is_looked_for_twice_a_second() -> None:
     source = Seen()
-    tracker = tracker_of(source)
+    tracker = TrackerIn(source, AT_HOME)
     # In the first two seconds with every frame.
     for time_s in (100.5, 100.6, 101.9, 101.95):
         assert_lost(at(tracker, time_s), "no_match")
@@ -362,7 +365,7 @@ def test_a_fix_that_waits_for_another_is_looked_for_at_once() -> None:
 
 def test_who_was_never_found_is_looked_for_with_every_frame() -> None:
     source = Seen()
-    tracker = Tracker(source)
+    tracker = TrackerIn(source)
     for time_s in (100.0, 100.1, 100.2):
         assert at(tracker, time_s).state == "initializing"
     assert len(source.asked_near) == 3
@@ -370,12 +373,12 @@ def test_who_was_never_found_is_looked_for_with_every_frame() -> None:
 
 def test_without_relocation_who_is_lost_stays_lost() -> None:
     source = Seen(fix_at(), around=fix_at())
-    tracker = tracker_of(source)
-    tracker.settings = TrackerSettings(use_relocation=False)
+    settings = TrackerSettings(use_relocation=False)
+    tracker = TrackerIn(source, AT_HOME, settings)
     assert_lost(at(tracker, 100.1), "no_match")
     assert (source.asked_near, source.reaches_m) == ([], [])
     # The first fix comes from the map all the same.
-    tracker = Tracker(source, settings=tracker.settings)
+    tracker = TrackerIn(source, settings=settings)
     assert at(tracker, 100.1).state == "tracking"
 
 
@@ -383,8 +386,9 @@ def test_a_doubted_fix_is_not_answered_and_the_last_place_stays() -> None:
     tracker = doubted(fix_at(20.0, frame_id=PLAN), 100.1)
     memory = tracker.memory
     assert (memory.state, memory.time_s, memory.frame_id) == ("lost", 100.0, WORLD)
-    assert memory.world_from_camera is HOME
-    assert (memory.pending_frame_id, memory.pending_time_s) == (PLAN, 100.1)
+    assert memory.frame_from_camera is HOME
+    assert memory.pending is not None
+    assert (memory.pending.frame_id, memory.pending_time_s) == (PLAN, 100.1)
     # What nearly is where the camera was is believed at once again.
     assert at(tracker, 100.2, fix_at(0.1)).state == "relocalized"
     assert tracker.memory.pending is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,10 @@ import pytest
 from app.engine.tracking.fix import MapFixes
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.tracked import Tracked
-from app.engine.tracking.tracker import Tracker
 from app.geometry.se3 import Pose
 from tests.rendered_maps import localizer_of
 from tests.scenes import CAMERA, Room, View, pose_at
+from tests.tracking import TrackerIn, pose_of
 
 # The other room is so far along x: out of reach of a prior, and of whoever walks for a few seconds.
 APART_M = 8.0
@@ -43,21 +44,24 @@ def there(foreign_room: Room) -> View:
     return elsewhere(foreign_room.view(HERE))
 
 
-def states(tracker: Tracker, view: View, times_s: list[float]) -> list[Tracked]:
+def states(tracker: TrackerIn, view: View, times_s: list[float]) -> list[Tracked]:
     return [tracker.process(TrackingFrame.of(view.rgb, time_s), CAMERA) for time_s in times_s]
 
 
-def seen_here(fixes: MapFixes, room: Room) -> Tracker:
+def seen_here(
+    fixes: MapFixes, room: Room, can_change_floor: Callable[[Pose, float], bool] = lambda *_: False
+) -> TrackerIn:
     """Return a tracker that saw the first room at 0 s."""
-    tracker = Tracker(fixes)
+    tracker = TrackerIn(fixes, can_change_floor=can_change_floor)
     assert states(tracker, room.view(HERE), [0.0])[0].state == "tracking"
     return tracker
 
 
 def assert_found(tracked: Tracked, view: View) -> None:
     assert tracked.state == "relocalized"
-    assert tracked.world_from_camera is not None
-    off = tracked.world_from_camera.translation - view.world_from_camera.translation
+    pose = pose_of(tracked)
+    assert pose is not None
+    off = pose.translation - view.world_from_camera.translation
     assert np.linalg.norm(off) < 0.03
 
 
@@ -67,7 +71,7 @@ def test_a_place_out_of_reach_is_not_believed_however_often_it_is_seen(
     tracker = seen_here(fixes, room)
     # From one look-alike all frames confirm each other.
     for tracked in states(tracker, there, [1.0, 1.2, 9.9]):
-        assert (tracked.state, tracked.reason, tracked.world_from_camera) == ("lost", "ambiguous", None)
+        assert (tracked.state, tracked.reason, tracked.placed) == ("lost", "ambiguous", None)
     # Ten seconds are enough to have walked there.
     assert_found(states(tracker, there, [10.1])[0], there)
 
@@ -75,8 +79,7 @@ def test_a_place_out_of_reach_is_not_believed_however_often_it_is_seen(
 def test_a_place_out_of_reach_is_believed_when_the_camera_can_have_left_its_floor(
     fixes: MapFixes, room: Room, there: View
 ) -> None:
-    tracker = seen_here(fixes, room)
-    tracker.can_change_floor = lambda _, away_s: away_s > 1.1
+    tracker = seen_here(fixes, room, lambda _, away_s: away_s > 1.1)
     first, second = states(tracker, there, [1.0, 1.2])
     assert (first.state, first.reason) == ("lost", "ambiguous")
     assert_found(second, there)
