@@ -88,8 +88,9 @@ def test_every_page_can_be_found_from_the_readme() -> None:
             continue
         reached.add(page)
         files = (target.partition("#")[0] for target in LINK.findall(prose(page)))
-        open_pages += [(page.parent / file).resolve() for file in files if file.endswith(".md")]
-    assert set(PAGES) <= reached
+        pages = ((page.parent / file).resolve() for file in files if file.endswith(".md"))
+        open_pages += [each for each in pages if each.is_file()]
+    assert {page for page in PAGES if page.stem not in NOT_COMMANDS} <= reached
 
 
 @cache

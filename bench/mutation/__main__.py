@@ -7,7 +7,6 @@ import json
 import time
 from pathlib import Path
 
-from bench.figures.provenance import provenance
 from bench.mutation.mutants import mutants_of
 from bench.mutation.report import Result, page_of, read_reasons
 from bench.mutation.run import baseline_s, import_libraries, try_mutant
@@ -34,8 +33,7 @@ def main() -> None:
                 RESULTS.write_text(json.dumps({path: each.as_dict() for path, each in results.items()}))
     if options.write:
         PAGE.parent.mkdir(parents=True, exist_ok=True)
-        kept = [results[each.path] for each in TARGETS if each.path in results]
-        PAGE.write_text(page_of(kept, provenance("python -m bench.mutation --write")))
+        PAGE.write_text(page_of([results[each.path] for each in TARGETS if each.path in results]))
 
 
 def _kept() -> dict[str, Result]:

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.figures.provenance import Provenance
 from bench.mutation.run import Tried
 
 REASONS = Path(__file__).parent / "equivalent.toml"
@@ -63,7 +62,7 @@ def read_reasons(path: str, file: Path = REASONS) -> dict[Key, str]:
     }
 
 
-def page_of(results: Sequence[Result], source: Provenance) -> str:
+def page_of(results: Sequence[Result]) -> str:
     """Return the page of results, in Markdown."""
     lines = [
         "# Mutants",
@@ -72,8 +71,6 @@ def page_of(results: Sequence[Result], source: Provenance) -> str:
         "always or never true, a dropped part of a condition, another number, a constant in place of what is",
         "returned, a call left out. Numbers outside of functions are doubled and halved. A mutant is killed when",
         "a test fails with it, or when its tests don't end. `make mutants` writes this page; it is not part of CI.",
-        "",
-        *source.lines(),
         "",
         "| module | mutants | killed | equivalent | open |",
         "| --- | ---: | ---: | ---: | ---: |",
