@@ -19,9 +19,9 @@ from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Dataset, JsonFile, Options
 from bench.evaluation.dataset import parse_range
-from bench.evaluation.mistakes import MISTAKES, Examined, examine_copy, right_variants
-from bench.evaluation.repaired_maps import Located, locate_in_repaired
-from bench.evaluation.scan_copy import ScanCopy
+from bench.examination.mistakes import MISTAKES, Examined, examine_copy, right_variants
+from bench.examination.repaired_maps import Located, locate_in_repaired
+from bench.examination.scan_copy import ScanCopy
 from bench.figures.shown import FiguresTitle, Shown
 
 Run = tuple[Examined, Located | None]
