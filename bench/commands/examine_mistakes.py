@@ -19,9 +19,10 @@ from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Dataset, JsonFile, Options
 from bench.evaluation.dataset import parse_range
-from bench.evaluation.mistakes import MISTAKES, Examined, examine_copy, right_variants
-from bench.evaluation.repaired_maps import Located, locate_in_repaired
-from bench.evaluation.scan_copy import ScanCopy
+from bench.examination.mistakes import MISTAKES, Examined, examine_copy, right_variants
+from bench.examination.repaired_maps import Located, locate_in_repaired
+from bench.examination.scan_copy import ScanCopy
+from bench.figures.shown import FiguresTitle, Shown
 
 Run = tuple[Examined, Located | None]
 
@@ -38,6 +39,7 @@ def examine_mistakes(
     only: Annotated[str | None, typer.Option(help="Only scans whose name holds this.")] = None,
     options: Options = "{}",
     json_file: JsonFile = None,
+    figures_title: FiguresTitle = None,
 ) -> None:
     """Make every mistake on a scan and examine it; also right scans: thinned, noisy and of half resolution."""
     cap_threads()
@@ -68,7 +70,9 @@ def examine_mistakes(
                     located = locate_in_repaired(found.usable, scan, asked, models, executor, progress)
             runs.append((found, located))
             console.print(f"{name}: {found.verdict}, {'as it should' if found.named else 'NOT AS IT SHOULD'}")
-    console.print(_table(dataset.name, runs))
+    shown = Shown()
+    shown.table(_table(dataset.name, runs))
+    shown.write("examine-mistakes", figures_title)
     if json_file is not None:
         json_file.write_text(json.dumps([_as_dict(*run) for run in runs], indent=1))
 

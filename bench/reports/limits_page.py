@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 import app
+from app.engine.query.verification import Limits
 from app.limits import LimitRow, limits_of
 from app.settings import Settings
 
@@ -81,14 +82,14 @@ def _holders_in(module: ModuleType) -> list[Holder]:
 def settings_of_limits() -> dict[str, str]:
     """Return, for limits that an operator may set, `module.Class.field` -> the name of the environment variable.
 
-    A field of `Settings` names its limit by `json_schema_extra={"limit": "app.engine.ROOM.MODULE.CLASS.FIELD"}`.
+    Settings have the names of the limits that they replace (`app/services/localizers.py`).
     """
-    found = {}
-    for name, field in Settings.model_fields.items():
-        extra = field.json_schema_extra
-        if isinstance(extra, dict) and "limit" in extra:
-            found[str(extra["limit"])] = f"ROOMFIX_{name.upper()}"
-    return found
+    names = {row.name for row in limits_of(Limits)}
+    return {
+        f"{Limits.__module__}.{Limits.__name__}.{name}": f"ROOMFIX_{name.upper()}"
+        for name in Settings.model_fields
+        if name in names
+    }
 
 
 def _table(room: str, holders: list[Holder], settings: Mapping[str, str]) -> str:

@@ -6,6 +6,7 @@ import ast
 from dataclasses import dataclass
 
 from app.limits import limit, limits_of
+from app.settings import Settings
 from bench.commands.limits import PAGE
 from bench.reports import limits_page
 from bench.reports.limits_page import Holder, limit_holders, settings_of_limits
@@ -38,9 +39,16 @@ def test_limits_say_what_they_mean_and_how_they_were_chosen() -> None:
             assert row.chosen.startswith("By hand") or len(row.chosen) > 10, f"{holder.name}.{row.name}"
 
 
-def test_a_setting_names_a_limit_that_there_is() -> None:
+def test_every_setting_that_replaces_a_limit_is_shown_beside_it() -> None:
     known = {f"{each.module}.{each.name}.{row.name}" for each in limit_holders() for row in each.limits}
     assert set(settings_of_limits()) <= known
+    replacing = {
+        f"ROOMFIX_{name.upper()}"
+        for name, field in Settings.model_fields.items()
+        if "docs/limits.md" in (field.description or "")
+    }
+    assert replacing
+    assert set(settings_of_limits().values()) == replacing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

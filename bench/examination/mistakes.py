@@ -20,7 +20,7 @@ from app.geometry.turns import turned_camera
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.importers.registry import open_scan
 from app.services.examine_scan import ExaminedScan, examined_scan
-from bench.evaluation.scan_copy import RawDepth, ScanCopy
+from bench.examination.scan_copy import RawDepth, ScanCopy
 
 LATE_S = 0.2
 FOCAL_RATIO = 1.12

@@ -1,0 +1,1 @@
+"""Everyday mistakes made on a right scan, and whether its examination names them."""
