@@ -271,7 +271,7 @@ def _found(folder: ScanFolder, rows: ImageRows) -> _ImageList:
 
 
 def _missing(folder: ScanFolder, rows: ImageRows, i: int) -> str:
-    return f"{rows.places[i]} names {rows.names[i]}, which isn't there: {folder.instead(rows.names[i])}"
+    return f"{rows.names[i]} of {rows.places[i]}; {folder.instead(rows.names[i])}"
 
 
 def _existing(color: _ImageList, folder: ScanFolder, discarded: Discarded) -> _ImageList:
