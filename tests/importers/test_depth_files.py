@@ -164,8 +164,7 @@ def test_what_holds_no_depth_is_named(
 
 def test_an_unknown_kind_is_unreadable_and_named(tmp_path: Path) -> None:
     with pytest.raises(
-        InvalidScanError,
-        match=r"1 unreadable_file\. The first unreadable file: 0\.bin of frame .*, empty, damaged",
+        InvalidScanError, match=r"The first unreadable file: 0\.bin of frame .*, empty, damaged"
     ):
         scan_of(tmp_path, ".bin", bytes(range(256)))
 
