@@ -45,6 +45,12 @@ class AssemblyOptions:
 OPTIONS = AssemblyOptions()
 MILLIMETRES_PER_M = 1000.0
 # Reasons whose first case is worth a note: a file is wrong, while times that don't meet are common.
+FIRST_OF = {
+    "missing_file": "The first missing file",
+    "unreadable_file": "The first unreadable file",
+    "no_depth": "The first without depth",
+    "no_pose": "The first without a pose",
+}
 OF_FILES = ("missing_file", "unreadable_file")
 
 
@@ -70,8 +76,9 @@ class Discarded:
 
     def sentences(self, *reasons: str) -> list[str]:
         """Return the first details of these reasons, a sentence each."""
-        details = [self.details[reason] for reason in reasons if reason in self.details]
-        return [f"{detail[:1].upper()}{detail[1:]}." for detail in details]
+        return [
+            f"{FIRST_OF[reason]}: {self.details[reason]}." for reason in reasons if reason in self.details
+        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +111,7 @@ def assemble_scan(
         color, depth_header = color_size(frame.color), read_depth_header(frame.depth)
         if color is None or depth_header is None:
             unreadable = frame.color if color is None else frame.depth
-            detail = f"{unreadable.name} of frame {frame.name} is empty, damaged or in an unknown format"
+            detail = f"{unreadable.name} of frame {frame.name}, empty, damaged or in an unknown format"
             discarded.add("unreadable_file", frame.name, detail)
         else:
             readable.append((frame, color, depth_header))

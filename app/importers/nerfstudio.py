@@ -124,13 +124,11 @@ def _frames(
         depth = folder.find(depth_name, where) if depth_name else None
         pose = _pose(entry, scale, where)
         if color is None:
-            discarded.add(
-                "missing_file", name, f"{FILE} names {name}, which isn't there: {folder.instead(name or '?')}"
-            )
+            discarded.add("missing_file", name, f"{name} of {FILE}; {folder.instead(name or '?')}")
         elif not depth_name:
             discarded.add("no_depth", name)
         elif depth is None:
-            detail = f"{FILE} names {depth_name}, which isn't there: {folder.instead(depth_name)}"
+            detail = f"{depth_name} of {FILE}; {folder.instead(depth_name)}"
             discarded.add("missing_file", name, detail)
         elif pose is None:
             discarded.add("invalid_pose", name)

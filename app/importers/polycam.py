@@ -84,10 +84,10 @@ def _frames(
         name = f"{images}/{stem}.jpg" if color is None else folder.name_of(color)
         pose = _pose(entry, f"{stem}.json")
         if color is None:
-            discarded.add("missing_file", name, f"{name} isn't there: {folder.instead(name)}")
+            discarded.add("missing_file", name, f"{name} is missing; {folder.instead(name)}")
         elif depth is None:
             missing = f"keyframes/depth/{stem}.png"
-            discarded.add("no_depth", name, f"{missing} isn't there: {folder.instead(missing)}")
+            discarded.add("no_depth", name, f"{missing} is missing; {folder.instead(missing)}")
         elif pose is None:
             discarded.add("invalid_pose", name)
             invalid.append(name)

@@ -87,10 +87,10 @@ def _frames(folder: ScanFolder, images: dict[int, Path], discarded: Discarded) -
         depth = next(filter(None, depths), None)
         pose = folder.find(f"pose/{stem}.txt", "the scan")
         if depth is None:
-            detail = f"depth/{stem}.png isn't there: {folder.instead(f'depth/{stem}.png')}"
+            detail = f"depth/{stem}.png is missing; {folder.instead(f'depth/{stem}.png')}"
             discarded.add("no_depth", name, detail)
         elif pose is None:
-            detail = f"pose/{stem}.txt isn't there: {folder.instead(f'pose/{stem}.txt')}"
+            detail = f"pose/{stem}.txt is missing; {folder.instead(f'pose/{stem}.txt')}"
             discarded.add("no_pose", name, detail)
         elif folder.find(name, "the scan") is not None:
             complete.append((number, name, color, depth, pose))

@@ -126,4 +126,4 @@ def _frames(
 
 
 def _missing(folder: ScanFolder, name: str) -> str:
-    return f"{name} isn't there: {folder.instead(name)}"
+    return f"{name} is missing; {folder.instead(name)}"

@@ -271,7 +271,7 @@ def _found(folder: ScanFolder, rows: ImageRows) -> _ImageList:
 
 
 def _missing(folder: ScanFolder, rows: ImageRows, i: int) -> str:
-    return f"{rows.places[i]} names {rows.names[i]}, which isn't there: {folder.instead(rows.names[i])}"
+    return f"{rows.names[i]} of {rows.places[i]}; {folder.instead(rows.names[i])}"
 
 
 def _existing(color: _ImageList, folder: ScanFolder, discarded: Discarded) -> _ImageList:
@@ -306,8 +306,9 @@ def _frames(
         depth_path = depth.paths[partner]
         reason = "no_depth" if partner < 0 else pose if isinstance(pose, str) else ""
         if reason in ranges:
-            other = range_in_words(*ranges[reason])
-            discarded.add(reason, name, f"{range_in_words(_file_of(color.rows), color.times_s)}, {other}")
+            # Once: finding the ranges goes through whole lists.
+            detail = "" if reason in discarded.details else _ranges(color, *ranges[reason])
+            discarded.add(reason, name, detail)
         elif depth_path is None:
             detail = "" if "missing_file" in discarded.details else _missing(folder, depth.rows, partner)
             discarded.add("missing_file", name, detail)
@@ -316,3 +317,7 @@ def _frames(
         else:
             frames.append(Frame(name, time_s, path, depth_path, pose))
     return frames
+
+
+def _ranges(color: _ImageList, other: str, other_s: Times) -> str:
+    return f"{range_in_words(_file_of(color.rows), color.times_s)}, {range_in_words(other, other_s)}"

@@ -158,7 +158,7 @@ def test_times_that_never_meet_are_both_given(tmp_path: Path) -> None:
     with pytest.raises(InvalidScanError) as error:
         tum_with(tmp_path, lines)
     assert "4 no_pose" in str(error.value)
-    assert "Rgb.txt runs from 0 to 0.3 s, groundtruth.txt runs from 500 to 500.3 s." in str(error.value)
+    assert "rgb.txt runs from 0 to 0.3 s, groundtruth.txt runs from 500 to 500.3 s." in str(error.value)
 
 
 def test_all_rows_at_one_time(tmp_path: Path) -> None:

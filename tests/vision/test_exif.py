@@ -52,7 +52,7 @@ PHONE = {
 }
 
 
-@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP", "HEIF", "AVIF"])
 def test_the_tags_of_a_phone(kind: str) -> None:
     tags = read_photo_tags(photo(exif_of({MAKE: "Apple", MODEL: "iPhone 12\0"}, PHONE), kind))
     assert (tags.make, tags.model) == ("Apple", "iPhone 12")

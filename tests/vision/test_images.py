@@ -39,6 +39,11 @@ def file_of(image: Image.Image, kind: str, **options: Any) -> bytes:
         ("WEBP", {"lossless": True}, 0),
         ("WEBP", {"quality": 95}, 8),
         ("JPEG", {"quality": 97}, 8),
+        ("HEIF", {"quality": 98}, 16),
+        ("AVIF", {"quality": 98}, 16),
+        ("TIFF", {}, 0),
+        ("TIFF", {"compression": "tiff_lzw"}, 0),
+        ("TIFF", {"compression": "jpeg"}, 40),
     ],
 )
 def test_the_usual_formats(kind: str, options: dict[str, Any], tolerance: int) -> None:
@@ -48,7 +53,7 @@ def test_the_usual_formats(kind: str, options: dict[str, Any], tolerance: int) -
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP", "HEIF", "AVIF", "TIFF"])
 def test_exif_orientation_is_undone(kind: str, orientation: int) -> None:
     # How each orientation stores a picture: what undoes the turn or mirroring that it asks for.
     store = {
@@ -64,8 +69,9 @@ def test_exif_orientation_is_undone(kind: str, orientation: int) -> None:
     exif = Image.Exif()
     exif[ORIENTATION] = orientation
     stored = Image.fromarray(np.ascontiguousarray(store[orientation](picture())))
-    options = {"quality": 97} if kind != "PNG" else {}
-    rgb = decode_image(file_of(stored, kind, exif=exif, **options))
+    options = {"quality": 97} if kind not in ("PNG", "TIFF") else {}
+    # As bytes: for HEIF, the writer turns what they say into the boxes that turn a picture.
+    rgb = decode_image(file_of(stored, kind, exif=exif.tobytes(), **options))
     assert rgb.shape == picture().shape
     assert np.abs(rgb.astype(int) - picture()).mean() < 3
 
@@ -110,13 +116,75 @@ def test_palette_and_transparency() -> None:
     assert decode_image(file_of(gray_alpha, "PNG")).shape == picture().shape
 
 
-@pytest.mark.parametrize("kind", ["GIF", "BMP", "TIFF", "PPM"])
-def test_other_formats_are_refused(kind: str) -> None:
-    with pytest.raises(UnsupportedImageError):
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("kind", ["PNG", "TIFF"])
+def test_sensors_of_fewer_bits_in_16(kind: str, bits: int) -> None:
+    """The brightest value says how many bits were used: the picture is as bright as one of 8 bits."""
+    gray = picture()[..., 2].astype(np.uint16)
+    deep = (gray << (bits - 8)) + (gray >> (16 - bits))
+    deep[0, 0] = 2**bits - 1
+    found = decode_image(file_of(Image.fromarray(deep.astype(np.uint16)), kind))
+    assert np.abs(found[..., 0].astype(int) - gray)[1:].max() <= 1
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+def test_colour_of_12_bits_in_16_turned_as_it_says(orientation: int) -> None:
+    deep = picture()[..., ::-1].astype(np.uint16) << 4
+    written, data = cv2.imencode(".png", deep)
+    assert written
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    content = exif.tobytes().removeprefix(b"Exif\0\0")
+    chunk = (
+        struct.pack(">I", len(content)) + b"eXIf" + content + struct.pack(">I", zlib.crc32(b"eXIf" + content))
+    )
+    whole = data.tobytes()
+    upright = {1: picture(), 3: picture()[::-1, ::-1], 6: np.rot90(picture(), -1)}[orientation]
+    # Before the pixels and behind them.
+    for at in (33, len(whole) - 12):
+        found = decode_image(whole[:at] + chunk + whole[at:])
+        assert found.shape == upright.shape
+        assert np.abs(found.astype(int) - upright).max() <= 1
+
+
+def test_floats_and_wide_integers() -> None:
+    gray = picture()[..., 2]
+    for values in (gray.astype(np.float32) / 255, gray.astype(np.float32), gray.astype(np.int32) * 257):
+        found = decode_image(file_of(Image.fromarray(values), "TIFF"))
+        assert np.abs(found[..., 0].astype(int) - gray).max() <= 1
+    odd = gray.astype(np.float32)
+    odd[0, :3] = np.nan, np.inf, -5
+    assert decode_image(file_of(Image.fromarray(odd), "TIFF"))[0, :3].max() == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("GIF", "a GIF image"), ("BMP", "a BMP image"), ("PPM", "a PNM image")]
+)
+def test_other_formats_are_refused_by_name(kind: str, name: str) -> None:
+    with pytest.raises(
+        UnsupportedImageError, match=f"The file is {name}.*; send JPEG, PNG, WebP, HEIC, AVIF or TIFF"
+    ):
         decode_image(file_of(Image.fromarray(picture()), kind))
 
 
-@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (b"%PDF-1.7" + bytes(100), "a PDF file"),
+        (b"\x00\x00\x00 ftypisom" + bytes(100), "a video"),
+        (b"II\x2a\0\x10\0\0\0CR\x02\0" + bytes(100), "a raw photo"),
+        (file_of(Image.fromarray(picture()), "TIFF", tiffinfo={254: 1}), "a raw photo"),
+        (b"\xff\x0a" + bytes(100), "a JPEG XL image"),
+        (b"PK\x03\x04" + bytes(100), "an archive"),
+        (b"<svg>" + bytes(100), "a text file"),
+    ],
+)
+def test_what_is_sent_by_mistake_is_named(data: bytes, name: str) -> None:
+    with pytest.raises(UnsupportedImageError, match=f"The file is {name}"):
+        decode_image(data)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "HEIF", "AVIF", "TIFF"])
 def test_a_picture_cut_short_anywhere_is_refused(kind: str) -> None:
     whole = file_of(Image.fromarray(picture()), kind)
     for length in range(0, len(whole) - 20, max(1, len(whole) // 60)):
@@ -124,7 +192,18 @@ def test_a_picture_cut_short_anywhere_is_refused(kind: str) -> None:
             decode_image(whole[:length])
 
 
-@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
+@pytest.mark.parametrize("kind", ["HEIF", "AVIF"])
+def test_a_picture_larger_than_its_header_says_is_not_decoded(kind: str) -> None:
+    """The size that was checked is the size that is decoded, not that of the compressed pictures inside."""
+    whole = bytearray(file_of(Image.new("RGB", (3000, 2000)), kind, quality=20))
+    at = 0
+    while (at := whole.find(b"ispe", at) + 1) > 0:
+        whole[at + 7 : at + 15] = struct.pack(">II", 64, 64)
+    with pytest.raises(InvalidImageError):
+        decode_image(bytes(whole), max_pixels=64 * 64)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "HEIF", "AVIF", "TIFF"])
 def test_damaged_bytes_never_raise_anything_else(kind: str) -> None:
     whole = bytearray(file_of(Image.fromarray(picture()), kind))
     rng = np.random.default_rng(0)

@@ -12,10 +12,13 @@ from app.importers.images.depth_files import LIMITS
 from app.vision.image_files.formats import (
     DAMAGE,
     FORMATS_IN_WORDS,
+    RAW_PHOTO,
     name_of_other_format,
     open_image,
 )
 from app.vision.image_files.orientation import UPRIGHT, stored_orientation
+
+_NEEDED = f"colour images of a scan must be {FORMATS_IN_WORDS}"
 
 
 def color_size(path: Path) -> tuple[int, int] | None:
@@ -38,7 +41,9 @@ def color_size(path: Path) -> tuple[int, int] | None:
         raise InvalidScanError(f"{path.name} has too many pixels: {LIMITS.in_words}.") from None
     except InvalidScanError:
         raise
-    except DAMAGE:
+    except DAMAGE as error:
+        if str(error) == RAW_PHOTO:
+            raise InvalidScanError(f"{path.name} is {RAW_PHOTO}; {_NEEDED}.") from None
         return None
     if orientation != UPRIGHT:
         raise InvalidScanError(
@@ -51,7 +56,7 @@ def color_size(path: Path) -> tuple[int, int] | None:
 def _check_format(path: Path, head: bytes) -> None:
     other = name_of_other_format(head)
     if other:
-        raise InvalidScanError(f"{path.name} is {other}; colour images of a scan must be {FORMATS_IN_WORDS}.")
+        raise InvalidScanError(f"{path.name} is {other}; {_NEEDED}.")
 
 
 def _check_pixels(path: Path, size: tuple[int, int]) -> None:

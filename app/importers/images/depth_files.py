@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import re
+import tokenize
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,6 +48,8 @@ LIMITS = ScanImageLimits()
 _HEAD_BYTES = 65_536
 # Pillow's modes of one channel with more than 8 bits.
 _DEEP_TIFF_MODES = frozenset({"I;16", "I;16L", "I;16B", "I;16N", "I", "F"})
+# NumPy reads an array's header as Python text.
+_DAMAGED_ARRAY = (*DAMAGE, tokenize.TokenError, RecursionError, MemoryError)
 _PGM = re.compile(rb"P([25])(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)\s")
 
 
@@ -84,7 +87,7 @@ def read_depth(data: bytes, name: str) -> NDArray[np.generic]:
     decode = next(decode for magic, decode in _DECODERS if data.startswith(magic))
     try:
         values = decode(data)
-    except (*DAMAGE, cv2.error):
+    except (*_DAMAGED_ARRAY, cv2.error):
         values = None
     if values is None or values.shape != (header.height, header.width):
         raise InvalidScanError(f"{name} is damaged or cut short, so it can't be a depth image.")
@@ -167,7 +170,7 @@ def _pgm_header(head: bytes, name: str) -> DepthHeader | None:
 def _npy_header(head: bytes, name: str) -> DepthHeader | None:
     try:
         shape, dtype = _npy_type(io.BytesIO(head))
-    except DAMAGE:
+    except _DAMAGED_ARRAY:
         return None
     flat = [side for side in shape if side != 1] if len(shape) == 3 else list(shape)
     if len(flat) != 2 or dtype.kind not in "uif" or dtype.itemsize < 2:

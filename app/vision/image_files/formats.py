@@ -9,6 +9,8 @@ from typing import BinaryIO
 import pillow_heif
 from PIL import Image
 
+from app.vision.image_files.avif_size import largest_coded_pixels
+
 # Only the photo itself is wanted: no thumbnails, depth maps or other pictures that a HEIC file may hold.
 pillow_heif.register_heif_opener(decode_threads=1, thumbnails=False, depth_images=False, aux_images=False)
 
@@ -39,6 +41,9 @@ _OTHER_FORMATS = (
     (rb"(?s)II\x2a\x00....CR\x02|II\x55\x00|IIR[OS]|FUJIFILMCCD-RAW|(?s:....ftypcrx)", RAW_PHOTO),
     (rb"PK\x03\x04|\x1f\x8b|7z\xbc\xaf|Rar!", "an archive"),
 )
+# A coded picture is larger than the image by up to a block of 128 pixels on each side.
+CODED_MARGIN = 2
+MIN_CODED_PIXELS = 256 * 256
 _NEW_SUBFILE_TYPE = 0x00FE
 _DNG_VERSION = 0xC612
 _REDUCED_COPY = 1
@@ -53,12 +58,18 @@ def open_image(file: BinaryIO) -> Image.Image:
     """Return the image of a file with nothing but its header read.
 
     Raises `PIL.UnidentifiedImageError` for other formats, and `ValueError` for raw photos, whose first image is a
-    small preview.
+    small preview, and for files whose header understates what would be decoded.
     """
     if name_of_other_format(file.read(64)) == RAW_PHOTO:
         raise ValueError(RAW_PHOTO)
     file.seek(0)
     image = Image.open(file, formats=FORMATS)
+    if image.format == "AVIF":
+        file.seek(0)
+        if largest_coded_pixels(file.read()) > CODED_MARGIN * max(
+            image.width * image.height, MIN_CODED_PIXELS
+        ):
+            raise ValueError("its pictures are larger than it says")
     if image.format == "TIFF":
         tags = getattr(image, "tag_v2", {})
         if _DNG_VERSION in tags or tags.get(_NEW_SUBFILE_TYPE, 0) == _REDUCED_COPY:

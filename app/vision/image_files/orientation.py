@@ -11,13 +11,14 @@ from app.vision.image_files.formats import DAMAGE
 
 ORIENTATION = 0x0112
 UPRIGHT = 1
+# Any of the seven others: the picture is turned or mirrored, and nobody asks how.
+TURNED = 3
 
 _PNG_SIGNATURE_BYTES = 8
 _METADATA_CHUNKS = frozenset({b"eXIf", b"iTXt", b"tEXt", b"zTXt"})
 # No encoder writes pieces of the pixels so small that a picture within the limits has more.
 _MAX_CHUNKS = 100_000
-# The boxes that turn or mirror a HEIF picture stand in its header. irot: quarter turns; imir: the axis.
-_HEIF_HEADER_BYTES = 65_536
+# The boxes that turn or mirror a HEIF picture. irot: quarter turns; imir: the axis.
 _HEIF_TURN = re.compile(rb"\x00\x00\x00\x09(?:irot[\x01-\x03]|imir)")
 
 
@@ -69,10 +70,8 @@ def stored_orientation(image: Image.Image, file: BinaryIO) -> int:
 
 
 def _heif_orientation(image: Image.Image, file: BinaryIO) -> int:
-    stated = image.info.get("original_orientation") or UPRIGHT
-    if stated != UPRIGHT:
-        return int(stated)
     file.seek(0)
-    turned = _HEIF_TURN.search(file.read(_HEIF_HEADER_BYTES))
-    # Which of the seven it is nobody asks: the decoder has turned the pixels.
-    return 3 if turned else UPRIGHT
+    if not _HEIF_TURN.search(file.read()):
+        # EXIF's orientation turns no HEIF picture; its boxes do.
+        return UPRIGHT
+    return int(image.info.get("original_orientation") or TURNED)
