@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import UploadFile
 
 from app.api.deps import ID_PATTERN, State, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.mapping.options import parse_camera
@@ -18,7 +20,7 @@ from app.errors import InvalidInputError
 from app.services.anchors import anchor_as_dict
 from app.storage.anchors import delete_anchor, get_anchor, list_anchors, list_frames
 
-router = APIRouter(prefix="/anchors", tags=["anchors"])
+router = APIRouter(prefix="/anchors", tags=["anchors"], route_class=ContractRoute)
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 IMAGE_BODY: dict[str, Any] = {
@@ -35,14 +37,14 @@ IMAGE_BODY: dict[str, Any] = {
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class PlanPosition(BaseModel):
+class PlanPosition(RequestBody):
     """A point on the plan, in metres."""
 
     x: Number
     y: Number
 
 
-class PoiBody(BaseModel):
+class PoiBody(RequestBody):
     """A point of interest: where it is in the camera's picture, on the plan, and how far from the camera."""
 
     id: str = Field(pattern=ID_PATTERN)
@@ -54,7 +56,7 @@ class PoiBody(BaseModel):
     height_m: Number | None = Field(None, description="Height on the plan's z axis, where known")
 
 
-class NewAnchor(BaseModel):
+class NewAnchor(RequestBody):
     """A monitoring camera and its POIs."""
 
     model_config = ConfigDict(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
@@ -13,12 +12,16 @@ from sse_starlette.sse import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
 from app.api.deps import AppState, State, require
+from app.api.requests.build_options import OptionsField, read_options
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.errors import InvalidInputError, NotFoundError
+from app.errors import NotFoundError
 from app.services.submit_build import submit_build, withdraw_build
 from app.storage.builds import Build, get_build, list_builds
 
-router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
+router = APIRouter(
+    prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))], route_class=ContractRoute
+)
 EVENT_INTERVAL_S = 0.3
 
 
@@ -76,10 +79,10 @@ def build(
     state: State,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(description="The venue that the map is for")],
-    options: Annotated[str, Form(description="JSON: format, camera, depth_scale, features, ...")] = "{}",
+    options: OptionsField = "{}",
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
-    build_id = submit_build(state.services.resources, venue, _json(options), archive.file)
+    build_id = submit_build(state.services.resources, venue, read_options(options), archive.file)
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
@@ -130,10 +133,3 @@ async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, s
 def _read(state: AppState, build: str) -> BuildBody:
     with state.services.resources.database.read() as connection:
         return BuildBody.of(get_build(connection, build))
-
-
-def _json(text: str) -> object:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"options is not JSON: {error}.") from None

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, Field
 
 from app.api.deps import State, require
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.mapping.options import parse_camera
 from app.engine.query.narrowing import Prior
@@ -17,7 +18,7 @@ from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.locate_result import LocateRequest, LocateResult, Method
 
-router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
+router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
 
 
 class PlanBody(BaseModel):

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Header, Query
 from pydantic import BaseModel, Field
 
 from app.api.deps import State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.engine.floors.model import LinkMode
 from app.engine.floors.sentences import short
@@ -17,7 +18,12 @@ from app.engine.navigation.places import Place
 from app.engine.navigation.search import Limits
 from app.errors import InvalidInputError
 
-router = APIRouter(prefix="/venues/{venue}/route", tags=["routes"], dependencies=[Depends(require("locate"))])
+router = APIRouter(
+    prefix="/venues/{venue}/route",
+    tags=["routes"],
+    dependencies=[Depends(require("locate"))],
+    route_class=ContractRoute,
+)
 SESSION_PREFIX = "session:"
 AVOIDABLE: tuple[LinkMode, ...] = ("stairs", "lift", "escalator")
 

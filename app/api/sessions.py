@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import ID_PATTERN, State, require
 from app.api.locate import LocateBody, _camera, _gravity, body_of
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.json_body import RequestBody
 from app.api.schemas import PoseBody, problems
 from app.engine.tracking.memory import pose_from_json
 from app.errors import InvalidInputError, InvalidPoseError
@@ -19,7 +21,12 @@ from app.geometry.se3 import Pose
 from app.services.sessions import SessionFrame, SessionResult
 from app.storage.sessions import Session, SessionPoint
 
-router = APIRouter(prefix="/sessions", tags=["sessions"], dependencies=[Depends(require("locate"))])
+router = APIRouter(
+    prefix="/sessions",
+    tags=["sessions"],
+    dependencies=[Depends(require("locate"))],
+    route_class=ContractRoute,
+)
 SessionId = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$", description="The session's id")]
 Destination = Annotated[str, Field(min_length=1, max_length=200, description="A landmark's id, or floor:x,y")]
 Language = Annotated[str, Field(pattern=r"^[A-Za-z]{2,8}(-[A-Za-z0-9]{1,8})*$", max_length=35)]
@@ -33,7 +40,7 @@ MAX_MOTION_M = 100.0
 MAX_TIMESTAMP_S = 1e12
 
 
-class NewSession(BaseModel):
+class NewSession(RequestBody):
     """A session to start."""
 
     model_config = ConfigDict(
@@ -48,10 +55,10 @@ class NewSession(BaseModel):
     language: Language | None = None
 
 
-class SessionChange(BaseModel):
+class SessionChange(RequestBody):
     """What can be changed of a session; null takes a destination or a camera away."""
 
-    model_config = ConfigDict(json_schema_extra={"example": {"destination": "entrance"}}, extra="forbid")
+    model_config = ConfigDict(json_schema_extra={"example": {"destination": "entrance"}})
 
     camera: CameraField | None = None
     destination: Destination | None = None
