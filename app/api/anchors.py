@@ -12,6 +12,7 @@ from starlette.datastructures import UploadFile
 
 from app.api.deps import ID_PATTERN, State, require
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.form_request import is_multipart
 from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.engine.anchors.anchor import AnchorSpec, Poi
@@ -174,7 +175,7 @@ async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[st
 
 async def image_of(request: Request) -> bytes:
     """Return the bytes of an image that is a form field `image` or the whole body."""
-    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+    if not is_multipart(request.headers):
         return await request.body()
     async with request.form() as form:
         image = form.get("image")

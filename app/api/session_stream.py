@@ -6,14 +6,16 @@ import asyncio
 import json
 import logging
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 from weakref import WeakValueDictionary
 
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
 from starlette.websockets import WebSocketState
 
 from app.api.deps import AppState, check_key
 from app.api.errors import problem, status_of
+from app.api.requests.contract_route import refuse_unknown_query
+from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.sessions import frame_body, parse_motion, session_frame
 from app.errors import (
     BusyError,
@@ -88,9 +90,9 @@ class Stream:
             values = json.loads(text)
         except (ValueError, RecursionError):
             raise InvalidInputError("A text message is JSON with hints for the next frame.") from None
-        unknown = sorted(set(values) - set(HINTS)) if isinstance(values, dict) else ["?"]
-        if unknown:
+        if not isinstance(values, dict):
             raise InvalidInputError(f"Hints are an object with some of {', '.join(HINTS)}.")
+        refuse_unknown_keys(values, known_names(HINTS))
         self.hints = {name: _text(value) for name, value in values.items() if value is not None}
 
 
@@ -104,12 +106,17 @@ _streams: WeakValueDictionary[str, Stream] = WeakValueDictionary()
 
 
 @router.websocket("/sessions/{session}/stream")
-async def stream(socket: WebSocket, session: str) -> None:
+async def stream(
+    socket: WebSocket,
+    session: str,
+    key: Annotated[str, Query(description="The key of the server, where no header can be set")] = "",
+) -> None:
     """Binary messages are frames; a text message before one holds its hints; each answer is one text message."""
     state = socket.app.state.roomfix
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
     try:
-        check_key(state, _key(socket), "locate")
+        check_key(state, _key(socket, key), "locate")
+        refuse_unknown_query(socket)
         await asyncio.to_thread(state.services.sessions.get, session)
     except RoomfixError as error:
         await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
@@ -128,10 +135,10 @@ async def stream(socket: WebSocket, session: str) -> None:
         await asyncio.gather(answering, return_exceptions=True)
 
 
-def _key(socket: WebSocket) -> str:
+def _key(socket: WebSocket, in_query: str) -> str:
     scheme, _, credentials = socket.headers.get("authorization", "").partition(" ")
     # A browser can't set headers on a WebSocket.
-    return credentials.strip() if scheme.lower() == "bearer" else socket.query_params.get("key", "")
+    return credentials.strip() if scheme.lower() == "bearer" else in_query
 
 
 async def _receive(connection: Stream, max_bytes: int) -> None:

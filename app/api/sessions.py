@@ -14,6 +14,7 @@ from app.api.deps import ID_PATTERN, State, require
 from app.api.locate import LocateBody, _camera, _gravity, body_of
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.json_body import RequestBody
+from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import PoseBody, problems
 from app.engine.tracking.memory import pose_from_json
 from app.errors import InvalidInputError, InvalidPoseError
@@ -212,6 +213,9 @@ def parse_motion(text: str | None) -> Pose | None:
         return None
     try:
         value = json.loads(text)
+        refuse_unknown_keys(value, known_names(("position", "quaternion")), "motion")
+        refuse_unknown_keys(value["position"], known_names("xyz"), "motion.position")
+        refuse_unknown_keys(value["quaternion"], known_names("xyzw"), "motion.quaternion")
         position = [float(value["position"][axis]) for axis in ("x", "y", "z")]
         quaternion = [float(value["quaternion"][axis]) for axis in ("x", "y", "z", "w")]
         motion = Pose.from_quaternion(position, quaternion)

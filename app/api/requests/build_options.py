@@ -14,6 +14,7 @@ from app.api.requests.names import Known, refuse_unknown_keys
 from app.engine.mapping.keyframe_rule import KEYS as KEYFRAME_KEYS
 from app.engine.mapping.options import FORMATS, KEYS
 from app.errors import InvalidInputError
+from app.importers.conventions import AXES_NAMES, DIRECTIONS, OWN_AXES, QUATERNION_ORDERS
 from app.vision.local_features import FEATURE_NAMES
 
 CAMERA = "fx, fy, cx, cy[, k1, k2, p1, p2[, k3]] as a list, or {model, width, height, params}"
@@ -102,6 +103,39 @@ class BuildOptionsBody(BaseModel):
     max_features_per_keyframe: int | None = Field(
         None, description="Number of features to keep of each keyframe, 50 or more"
     )
+    repair: bool = Field(
+        False, description="Let the examination change how the scan is read where the cause is beyond doubt"
+    )
+    force: bool = Field(False, description="Replace a map that contradicts the new one")
+    axes: str = Field(
+        OWN_AXES,
+        description=f"Where the camera's x, y and z point in the poses: {', '.join(AXES_NAMES)}, or three letters "
+        "such as rdf (right, down, forward)",
+    )
+    poses: str = Field(
+        "world_from_camera",
+        description="Direction of the transforms in the files",
+        json_schema_extra={"enum": list(DIRECTIONS)},
+    )
+    quaternion: str = Field(
+        "xyzw",
+        description="Order of the quaternions in the files",
+        json_schema_extra={"enum": list(QUATERNION_ORDERS)},
+    )
+    rotate_deg: Literal[0, 90, 180, 270] = Field(
+        0, description="By how much the pictures were turned counter-clockwise from the camera of the poses"
+    )
+    time_offset_s: float = Field(
+        0.0, description="The pose of a picture is that of its time plus this; at most an hour"
+    )
+    position_scale: float = Field(1.0, description="Units per metre of the positions in the poses")
+    swap_depth_bytes: bool = Field(False, description="Exchange the two bytes of each depth value")
+    depth_along_rays: bool = Field(
+        False, description="Depth is the distance along the ray, not along the optical axis"
+    )
+    depth_shift_px: list[int] | None = Field(
+        None, description="[right, down]: pixels by which depth is moved over the colour image"
+    )
     start: list[float] | None = Field(
         None,
         description="Uniform motion, for a scan without poses: start x, y and the camera's height z in metres",
@@ -127,12 +161,10 @@ def read_options(text: str) -> object:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"options is not JSON: {error}.") from None
+    refuse_unknown_keys(values, _known(BuildOptionsBody, sorted(KEYS)), "options")
     if isinstance(values, dict):
-        refuse_unknown_keys(values, _known(BuildOptionsBody, KEYS), "options")
-        keyframes = values.get("keyframes")
-        if isinstance(keyframes, dict):
-            keys = ("rule", *(key for keys in KEYFRAME_KEYS.values() for key in keys))
-            refuse_unknown_keys(keyframes, _known(KeyframesOption, keys), "options.keyframes")
+        keys = ("rule", *(key for keys in KEYFRAME_KEYS.values() for key in keys))
+        refuse_unknown_keys(values.get("keyframes"), _known(KeyframesOption, keys), "options.keyframes")
     return values
 
 

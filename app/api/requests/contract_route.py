@@ -7,7 +7,7 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass, field
 from typing import Any
 
-from fastapi import Depends, Request, Response, params
+from fastapi import Depends, Request, Response, WebSocket, params
 from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute, APIWebSocketRoute
@@ -16,7 +16,7 @@ from starlette.requests import HTTPConnection
 
 from app.api.requests.form_request import FormRequest, media_type
 from app.api.requests.json_text import JsonTextOf
-from app.api.requests.names import Known, refusal, shown, unknown_names
+from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
 
 FORM_MEDIA_TYPES = ("multipart/form-data", "application/x-www-form-urlencoded")
 JSON_MEDIA_TYPE = "application/json"
@@ -66,7 +66,7 @@ class ContractRoute(APIRoute):
 async def refuse_unknown_names(request: Request) -> None:
     """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant."""
     declared = request.scope["route"].declared
-    errors = query_errors(declared, request)
+    errors = _query_errors(declared, request)
     form = await _form(declared, request)
     if form is not None:
         others = {**declared.query, **declared.nested}
@@ -79,7 +79,12 @@ async def refuse_unknown_names(request: Request) -> None:
         raise RequestValidationError(errors)
 
 
-def query_errors(declared: DeclaredNames, connection: HTTPConnection) -> list[dict[str, Any]]:
+def refuse_unknown_query(socket: WebSocket) -> None:
+    """Raise `InvalidInputError` for a query parameter that a WebSocket's route doesn't declare."""
+    refuse_unknown_keys(socket.query_params, declared_names(socket.scope["route"]).query)
+
+
+def _query_errors(declared: DeclaredNames, connection: HTTPConnection) -> list[dict[str, Any]]:
     """Return an error for each unknown query parameter of a request or WebSocket."""
     others = {
         name: Known(f"the form field {entry.written}", entry.description)

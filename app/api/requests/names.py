@@ -48,9 +48,9 @@ class Known:
     description: str = ""
 
 
-def known_names(names: Iterable[str], prefix: str = "") -> dict[str, Known]:
-    """Return names without descriptions, written with a prefix."""
-    return {name: Known(f"{prefix}{name}") for name in names}
+def known_names(names: Iterable[str]) -> dict[str, Known]:
+    """Return names without descriptions."""
+    return {name: Known(name) for name in names}
 
 
 def unknown_names(given: Iterable[object], known: Mapping[str, Known]) -> list[str]:
@@ -90,8 +90,10 @@ def refusal(name: str, known: Mapping[str, Known], others: Mapping[str, Known], 
     return f"this {kind} is not known; there are {', '.join(entry.written for entry in known.values())}."
 
 
-def refuse_unknown_keys(values: Mapping[object, object], known: Mapping[str, Known], place: str = "") -> None:
-    """Raise `InvalidInputError` for the first key of a JSON object that is not known."""
+def refuse_unknown_keys(values: object, known: Mapping[str, Known], place: str = "") -> None:
+    """Raise `InvalidInputError` for the first key of a JSON object that is not known; other values pass."""
+    if not isinstance(values, Mapping):
+        return
     for name in unknown_names(values, known):
         path = f"{place}.{shown(name)}" if place else shown(name)
         raise InvalidInputError(f"{path}: {refusal(name, known, {})}")
