@@ -12,6 +12,7 @@ from starlette.datastructures import UploadFile
 
 from app.api.deps import ID_PATTERN, State, require
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
 from app.api.requests.form_request import is_multipart
 from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
@@ -50,7 +51,9 @@ class PoiBody(RequestBody):
 
     id: str = Field(pattern=ID_PATTERN)
     region_px: list[Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
-        min_length=3, max_length=50, description="Corners [u, v] around it, in pixels of the camera's frames"
+        min_length=3,
+        max_length=FIELDS.max_region_corners,
+        description="Corners [u, v] around it, in pixels of the camera's frames",
     )
     position: PlanPosition = Field(description="Where the middle of the region is on the plan")
     distance_m: Number = Field(description="From the camera straight to the middle of the region")
@@ -88,7 +91,7 @@ class NewAnchor(RequestBody):
         None, description="Where it looks, counter-clockwise from plan x; a check only"
     )
     camera: Any = Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]", or {model, width, height, params}')
-    pois: list[PoiBody] = Field(min_length=1, max_length=50)
+    pois: list[PoiBody] = Field(min_length=1, max_length=FIELDS.max_pois)
     store_images: bool = Field(False, description="Keep the newest frame's image too, not its features alone")
     max_age_s: Number | None = Field(None, gt=0, description="Age from which its frame is not used any more")
 

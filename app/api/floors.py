@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
@@ -41,8 +42,8 @@ class NewFloor(RequestBody):
         }
     )
 
-    name: str = Field(min_length=1, max_length=200)
-    level: int = Field(ge=-100, le=1000)
+    name: str = Field(min_length=1, max_length=FIELDS.max_name_characters)
+    level: int = Field(ge=FIELDS.min_level, le=FIELDS.max_level)
     z_min_m: float = Field(allow_inf_nan=False)
     z_max_m: float = Field(allow_inf_nan=False)
     plan_from_world: Any = None

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Query, Response
 
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
 from app.api.schemas import problems
 from app.engine.navigation.plan_drawing import draw_plan
 from app.errors import InvalidInputError
@@ -30,8 +31,8 @@ def get(
     state: State,
     venue: VenueId,
     floor: FloorId,
-    start: Annotated[str | None, Query(alias="from", max_length=300)] = None,
-    end: Annotated[str | None, Query(alias="to", max_length=300)] = None,
+    start: Annotated[str | None, Query(alias="from", max_length=FIELDS.max_place_characters)] = None,
+    end: Annotated[str | None, Query(alias="to", max_length=FIELDS.max_place_characters)] = None,
 ) -> Response:
     """Return the plan image with areas, links and landmarks; with `from` and `to` the route between them too."""
     if (start is None) != (end is None):

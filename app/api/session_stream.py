@@ -26,19 +26,38 @@ from app.errors import (
     RoomfixError,
 )
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.services.sessions import SessionFrame
 
 log = logging.getLogger("roomfix.api")
 UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
 HINTS = ("camera", "gravity", "motion", "timestamp")
-MAX_HINT_CHARACTERS = 10_000
-# While all workers are occupied the frame waits, or a newer one in its place.
-RETRY_S = 0.02
-# Close codes: another connection took the session over, a message was too large (RFC 6455), the session is gone.
+# Close code: another connection has taken the session over.
 CLOSE_REPLACED = 4000
+# Close code of RFC 6455: a message is too large.
 CLOSE_TOO_BIG = 1009
+# Close code: the session has ended.
 CLOSE_GONE = 4404
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamOptions:
+    """How a stream takes messages and answers them."""
+
+    max_hint_characters: int = limit(
+        10_000,
+        "Largest length of a text message with hints.",
+        chosen="By hand: the longest hints have some hundred characters.",
+    )
+    retry_s: float = limit(
+        0.02,
+        "While all workers are occupied: time until the frame that waits, or a newer one, is tried again.",
+        chosen="By hand: short beside the time of a frame.",
+    )
+
+
+OPTIONS = StreamOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +103,8 @@ class Stream:
 
     def note_hints(self, text: str) -> None:
         """Keep what a text message says of the next frame; raises `InvalidInputError`."""
-        if len(text) > MAX_HINT_CHARACTERS:
-            raise InvalidInputError(f"Hints have at most {MAX_HINT_CHARACTERS:,} characters.")
+        if len(text) > OPTIONS.max_hint_characters:
+            raise InvalidInputError(f"Hints have at most {OPTIONS.max_hint_characters:,} characters.")
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
@@ -178,7 +197,7 @@ async def _answer(state: AppState, connection: Stream) -> None:
             )
         except (BusyError, ConflictError):
             _put_back(connection, waiting)
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(OPTIONS.retry_s)
             continue
         except NotFoundError as error:
             await _send_problem(connection, error, waiting.received)

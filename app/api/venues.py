@@ -10,12 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import ID_PATTERN, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.storage.venues import Venue, create_venue, delete_venue, get_venue, list_venues, rename_venue
 
 router = APIRouter(prefix="/venues", tags=["venues"], route_class=ContractRoute)
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters)]
 
 
 class NewVenue(RequestBody):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import NoReturn
 
 from starlette.datastructures import Headers
@@ -14,22 +15,45 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.api.errors import problem, status_of
 from app.api.requests.names import shown
 from app.errors import InvalidInputError, RoomfixError, UploadTooLargeError
+from app.limits import limit
 
-# Room for the other fields of a form and its boundaries.
-FORM_OVERHEAD_BYTES = 1_000_000
 ARCHIVE_PATHS = "/database/"
 GZIP_NAMES = ("gzip", "x-gzip")
+# Of zlib: a gzip header, and the largest window.
 GZIP_WINDOW_BITS = 16 + zlib.MAX_WBITS
-# Input per call of zlib, which copies what follows the end of a member.
-INPUT_BYTES = 4096
-OUTPUT_BYTES = 65_536
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyOptions:
+    """How bodies of requests are read."""
+
+    form_overhead_bytes: int = limit(
+        1_000_000,
+        "Bytes that a body may have beside the file it carries: the other fields of a form and its boundaries.",
+        chosen="By hand: options and hints have a few kilobytes.",
+    )
+    inflated_input_bytes: int = limit(
+        4096,
+        "Compressed bytes that are inflated at a time.",
+        chosen="By hand: zlib copies what follows the end of a gzip member, which is cheap for few bytes even if there "
+        "are many members.",
+    )
+    inflated_piece_bytes: int = limit(
+        65_536,
+        "Largest piece of an inflated body that is passed on at a time.",
+        chosen="By hand: as large as the pieces that a server receives, so that memory doesn't grow with the ratio of "
+        "compression.",
+    )
+
+
+OPTIONS = BodyOptions()
 
 
 class RequestBodyMiddleware:
-    """Gives the app bodies as they were before `Content-Encoding: gzip`, and answers for it when a body can't be read.
+    """Inflates gzip bodies for the app, and answers requests whose body can't be read.
 
-    A body over the limit of its path is a 413: by its declared length at once, else as soon as it passes the limit,
-    after inflation. An encoding other than gzip is a 415.
+    A body over the limit of its path is a 413: at once when its declared length is over it, else as soon as it passes
+    the limit; the length after inflation counts. An encoding other than gzip is a 415, broken gzip a 422.
     """
 
     def __init__(self, app: ASGIApp, max_archive_bytes: int, max_image_bytes: int) -> None:
@@ -77,7 +101,7 @@ class BodyReader:
 
     def __init__(self, receive: Receive, max_bytes: int, *, is_gzip: bool) -> None:
         self.refused: RoomfixError | None = None
-        self.limit_bytes = max_bytes + FORM_OVERHEAD_BYTES
+        self.limit_bytes = max_bytes + OPTIONS.form_overhead_bytes
         self._max_bytes = max_bytes
         self._receive = receive
         self._received_bytes = 0
@@ -143,8 +167,8 @@ class Inflater:
     def inflate(self) -> bytes:
         """Return the next piece, empty when more input is needed; raises `zlib.error`."""
         while True:
-            part = self._input[:INPUT_BYTES]
-            piece = self._member.decompress(part, OUTPUT_BYTES)
+            part = self._input[: OPTIONS.inflated_input_bytes]
+            piece = self._member.decompress(part, OPTIONS.inflated_piece_bytes)
             rest = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
             self._input = self._input[len(part) - len(rest) :]
             if len(part):

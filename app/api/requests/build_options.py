@@ -149,14 +149,18 @@ class BuildOptionsBody(BaseModel):
 
 OptionsField = Annotated[
     str,
-    Form(description="JSON of BuildOptionsBody, e.g. " + json.dumps({"format": "tum", "depth_scale": 1000})),
+    Form(
+        description="JSON, e.g. " + json.dumps({"format": "tum", "depth_scale": 1000, "gravity": [0, 0, -1]})
+    ),
     JsonTextOf(BuildOptionsBody),
 ]
 
 
 def read_options(text: str) -> object:
-    """Return the JSON of the form field `options`; raises `InvalidInputError` for text that is none and for keys that
-    nobody knows. What the values may be, `parse_build_options` knows."""
+    """Return the JSON of the form field `options`; its values are checked by `parse_build_options`.
+
+    Raises `InvalidInputError` for text that is not JSON, and for unknown keys.
+    """
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""Routes that take what they declare, and refuse query parameters and form fields that nobody knows."""
+"""Routes that refuse unknown query parameters and form fields: those that the route doesn't declare."""
 
 from __future__ import annotations
 
@@ -38,8 +38,10 @@ class DeclaredNames:
 
 
 class ContractRoute(APIRoute):
-    """A route that refuses names that it doesn't declare. It does so last of what the route depends on, so that
-    somebody without a key is told of the key first."""
+    """A route that refuses names that it doesn't declare.
+
+    This is the last of the route's dependencies: the key is checked first.
+    """
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Names that nobody knows in a request: each is refused with the name that was probably meant."""
+"""Unknown names in a request: each is refused with the name that was probably meant."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class NameOptions:
         chosen="By hand: shorter names (x, fx, px) stand in descriptions as parts of formulas.",
     )
     max_reported_names: int = limit(
-        5,
+        3,
         "Largest number of unknown names that an answer lists.",
-        chosen="By hand: the sentence stays readable.",
+        chosen="By hand: with the names that are known beside each, the sentence stays below 500 characters.",
     )
     max_name_characters: int = limit(
         40,
