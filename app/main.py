@@ -30,7 +30,8 @@ from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
-from app.api.middleware import MetricsMiddleware, RequestIdMiddleware, UploadLimitMiddleware
+from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
+from app.api.requests.body_reader import RequestBodyMiddleware
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.services.resources import Resources
@@ -90,7 +91,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         app.include_router(router)
     install_pages(app)
     install_error_handlers(app)
-    app.add_middleware(UploadLimitMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
+    app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)
     return app

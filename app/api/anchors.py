@@ -11,6 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import UploadFile
 
 from app.api.deps import ID_PATTERN, State, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
+from app.api.requests.form_request import is_multipart
+from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.errors import InvalidInputError
@@ -18,7 +22,7 @@ from app.geometry.camera_hint import parse_camera_hint
 from app.services.anchors import anchor_as_dict
 from app.storage.anchors import delete_anchor, get_anchor, list_anchors, list_frames
 
-router = APIRouter(prefix="/anchors", tags=["anchors"])
+router = APIRouter(prefix="/anchors", tags=["anchors"], route_class=ContractRoute)
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 IMAGE_BODY: dict[str, Any] = {
@@ -35,26 +39,28 @@ IMAGE_BODY: dict[str, Any] = {
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class PlanPosition(BaseModel):
+class PlanPosition(RequestBody):
     """A point on the plan, in metres."""
 
     x: Number
     y: Number
 
 
-class PoiBody(BaseModel):
+class PoiBody(RequestBody):
     """A point of interest: where it is in the camera's picture, on the plan, and how far from the camera."""
 
     id: str = Field(pattern=ID_PATTERN)
     region_px: list[Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
-        min_length=3, max_length=50, description="Corners [u, v] around it, in pixels of the camera's frames"
+        min_length=3,
+        max_length=FIELDS.max_region_corners,
+        description="Corners [u, v] around it, in pixels of the camera's frames",
     )
     position: PlanPosition = Field(description="Where the middle of the region is on the plan")
     distance_m: Number = Field(description="From the camera straight to the middle of the region")
     height_m: Number | None = Field(None, description="Height on the plan's z axis, where known")
 
 
-class NewAnchor(BaseModel):
+class NewAnchor(RequestBody):
     """A monitoring camera and its POIs."""
 
     model_config = ConfigDict(
@@ -85,7 +91,7 @@ class NewAnchor(BaseModel):
         None, description="Where it looks, counter-clockwise from plan x; a check only"
     )
     camera: Any = Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]", or {model, width, height, params}')
-    pois: list[PoiBody] = Field(min_length=1, max_length=50)
+    pois: list[PoiBody] = Field(min_length=1, max_length=FIELDS.max_pois)
     store_images: bool = Field(False, description="Keep the newest frame's image too, not its features alone")
     max_age_s: Number | None = Field(None, gt=0, description="Age from which its frame is not used any more")
 
@@ -172,7 +178,7 @@ async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[st
 
 async def image_of(request: Request) -> bytes:
     """Return the bytes of an image that is a form field `image` or the whole body."""
-    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+    if not is_multipart(request.headers):
         return await request.body()
     async with request.form() as form:
         image = form.get("image")

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, Field
 
 from app.api.deps import State, require
+from app.api.requests.build_options import OptionsField, read_options
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.engine.mapping.options import parse_build_options
-from app.errors import InvalidInputError
 from app.services.calibration import calibrate_archive
 
-router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
+router = APIRouter(
+    prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))], route_class=ContractRoute
+)
 
 
 class PointBody(BaseModel):
@@ -70,7 +72,7 @@ async def calibrate(
     state: State,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(description="The venue that the scan is of")],
-    options: Annotated[str, Form(description="JSON, as in POST /database/build")] = "{}",
+    options: OptionsField = "{}",
 ) -> CalibrationBody:
     """Fit matches over pose difference to a scan and answer with the keyframe thresholds for it.
 
@@ -78,10 +80,7 @@ async def calibrate(
     share with its nearest keyframe. A build does the same by itself with `{"keyframes": {"thresholds":
     "calibrated"}}`.
     """
-    try:
-        parsed = parse_build_options(json.loads(options))
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"options is not JSON: {error}.") from None
+    parsed = parse_build_options(read_options(options))
     found = await state.executor.run(
         lambda: calibrate_archive(state.services.resources, venue, parsed, archive.file)
     )

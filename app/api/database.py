@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, UploadFile
@@ -13,13 +13,31 @@ from sse_starlette.sse import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
 from app.api.deps import AppState, State, require
+from app.api.requests.build_options import OptionsField, read_options
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.errors import InvalidInputError, NotFoundError
+from app.errors import NotFoundError
+from app.limits import limit
 from app.services.submit_build import submit_build, withdraw_build
 from app.storage.builds import Build, get_build, list_builds
 
-router = APIRouter(prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))])
-EVENT_INTERVAL_S = 0.3
+router = APIRouter(
+    prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))], route_class=ContractRoute
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuildEventsOptions:
+    """How a build is watched."""
+
+    interval_s: float = limit(
+        0.3,
+        "Time between two reads of a build that is watched by server-sent events.",
+        chosen="By hand: progress looks smooth, and one indexed row is read each time.",
+    )
+
+
+OPTIONS = BuildEventsOptions()
 
 
 class Submitted(BaseModel):
@@ -76,10 +94,10 @@ def build(
     state: State,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(description="The venue that the map is for")],
-    options: Annotated[str, Form(description="JSON: format, camera, depth_scale, features, ...")] = "{}",
+    options: OptionsField = "{}",
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
-    build_id = submit_build(state.services.resources, venue, _json(options), archive.file)
+    build_id = submit_build(state.services.resources, venue, read_options(options), archive.file)
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
@@ -119,7 +137,7 @@ async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, s
             sent = body
         if body.state in ("succeeded", "failed", "cancelled"):
             return
-        await asyncio.sleep(EVENT_INTERVAL_S)
+        await asyncio.sleep(OPTIONS.interval_s)
         try:
             body = await run_in_threadpool(_read, state, body.build)
         except NotFoundError:
@@ -130,10 +148,3 @@ async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, s
 def _read(state: AppState, build: str) -> BuildBody:
     with state.services.resources.database.read() as connection:
         return BuildBody.of(get_build(connection, build))
-
-
-def _json(text: str) -> object:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"options is not JSON: {error}.") from None

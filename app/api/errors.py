@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
@@ -12,6 +13,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from app import errors
+from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
 
@@ -28,7 +30,25 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ConflictError, 409),
     (errors.BusyError, 503),
 )
-RETRY_AFTER_S = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorOptions:
+    """What an error answer holds."""
+
+    retry_after_s: int = limit(
+        1,
+        "When a client may try again, as `Retry-After` of a 503 says.",
+        chosen="By hand: most queries take less, so that a place in the queue has become free.",
+    )
+    max_reported_fields: int = limit(
+        5,
+        "Largest number of fields of a request that an answer says something about.",
+        chosen="By hand: the sentence stays readable; what is mended shows the next.",
+    )
+
+
+OPTIONS = ErrorOptions()
 
 
 def status_of(error: errors.RoomfixError) -> int:
@@ -55,12 +75,12 @@ def install_error_handlers(app: FastAPI) -> None:
         status = status_of(error)
         if status == 500:
             log.error("unmapped error", exc_info=error)
-        headers = {503: {"Retry-After": str(RETRY_AFTER_S)}, 401: {"WWW-Authenticate": "Bearer"}}
+        headers = {503: {"Retry-After": str(OPTIONS.retry_after_s)}, 401: {"WWW-Authenticate": "Bearer"}}
         return problem(status, error.code, str(error), headers.get(status))
 
     async def validation(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
-        fields = [_field(entry) for entry in error.errors()]
+        fields = [_field(entry) for entry in error.errors()[: OPTIONS.max_reported_fields]]
         detail = "; ".join(f"{field['field']}: {field['message']}" for field in fields)
         return problem(422, "invalid_request", detail or "The request is not valid.", fields=fields)
 

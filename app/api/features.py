@@ -10,11 +10,14 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
 from app.api.deps import FloorId, State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.engine.navigation.network import unmet_links
 from app.services.floor_features import store_features, stored_features
 
-router = APIRouter(prefix="/venues/{venue}/floors/{floor}/features", tags=["floors"])
+router = APIRouter(
+    prefix="/venues/{venue}/floors/{floor}/features", tags=["floors"], route_class=ContractRoute
+)
 MEDIA_TYPE = "application/geo+json"
 EXAMPLE = {
     "type": "FeatureCollection",

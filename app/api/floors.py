@@ -6,9 +6,12 @@ import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Response, UploadFile
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from app.api.deps import FloorId, State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
+from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.errors import InvalidInputError, NotFoundError
@@ -16,10 +19,10 @@ from app.services.floor_plans import as_dict, store_plan_image
 from app.storage.floors import delete_floor, get_floor, list_floors, put_floor
 from app.storage.venues import get_venue
 
-router = APIRouter(prefix="/venues/{venue}/floors", tags=["floors"])
+router = APIRouter(prefix="/venues/{venue}/floors", tags=["floors"], route_class=ContractRoute)
 
 
-class NewFloor(BaseModel):
+class NewFloor(RequestBody):
     """A floor. `plan_from_world` is a 4x4 matrix, or pairs of points to fit it to."""
 
     model_config = ConfigDict(
@@ -39,8 +42,8 @@ class NewFloor(BaseModel):
         }
     )
 
-    name: str = Field(min_length=1, max_length=200)
-    level: int = Field(ge=-100, le=1000)
+    name: str = Field(min_length=1, max_length=FIELDS.max_name_characters)
+    level: int = Field(ge=FIELDS.min_level, le=FIELDS.max_level)
     z_min_m: float = Field(allow_inf_nan=False)
     z_max_m: float = Field(allow_inf_nan=False)
     plan_from_world: Any = None

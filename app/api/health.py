@@ -8,9 +8,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.api.deps import State, require
 from app.api.errors import problem
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 
-router = APIRouter(tags=["operation"])
+router = APIRouter(tags=["operation"], route_class=ContractRoute)
 
 
 class Health(BaseModel):

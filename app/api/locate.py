@@ -10,13 +10,15 @@ from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, Field
 
 from app.api.deps import State, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
 
-router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))])
+router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
 
 
 class PlanBody(BaseModel):
@@ -94,7 +96,9 @@ async def locate(
     area: Annotated[str | None, Form(description="Search this area first: its id or name")] = None,
     camera: Annotated[
         str | None,
-        Form(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or JSON {model, width, height, params}'),
+        Form(
+            description='Intrinsics: "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or JSON {model, width, height, params}'
+        ),
     ] = None,
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     prior: Annotated[str | None, Form(description='JSON {"position": {x, y, z}, "radius_m"}')] = None,
@@ -194,8 +198,10 @@ def _prior(text: str | None) -> Prior | None:
     if text is None or not text.strip():
         return None
     value = _json(text, "prior")
+    refuse_unknown_keys(value, known_names(("position", "radius_m")), "prior")
     try:
         position = value["position"]  # type: ignore[index]
+        refuse_unknown_keys(position, known_names("xyz"), "prior.position")
         numbers = [float(position[axis]) for axis in ("x", "y", "z")]
         radius_m = float(value["radius_m"])  # type: ignore[index]
     except (KeyError, TypeError, ValueError, OverflowError):

@@ -9,11 +9,12 @@ from fastapi import APIRouter, Depends, Path
 from pydantic import BaseModel
 
 from app.api.deps import State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.storage.maps import MapVersion, get_map, list_maps
 from app.storage.venues import get_venue, set_active_map
 
-router = APIRouter(prefix="/venues/{venue}/maps", tags=["maps"])
+router = APIRouter(prefix="/venues/{venue}/maps", tags=["maps"], route_class=ContractRoute)
 
 
 class MapBody(BaseModel):

@@ -1,4 +1,4 @@
-"""Request ids, upload limits and request metrics, as plain ASGI middleware."""
+"""Request ids and request metrics, as plain ASGI middleware."""
 
 from __future__ import annotations
 
@@ -6,20 +6,16 @@ import logging
 import re
 import time
 import uuid
-from contextlib import suppress
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.errors import problem
 from app.api.metrics import Metrics
-from app.errors import UploadTooLargeError
 
 log = logging.getLogger("roomfix.api")
 UNEXPECTED = "Something went wrong here; the log has it under this request's id."
 REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
-# Room for the other fields of a form and its boundaries.
-FORM_OVERHEAD = 1_000_000
 
 
 class RequestIdMiddleware:
@@ -83,44 +79,3 @@ class MetricsMiddleware:
             # The template, not the path: ids in a label would make a series each.
             route = getattr(scope.get("route"), "path", "unmatched")
             self._metrics.observe_request(scope["method"], route, status, time.perf_counter() - started)
-
-
-class UploadLimitMiddleware:
-    """Refuses bodies over the limit: by their declared length at once, else as soon as they pass it."""
-
-    def __init__(self, app: ASGIApp, max_archive_bytes: int, max_image_bytes: int) -> None:
-        self._app = app
-        self._max_archive_bytes = max_archive_bytes
-        self._max_image_bytes = max_image_bytes
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        is_archive = scope["path"].startswith("/database/")
-        limit = (self._max_archive_bytes if is_archive else self._max_image_bytes) + FORM_OVERHEAD
-        message = f"The upload is larger than {limit - FORM_OVERHEAD:,} bytes, the limit of this server."
-        declared = Headers(scope=scope).get("content-length", "0")
-        if declared.isdigit() and int(declared) > limit:
-            await problem(413, UploadTooLargeError.code, message)(scope, receive, send)
-            return
-        received = 0
-
-        async def limited_receive() -> Message:
-            nonlocal received
-            event = await receive()
-            received += len(event.get("body", b""))
-            if received > limit:
-                raise UploadTooLargeError(message)
-            return event
-
-        async def send_if_within(event: Message) -> None:
-            # Whatever the readers of the body make of the error, the answer is the one below.
-            if received <= limit:
-                await send(event)
-
-        with suppress(UploadTooLargeError):
-            await self._app(scope, limited_receive, send_if_within)
-        if received > limit:
-            await problem(413, UploadTooLargeError.code, message)(scope, receive, send)

@@ -7,12 +7,16 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 
 from app.api.deps import FloorId, State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
 from app.api.schemas import problems
 from app.engine.navigation.plan_drawing import draw_plan
 from app.errors import InvalidInputError
 from app.storage.floors import get_floor
 
-router = APIRouter(prefix="/venues/{venue}/floors/{floor}/plan.svg", tags=["floors"])
+router = APIRouter(
+    prefix="/venues/{venue}/floors/{floor}/plan.svg", tags=["floors"], route_class=ContractRoute
+)
 # Names come from clients: whatever one of them holds, the picture runs no script and fetches nothing.
 HEADERS = {"Content-Security-Policy": "default-src 'none'; img-src data:; style-src 'unsafe-inline'"}
 
@@ -27,8 +31,8 @@ def get(
     state: State,
     venue: VenueId,
     floor: FloorId,
-    start: Annotated[str | None, Query(alias="from", max_length=300)] = None,
-    end: Annotated[str | None, Query(alias="to", max_length=300)] = None,
+    start: Annotated[str | None, Query(alias="from", max_length=FIELDS.max_place_characters)] = None,
+    end: Annotated[str | None, Query(alias="to", max_length=FIELDS.max_place_characters)] = None,
 ) -> Response:
     """Return the plan image with areas, links and landmarks; with `from` and `to` the route between them too."""
     if (start is None) != (end is None):

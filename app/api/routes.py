@@ -8,6 +8,8 @@ from fastapi import APIRouter, Depends, Header, Query
 from pydantic import BaseModel, Field
 
 from app.api.deps import State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
 from app.api.schemas import problems
 from app.engine.floors.model import LinkMode
 from app.engine.floors.sentences import short
@@ -17,7 +19,12 @@ from app.engine.navigation.places import Place
 from app.engine.navigation.search import Limits
 from app.errors import InvalidInputError
 
-router = APIRouter(prefix="/venues/{venue}/route", tags=["routes"], dependencies=[Depends(require("locate"))])
+router = APIRouter(
+    prefix="/venues/{venue}/route",
+    tags=["routes"],
+    dependencies=[Depends(require("locate"))],
+    route_class=ContractRoute,
+)
 SESSION_PREFIX = "session:"
 AVOIDABLE: tuple[LinkMode, ...] = ("stairs", "lift", "escalator")
 
@@ -62,24 +69,36 @@ def get(
     state: State,
     venue: VenueId,
     start: Annotated[
-        str, Query(alias="from", max_length=300, description="A landmark's id, floor:x,y, or session:ID")
+        str,
+        Query(
+            alias="from",
+            max_length=FIELDS.max_place_characters,
+            description="A landmark's id, floor:x,y, or session:ID",
+        ),
     ],
-    end: Annotated[str, Query(alias="to", max_length=300, description="A landmark's id, or floor:x,y")],
+    end: Annotated[
+        str,
+        Query(
+            alias="to", max_length=FIELDS.max_place_characters, description="A landmark's id, or floor:x,y"
+        ),
+    ],
     avoid: Annotated[
-        list[str] | None, Query(max_length=20, description="stairs, lift, escalator; repeated or with commas")
+        list[str] | None,
+        Query(max_length=FIELDS.max_avoided, description="stairs, lift, escalator; repeated or with commas"),
     ] = None,
     accessible: Annotated[bool, Query(description="Use accessible links only")] = False,
     heading_deg: Annotated[
         float | None,
         Query(
             allow_inf_nan=False,
-            ge=-720,
-            le=720,
+            ge=-FIELDS.max_heading_deg,
+            le=FIELDS.max_heading_deg,
             description="Where the walker looks, from plan x to the left",
         ),
     ] = None,
     language: Annotated[
-        str | None, Query(max_length=35, description="en or de; else by Accept-Language")
+        str | None,
+        Query(max_length=FIELDS.max_language_characters, description="en or de; else by Accept-Language"),
     ] = None,
     accept_language: Annotated[str | None, Header()] = None,
 ) -> RouteBody:

@@ -6,14 +6,16 @@ import asyncio
 import json
 import logging
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 from weakref import WeakValueDictionary
 
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
 from starlette.websockets import WebSocketState
 
 from app.api.deps import AppState, check_key
 from app.api.errors import problem, status_of
+from app.api.requests.contract_route import refuse_unknown_query
+from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.sessions import frame_body, parse_motion, session_frame
 from app.errors import (
     BusyError,
@@ -24,19 +26,38 @@ from app.errors import (
     RoomfixError,
 )
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.services.sessions import SessionFrame
 
 log = logging.getLogger("roomfix.api")
 UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
 HINTS = ("camera", "gravity", "motion", "timestamp")
-MAX_HINT_CHARACTERS = 10_000
-# While all workers are occupied the frame waits, or a newer one in its place.
-RETRY_S = 0.02
-# Close codes: another connection took the session over, a message was too large (RFC 6455), the session is gone.
+# Close code: another connection has taken the session over.
 CLOSE_REPLACED = 4000
+# Close code of RFC 6455: a message is too large.
 CLOSE_TOO_BIG = 1009
+# Close code: the session has ended.
 CLOSE_GONE = 4404
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamOptions:
+    """How a stream takes messages and answers them."""
+
+    max_hint_characters: int = limit(
+        10_000,
+        "Largest length of a text message with hints.",
+        chosen="By hand: the longest hints have some hundred characters.",
+    )
+    retry_s: float = limit(
+        0.02,
+        "While all workers are occupied: time until the frame that waits, or a newer one, is tried again.",
+        chosen="By hand: short beside the time of a frame.",
+    )
+
+
+OPTIONS = StreamOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +103,15 @@ class Stream:
 
     def note_hints(self, text: str) -> None:
         """Keep what a text message says of the next frame; raises `InvalidInputError`."""
-        if len(text) > MAX_HINT_CHARACTERS:
-            raise InvalidInputError(f"Hints have at most {MAX_HINT_CHARACTERS:,} characters.")
+        if len(text) > OPTIONS.max_hint_characters:
+            raise InvalidInputError(f"Hints have at most {OPTIONS.max_hint_characters:,} characters.")
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
             raise InvalidInputError("A text message is JSON with hints for the next frame.") from None
-        unknown = sorted(set(values) - set(HINTS)) if isinstance(values, dict) else ["?"]
-        if unknown:
+        if not isinstance(values, dict):
             raise InvalidInputError(f"Hints are an object with some of {', '.join(HINTS)}.")
+        refuse_unknown_keys(values, known_names(HINTS))
         self.hints = {name: _text(value) for name, value in values.items() if value is not None}
 
 
@@ -104,12 +125,17 @@ _streams: WeakValueDictionary[str, Stream] = WeakValueDictionary()
 
 
 @router.websocket("/sessions/{session}/stream")
-async def stream(socket: WebSocket, session: str) -> None:
+async def stream(
+    socket: WebSocket,
+    session: str,
+    key: Annotated[str, Query(description="The key of the server, where no header can be set")] = "",
+) -> None:
     """Binary messages are frames; a text message before one holds its hints; each answer is one text message."""
     state = socket.app.state.roomfix
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
     try:
-        check_key(state, _key(socket), "locate")
+        check_key(state, _key(socket, key), "locate")
+        refuse_unknown_query(socket)
         await asyncio.to_thread(state.services.sessions.get, session)
     except RoomfixError as error:
         await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
@@ -128,10 +154,10 @@ async def stream(socket: WebSocket, session: str) -> None:
         await asyncio.gather(answering, return_exceptions=True)
 
 
-def _key(socket: WebSocket) -> str:
+def _key(socket: WebSocket, in_query: str) -> str:
     scheme, _, credentials = socket.headers.get("authorization", "").partition(" ")
     # A browser can't set headers on a WebSocket.
-    return credentials.strip() if scheme.lower() == "bearer" else socket.query_params.get("key", "")
+    return credentials.strip() if scheme.lower() == "bearer" else in_query
 
 
 async def _receive(connection: Stream, max_bytes: int) -> None:
@@ -171,7 +197,7 @@ async def _answer(state: AppState, connection: Stream) -> None:
             )
         except (BusyError, ConflictError):
             _put_back(connection, waiting)
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(OPTIONS.retry_s)
             continue
         except NotFoundError as error:
             await _send_problem(connection, error, waiting.received)

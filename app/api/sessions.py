@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
@@ -12,28 +13,69 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import ID_PATTERN, State, require
 from app.api.locate import LocateBody, _camera, _gravity, body_of
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
+from app.api.requests.json_body import RequestBody
+from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import PoseBody, problems
 from app.engine.tracking.memory import pose_from_json
 from app.errors import InvalidInputError, InvalidPoseError
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.services.sessions import SessionFrame, SessionResult
 from app.storage.sessions import Session, SessionPoint
 
-router = APIRouter(prefix="/sessions", tags=["sessions"], dependencies=[Depends(require("locate"))])
+router = APIRouter(
+    prefix="/sessions",
+    tags=["sessions"],
+    dependencies=[Depends(require("locate"))],
+    route_class=ContractRoute,
+)
 SessionId = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$", description="The session's id")]
-Destination = Annotated[str, Field(min_length=1, max_length=200, description="A landmark's id, or floor:x,y")]
-Language = Annotated[str, Field(pattern=r"^[A-Za-z]{2,8}(-[A-Za-z0-9]{1,8})*$", max_length=35)]
+Destination = Annotated[
+    str,
+    Field(
+        min_length=1,
+        max_length=FIELDS.max_destination_characters,
+        description="A landmark's id, or floor:x,y",
+    ),
+]
+Language = Annotated[
+    str, Field(pattern=r"^[A-Za-z]{2,8}(-[A-Za-z0-9]{1,8})*$", max_length=FIELDS.max_language_characters)
+]
 CameraField = Annotated[
     str | dict[str, Any] | list[float],
     Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or {model, width, height, params}, as in /locate'),
 ]
 TrackingState = Literal["initializing", "tracking", "relocalized", "lost"]
-# A phone's step between two frames; more is a number that went wrong.
-MAX_MOTION_M = 100.0
-MAX_TIMESTAMP_S = 1e12
 
 
-class NewSession(BaseModel):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionRequestOptions:
+    """What a session's requests may hold."""
+
+    max_motion_m: float = limit(
+        100.0,
+        "Largest distance between the cameras of two frames that `motion` may state.",
+        chosen="By hand: nobody walks this far between two frames; more is a wrong unit or an error of the phone.",
+    )
+    max_timestamp_s: float = limit(
+        1e12,
+        "Largest absolute time of a frame.",
+        chosen="By hand: far above seconds since 1970, and small enough to be subtracted without loss.",
+    )
+    default_points: int = limit(
+        1000, "Points of the trajectory that GET returns by default.", chosen="By hand: a walk of minutes."
+    )
+    max_points: int = limit(
+        100_000, "Largest number of points that GET returns.", chosen="By hand: a walk of hours."
+    )
+
+
+OPTIONS = SessionRequestOptions()
+
+
+class NewSession(RequestBody):
     """A session to start."""
 
     model_config = ConfigDict(
@@ -48,10 +90,10 @@ class NewSession(BaseModel):
     language: Language | None = None
 
 
-class SessionChange(BaseModel):
+class SessionChange(RequestBody):
     """What can be changed of a session; null takes a destination or a camera away."""
 
-    model_config = ConfigDict(json_schema_extra={"example": {"destination": "entrance"}}, extra="forbid")
+    model_config = ConfigDict(json_schema_extra={"example": {"destination": "entrance"}})
 
     camera: CameraField | None = None
     destination: Destination | None = None
@@ -144,7 +186,9 @@ def create(state: State, new: NewSession) -> SessionBody:
 def get(
     state: State,
     session: SessionId,
-    points: Annotated[int, Query(ge=0, le=100_000, description="Newest points of the trajectory")] = 1000,
+    points: Annotated[
+        int, Query(ge=0, le=OPTIONS.max_points, description="Newest points of the trajectory")
+    ] = OPTIONS.default_points,
 ) -> SessionBody:
     """Return a session and where it went."""
     service = state.services.sessions
@@ -205,6 +249,9 @@ def parse_motion(text: str | None) -> Pose | None:
         return None
     try:
         value = json.loads(text)
+        refuse_unknown_keys(value, known_names(("position", "quaternion")), "motion")
+        refuse_unknown_keys(value["position"], known_names("xyz"), "motion.position")
+        refuse_unknown_keys(value["quaternion"], known_names("xyzw"), "motion.quaternion")
         position = [float(value["position"][axis]) for axis in ("x", "y", "z")]
         quaternion = [float(value["quaternion"][axis]) for axis in ("x", "y", "z", "w")]
         motion = Pose.from_quaternion(position, quaternion)
@@ -212,8 +259,10 @@ def parse_motion(text: str | None) -> Pose | None:
         raise InvalidInputError(
             'motion must be {"position": {"x", "y", "z"}, "quaternion": {"x", "y", "z", "w"}}, all finite numbers.'
         ) from None
-    if float(np.linalg.norm(position)) > MAX_MOTION_M:
-        raise InvalidInputError(f"motion is longer than {MAX_MOTION_M:g} m, too far between two frames.")
+    if float(np.linalg.norm(position)) > OPTIONS.max_motion_m:
+        raise InvalidInputError(
+            f"motion is longer than {OPTIONS.max_motion_m:g} m, too far between two frames."
+        )
     return motion
 
 
@@ -225,7 +274,7 @@ def parse_timestamp(text: str | None) -> float | None:
         seconds = float(text)
     except ValueError:
         seconds = float("nan")
-    if not abs(seconds) <= MAX_TIMESTAMP_S:
+    if not abs(seconds) <= OPTIONS.max_timestamp_s:
         raise InvalidInputError("timestamp must be a finite number of seconds.")
     return seconds
 

@@ -9,14 +9,17 @@ from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import ID_PATTERN, State, VenueId, require
+from app.api.requests.contract_route import ContractRoute
+from app.api.requests.fields import FIELDS
+from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.storage.venues import Venue, create_venue, delete_venue, get_venue, list_venues, rename_venue
 
-router = APIRouter(prefix="/venues", tags=["venues"])
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+router = APIRouter(prefix="/venues", tags=["venues"], route_class=ContractRoute)
+Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters)]
 
 
-class NewVenue(BaseModel):
+class NewVenue(RequestBody):
     """A venue to add."""
 
     model_config = ConfigDict(json_schema_extra={"example": {"id": "museum", "name": "City museum"}})
@@ -25,7 +28,7 @@ class NewVenue(BaseModel):
     name: Name
 
 
-class VenueChange(BaseModel):
+class VenueChange(RequestBody):
     """What can be changed of a venue."""
 
     model_config = ConfigDict(json_schema_extra={"example": {"name": "City museum, new wing"}})

@@ -1,0 +1,1 @@
+"""How requests are read: their bodies, their forms, and the names that they may hold."""

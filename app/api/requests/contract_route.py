@@ -1,0 +1,175 @@
+"""Routes that refuse unknown query parameters and form fields: those that the route doesn't declare."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from fastapi import Depends, Request, Response, WebSocket, params
+from fastapi.dependencies.models import Dependant
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute, APIWebSocketRoute
+from starlette.datastructures import FormData
+from starlette.requests import HTTPConnection
+
+from app.api.requests.form_request import FormRequest, media_type
+from app.api.requests.json_text import JsonTextOf
+from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
+
+FORM_MEDIA_TYPES = ("multipart/form-data", "application/x-www-form-urlencoded")
+JSON_MEDIA_TYPE = "application/json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeclaredNames:
+    """What a route declares.
+
+    `form`: the fields of its form; `files`: those of them that are files; `nested`: the keys of those that hold JSON.
+    `media_types`: those of a body that is not a JSON model, None when the call takes no body at all.
+    """
+
+    query: dict[str, Known] = field(default_factory=dict)
+    form: dict[str, Known] = field(default_factory=dict)
+    files: frozenset[str] = frozenset()
+    nested: dict[str, Known] = field(default_factory=dict)
+    media_types: tuple[str, ...] | None = None
+
+
+class ContractRoute(APIRoute):
+    """A route that refuses names that it doesn't declare.
+
+    This is the last of the route's dependencies: the key is checked first.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        endpoint: Callable[..., Any],
+        *,
+        dependencies: Sequence[params.Depends] | None = None,
+        **more: Any,
+    ) -> None:
+        checks = [*(dependencies or ()), Depends(refuse_unknown_names)]
+        super().__init__(path, endpoint, dependencies=checks, **more)
+        self.declared = declared_names(self)
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the handler, which reads forms by `FormRequest`."""
+        handle = super().get_route_handler()
+
+        async def handle_form(request: Request) -> Response:
+            return await handle(FormRequest(request.scope, request.receive, self.declared.files))
+
+        return handle_form
+
+
+async def refuse_unknown_names(request: Request) -> None:
+    """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant."""
+    declared = request.scope["route"].declared
+    errors = _query_errors(declared, request)
+    form = await _form(declared, request)
+    if form is not None:
+        others = {**declared.query, **declared.nested}
+        errors += _errors("body", "form field", form, declared.form, others)
+    elif declared.media_types is None and media_type(request.headers) == JSON_MEDIA_TYPE:
+        errors += _errors("body", "field", _keys(await request.body()), {}, declared.query)
+    if errors:
+        if form is not None:
+            await form.close()
+        raise RequestValidationError(errors)
+
+
+def refuse_unknown_query(socket: WebSocket) -> None:
+    """Raise `InvalidInputError` for a query parameter that a WebSocket's route doesn't declare."""
+    refuse_unknown_keys(socket.query_params, declared_names(socket.scope["route"]).query)
+
+
+def _query_errors(declared: DeclaredNames, connection: HTTPConnection) -> list[dict[str, Any]]:
+    """Return an error for each unknown query parameter of a request or WebSocket."""
+    others = {
+        name: Known(f"the form field {entry.written}", entry.description)
+        for name, entry in {**declared.nested, **declared.form}.items()
+    }
+    return _errors("query", "query parameter", connection.query_params, declared.query, others)
+
+
+def declared_names(route: APIRoute | APIWebSocketRoute) -> DeclaredNames:
+    """Return what a route declares, from FastAPI's description of it.
+
+    A route that reads its body itself describes it by `openapi_extra`.
+    """
+    dependants = list(_with_dependencies(route.dependant))
+    query = {
+        parameter.alias: Known(parameter.alias, parameter.field_info.description or "")
+        for dependant in dependants
+        for parameter in dependant.query_params
+    }
+    body = [parameter for dependant in dependants for parameter in dependant.body_params]
+    fields = [parameter for parameter in body if isinstance(parameter.field_info, params.Form)]
+    if not fields:
+        return _described(route, query, has_model=bool(body))
+    return DeclaredNames(
+        query=query,
+        form={item.alias: Known(item.alias, item.field_info.description or "") for item in fields},
+        files=frozenset(item.alias for item in fields if isinstance(item.field_info, params.File)),
+        nested={
+            key: Known(f"{item.alias}.{key}", entry.description or "")
+            for item in fields
+            for mark in item.field_info.metadata
+            if isinstance(mark, JsonTextOf)
+            for key, entry in mark.model.model_fields.items()
+        },
+        media_types=FORM_MEDIA_TYPES,
+    )
+
+
+def _described(
+    route: APIRoute | APIWebSocketRoute, query: dict[str, Known], *, has_model: bool
+) -> DeclaredNames:
+    """Return the names of a route without a declared form: it may describe one that it reads itself."""
+    extra = getattr(route, "openapi_extra", None) or {}
+    content: Mapping[str, Any] = extra.get("requestBody", {}).get("content", {})
+    properties = content.get(FORM_MEDIA_TYPES[0], {}).get("schema", {}).get("properties", {})
+    return DeclaredNames(
+        query=query,
+        form={name: Known(name, schema.get("description", "")) for name, schema in properties.items()},
+        files=frozenset(name for name, schema in properties.items() if schema.get("format") == "binary"),
+        media_types=tuple(content) if content or has_model else None,
+    )
+
+
+def _with_dependencies(dependant: Dependant) -> Iterator[Dependant]:
+    yield dependant
+    for inner in dependant.dependencies:
+        yield from _with_dependencies(inner)
+
+
+async def _form(declared: DeclaredNames, request: Request) -> FormData | None:
+    """Return the form of a request, None when its body is none or the route takes it as it is."""
+    kind = media_type(request.headers)
+    taken = FORM_MEDIA_TYPES if declared.media_types is None else declared.media_types
+    return await request.form() if kind in FORM_MEDIA_TYPES and kind in taken else None
+
+
+def _keys(body: bytes) -> list[str]:
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):
+        return []
+    return list(values) if isinstance(values, dict) else []
+
+
+def _errors(
+    place: str, kind: str, given: Iterable[str], known: Mapping[str, Known], others: Mapping[str, Known]
+) -> list[dict[str, Any]]:
+    return [
+        {
+            "type": "unknown_name",
+            "loc": (place, shown(name)),
+            "msg": refusal(name, known, others, kind),
+            "input": None,
+        }
+        for name in unknown_names(given, known)
+    ]
