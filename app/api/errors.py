@@ -28,7 +28,11 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ConflictError, 409),
     (errors.BusyError, 503),
 )
-RETRY_AFTER_S = 1
+# Seconds after which a client should try again, by the first class that fits; a backup takes longer than a query.
+RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
+    (errors.DatabaseBusyError, 5),
+    (errors.BusyError, 1),
+)
 
 
 def status_of(error: errors.RoomfixError) -> int:
@@ -55,8 +59,7 @@ def install_error_handlers(app: FastAPI) -> None:
         status = status_of(error)
         if status == 500:
             log.error("unmapped error", exc_info=error)
-        headers = {503: {"Retry-After": str(RETRY_AFTER_S)}, 401: {"WWW-Authenticate": "Bearer"}}
-        return problem(status, error.code, str(error), headers.get(status))
+        return problem(status, error.code, str(error), _headers_of(error, status))
 
     async def validation(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
@@ -74,6 +77,14 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(errors.RoomfixError, domain)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
+
+
+def _headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
+    """Return the headers that a status code asks for."""
+    if status == 401:
+        return {"WWW-Authenticate": "Bearer"}
+    retry_s = next((seconds for kind, seconds in RETRY_AFTER_S if isinstance(error, kind)), None)
+    return None if retry_s is None else {"Retry-After": str(retry_s)}
 
 
 def _field(entry: Any) -> dict[str, str]:

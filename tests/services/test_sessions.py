@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from app.services.feature_library import FeatureLibrary
 from sqlalchemy.exc import OperationalError
 
+from app.services.floor_features import FeatureLibrary
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
