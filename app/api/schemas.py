@@ -71,7 +71,7 @@ class Problem(BaseModel):
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
-    """Return the OpenAPI description of a route's errors; 503 is one of every route, since the database may be locked."""
+    """Return the OpenAPI description of a route's errors; each may be a 503, since the database may be locked."""
     return {
         status: {"model": Problem, "content": {"application/problem+json": {}}}
         for status in sorted({*statuses, 503})
