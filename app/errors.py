@@ -91,6 +91,12 @@ class BusyError(RoomfixError):
     code = "busy"
 
 
+class DatabaseBusyError(BusyError):
+    """Another program holds the lock of the database; try again later."""
+
+    code = "database_busy"
+
+
 class CancelledBuildError(RoomfixError):
     """The build was cancelled while it ran."""
 

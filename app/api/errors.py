@@ -41,6 +41,11 @@ class ErrorOptions:
         "When a client may try again, as `Retry-After` of a 503 says.",
         chosen="By hand: most queries take less, so that a place in the queue has become free.",
     )
+    database_retry_after_s: int = limit(
+        5,
+        "The same where the database is locked by another process.",
+        chosen="By hand: a backup takes longer than a query.",
+    )
     max_reported_fields: int = limit(
         5,
         "Largest number of fields of a request that an answer says something about.",
@@ -49,6 +54,11 @@ class ErrorOptions:
 
 
 OPTIONS = ErrorOptions()
+# After how many seconds a client should try again, by the first class that fits.
+RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
+    (errors.DatabaseBusyError, OPTIONS.database_retry_after_s),
+    (errors.BusyError, OPTIONS.retry_after_s),
+)
 
 
 def status_of(error: errors.RoomfixError) -> int:
@@ -75,8 +85,7 @@ def install_error_handlers(app: FastAPI) -> None:
         status = status_of(error)
         if status == 500:
             log.error("unmapped error", exc_info=error)
-        headers = {503: {"Retry-After": str(OPTIONS.retry_after_s)}, 401: {"WWW-Authenticate": "Bearer"}}
-        return problem(status, error.code, str(error), headers.get(status))
+        return problem(status, error.code, str(error), _headers_of(error, status))
 
     async def validation(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
@@ -94,6 +103,14 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(errors.RoomfixError, domain)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
+
+
+def _headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
+    """Return the headers that a status code asks for."""
+    if status == 401:
+        return {"WWW-Authenticate": "Bearer"}
+    retry_s = next((seconds for kind, seconds in RETRY_AFTER_S if isinstance(error, kind)), None)
+    return None if retry_s is None else {"Retry-After": str(retry_s)}
 
 
 def _field(entry: Any) -> dict[str, str]:

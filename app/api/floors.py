@@ -66,7 +66,7 @@ def list_all(state: State, venue: VenueId) -> list[dict[str, Any]]:
 @router.put("/{floor}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
 def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[str, Any]:
     """Add or change a floor; says how well fitted correspondences agree."""
-    alignment = parse_plan_from_world(body.plan_from_world)
+    alignment = parse_plan_from_world(body.plan_from_world, body.z_max_m - body.z_min_m)
     with state.services.resources.database.write() as connection:
         get_venue(connection, venue)
         stored = put_floor(

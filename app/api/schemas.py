@@ -71,5 +71,8 @@ class Problem(BaseModel):
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
-    """Return the OpenAPI description of a route's errors."""
-    return {status: {"model": Problem, "content": {"application/problem+json": {}}} for status in statuses}
+    """Return the OpenAPI description of a route's errors; each may be a 503, since the database may be locked."""
+    return {
+        status: {"model": Problem, "content": {"application/problem+json": {}}}
+        for status in sorted({*statuses, 503})
+    }

@@ -44,7 +44,7 @@ def build(
     as_json: JsonFlag = False,
 ) -> None:
     """Build a map from an RGB-D scan."""
-    resources = Resources.open(settings_from(data_dir=data_dir))
+    resources = Resources.open(settings_from(data_dir=data_dir), is_patient=True)
     try:
         ensure_venue(resources, venue, venue)
         with progress_bars() as progress:

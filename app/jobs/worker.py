@@ -14,6 +14,7 @@ import threading
 import time
 from dataclasses import dataclass
 
+from app.errors import DatabaseBusyError
 from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lock import WorkerLock
 from app.limits import limit
@@ -24,6 +25,8 @@ from app.storage.builds import claim_build
 
 log = logging.getLogger("roomfix.worker")
 LOCK_NAME = "worker.lock"
+# The server writes a byte at a time; more of them mean the same.
+PIPE_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +53,7 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
     with WorkerLock(settings.data_dir / LOCK_NAME, stop) as held:
         if not held:
             return
-        resources = Resources.open(settings)
+        resources = Resources.open(settings, is_patient=True)
         try:
             _serve(resources, wake, stop)
         finally:
@@ -59,6 +62,19 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
 
 def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -> None:
     library = MapLibrary(resources)
+    while not stop.is_set():
+        try:
+            _run_queue(resources, library, wake, stop)
+        except DatabaseBusyError:
+            # Writes wait for the lock, so this is a program that keeps even readers out.
+            log.warning("the database can't be read while another program holds it; trying again")
+            stop.wait(OPTIONS.poll_s)
+
+
+def _run_queue(
+    resources: Resources, library: MapLibrary, wake: threading.Event, stop: threading.Event
+) -> None:
+    """Run builds until `stop` is set; begins with those that an interruption left running."""
     recover(resources)
     swept = float("-inf")
     while not stop.is_set():
@@ -77,7 +93,8 @@ def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -
 
 def _follow_parent(wake: threading.Event) -> None:
     """Wake the worker at each line from the server; end the process at once when the pipe closes."""
-    while sys.stdin.buffer.readline():
+    # Without the buffer of `sys.stdin`: this thread would hold its lock, and an interpreter that exits then aborts.
+    while os.read(sys.stdin.fileno(), PIPE_BYTES):
         wake.set()
     os._exit(0)
 

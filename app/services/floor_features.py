@@ -45,9 +45,9 @@ def store_features(
     """
     value = parse_json(collection) if isinstance(collection, bytes) else collection
     with resources.database.read() as connection:
-        get_floor(connection, venue_id, floor_id)
+        floor = get_floor(connection, venue_id, floor_id)
         floors = list_floors(connection, venue_id)
-    stored, features = parse_features(value, floor_id, [floor.id for floor in floors])
+    stored, features = parse_features(value, floor_id, [one.id for one in floors], floor.plan)
     check_walkable(features)
     with resources.database.write() as connection:
         set_features(connection, venue_id, floor_id, stored)

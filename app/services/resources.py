@@ -28,12 +28,12 @@ class Resources:
     scratch_dir: Path
 
     @staticmethod
-    def open(settings: Settings) -> Resources:
-        """Open everything, the database brought to its newest form."""
+    def open(settings: Settings, *, is_patient: bool = False) -> Resources:
+        """Open everything, the database brought to its newest form; `is_patient` as in `Database`."""
         cap_threads()
         settings.data_dir.mkdir(parents=True, exist_ok=True)
         settings.scratch_dir.mkdir(parents=True, exist_ok=True)
-        database = Database(settings.resolved_database_url)
+        database = Database(settings.resolved_database_url, is_patient=is_patient)
         database.migrate()
         return Resources(
             settings=settings,

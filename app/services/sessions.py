@@ -37,6 +37,7 @@ from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint, hint_of, parse_camera_hint
 from app.geometry.se3 import Pose
+from app.limits import limit
 from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
@@ -61,8 +62,24 @@ from app.storage.sessions import (
 from app.storage.venues import get_venue
 from app.vision.images import Rgb, decode_image
 
-# Points of the trajectory that come with every answer; the others with GET.
-RECENT_POINTS = 10
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionOptions:
+    """What an answer to a frame brings, and how long it waits to be stored."""
+
+    recent_points: int = limit(
+        10,
+        "Points of the trajectory in every answer; `GET` gives the others.",
+        chosen="By hand: a second or two of a walk, for drawing it.",
+    )
+    record_wait_s: float = limit(
+        2.0,
+        "Time that a frame waits for the lock of the database before it is refused.",
+        chosen="By hand: a frame is of no use after that, and the thread that waits is one that computes.",
+    )
+
+
+OPTIONS = SessionOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +187,9 @@ class SessionService:
         located."""
         if self.get(session_id).venue_id != venue_id:
             raise NotFoundError(f"There is no such session in venue {venue_id!r}.")
-        located = [point for point in self.trajectory(session_id, RECENT_POINTS) if point.plan is not None]
+        located = [
+            point for point in self.trajectory(session_id, OPTIONS.recent_points) if point.plan is not None
+        ]
         if not located or located[-1].floor is None or located[-1].plan is None:
             raise ConflictError(
                 "The session has not been located on a floor's plan lately: send it frames first."
@@ -211,7 +230,7 @@ class SessionService:
         if live.frames == session.frames:
             return
         with self._resources.database.read() as connection:
-            live.recent = list_points(connection, session.id, RECENT_POINTS)
+            live.recent = list_points(connection, session.id, OPTIONS.recent_points)
         live.tracker = Tracker(memory_from_json(session.memory), self._tracking)
         live.frames = session.frames
 
@@ -243,7 +262,7 @@ class SessionService:
         except BaseException:
             tracker.forget(before)
             raise
-        live.frames, live.recent = point.frame, [*live.recent, point][-RECENT_POINTS:]
+        live.frames, live.recent = point.frame, [*live.recent, point][-OPTIONS.recent_points :]
         result = _result(session, tracked, floor, plan)
         result = replace(
             result,
@@ -298,7 +317,7 @@ class SessionService:
         if searched and tracker.camera is not None:
             camera = {**hint_of(tracker.camera).to_json(), "source": "search"}
         keep = self._resources.settings.session_trajectory_points
-        with self._resources.database.write() as connection:
+        with self._resources.database.write(OPTIONS.record_wait_s) as connection:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep)
 
 

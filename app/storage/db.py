@@ -2,54 +2,99 @@
 
 from __future__ import annotations
 
+import logging
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from alembic import command
 from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy.exc import OperationalError
 
+from app.errors import DatabaseBusyError
+from app.limits import limit
+
+log = logging.getLogger("roomfix.storage")
 MIGRATIONS_DIR = Path(__file__).parent.parent.parent / "migrations"
-BUSY_TIMEOUT_MS = 15_000
 # Any number that nothing else in the database locks.
 BLOB_LOCK = 7_266_349
+# Result codes of SQLite for a lock that another connection holds; the higher bits say more.
+SQLITE_LOCK_CODES = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+LOCKED = "Another program holds the lock of the database, such as a backup or a database browser. Try again."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DatabaseOptions:
+    """How long a lock is waited for."""
+
+    lock_wait_s: float = limit(
+        15.0,
+        "Time that a transaction waits for the lock of SQLite before it fails.",
+        chosen="By hand: longer than any transaction of our own, of which the sweep's is the longest.",
+    )
+    patient_wait_s: float = limit(
+        1.0,
+        "The same for a process that tries again until it has the lock.",
+        chosen="By hand: a signal to stop the process is not handled before the end of this.",
+    )
+
+
+OPTIONS = DatabaseOptions()
 
 
 class Database:
-    """A connection pool. `read` and `write` are the only ways in; a write is committed when its block ends."""
+    """A connection pool. `read` and `write` are the only ways in; a write is committed when its block ends.
 
-    def __init__(self, url: str) -> None:
+    When another program holds the lock of an SQLite database for too long, both raise `DatabaseBusyError`. With
+    `is_patient` a write waits for the lock as long as it takes, which suits a worker but no server.
+    """
+
+    def __init__(self, url: str, *, is_patient: bool = False) -> None:
         self.url = url
         self._sqlite = url.startswith("sqlite")
+        self._is_patient = is_patient
         self.engine: Engine = create_engine(url, pool_pre_ping=not self._sqlite)
         if self._sqlite:
-            event.listen(self.engine, "connect", _configure_sqlite)
+            event.listen(self.engine, "connect", self._configure_sqlite)
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Give a connection for queries that change nothing."""
-        with self.engine.connect() as connection:
+        with _locks_translated(), self.engine.connect() as connection:
             yield connection
 
     @contextmanager
-    def write(self) -> Iterator[Connection]:
-        """Give a connection whose changes are committed together, or not at all when the block raises."""
-        with self.engine.connect() as connection:
+    def write(self, wait_s: float | None = None) -> Iterator[Connection]:
+        """Give a connection whose changes are committed together, or not at all when the block raises.
+
+        `wait_s` replaces the time that the lock of SQLite is waited for.
+        """
+        with _locks_translated(), self.engine.connect() as connection:
             if self._sqlite:
-                # Take the write lock first: a transaction that upgrades from reading can only fail.
-                connection.exec_driver_sql("BEGIN IMMEDIATE")
+                # The write lock is taken first, since a transaction that upgrades from reading can only fail.
+                self._begin(connection, wait_s)
             yield connection
             connection.commit()
 
     def migrate(self) -> None:
-        """Bring the tables to the newest form."""
+        """Bring the tables to the newest form; waits for the lock while another program holds it."""
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS_DIR))
         config.attributes["engine"] = self.engine
-        command.upgrade(config, "head")
+        with _locks_translated():
+            if self._is_current(config):
+                return
+            if self._sqlite:
+                with self.engine.connect() as connection:
+                    self._begin_when_free(connection)
+            command.upgrade(config, "head")
 
     def ping(self) -> None:
         """Raise if the database doesn't answer."""
@@ -60,21 +105,83 @@ class Database:
         """Close all connections."""
         self.engine.dispose()
 
+    def _begin(self, connection: Connection, wait_s: float | None) -> None:
+        if self._is_patient:
+            self._begin_when_free(connection)
+        elif wait_s is None:
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+        else:
+            _set_lock_wait(connection, wait_s)
+            try:
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            finally:
+                _set_lock_wait(connection, self._lock_wait_s)
 
-def _configure_sqlite(connection: Any, _record: Any) -> None:
-    # The driver must not open transactions of its own: `write` does, with the lock it needs.
-    connection.isolation_level = None
-    cursor = connection.cursor()
-    cursor.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
-    cursor.execute("PRAGMA journal_mode = WAL")
-    cursor.execute("PRAGMA synchronous = FULL")
-    cursor.execute("PRAGMA foreign_keys = ON")
-    cursor.close()
+    def _begin_when_free(self, connection: Connection) -> None:
+        """Begin a transaction with the write lock, however long another program holds it."""
+        is_waiting = False
+        while True:
+            try:
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            except OperationalError as error:
+                if not _is_lock(error.orig):
+                    raise
+                if not is_waiting:
+                    log.warning("another program holds the lock of the database; waiting for it")
+                    is_waiting = True
+            else:
+                return
+
+    @property
+    def _lock_wait_s(self) -> float:
+        return OPTIONS.patient_wait_s if self._is_patient else OPTIONS.lock_wait_s
+
+    def _is_current(self, config: Config) -> bool:
+        """Return whether the tables have the newest form already."""
+        heads = set(ScriptDirectory.from_config(config).get_heads())
+        with self.engine.connect() as connection:
+            return set(MigrationContext.configure(connection).get_current_heads()) == heads
+
+    def _configure_sqlite(self, connection: Any, _record: Any) -> None:
+        # The driver must not open transactions of its own: `write` does, with the lock it needs.
+        connection.isolation_level = None
+        cursor = connection.cursor()
+        cursor.execute(f"PRAGMA busy_timeout = {round(1e3 * self._lock_wait_s)}")
+        cursor.execute("PRAGMA journal_mode = WAL")
+        cursor.execute("PRAGMA synchronous = FULL")
+        cursor.execute("PRAGMA foreign_keys = ON")
+        cursor.close()
+
+
+def _set_lock_wait(connection: Connection, wait_s: float) -> None:
+    connection.exec_driver_sql(f"PRAGMA busy_timeout = {round(1e3 * wait_s)}")
+
+
+@contextmanager
+def _locks_translated() -> Iterator[None]:
+    """Turn the error for a lock that another program holds into `DatabaseBusyError`."""
+    try:
+        yield
+    except OperationalError as error:
+        if not _is_lock(error.orig):
+            raise
+        raise DatabaseBusyError(LOCKED) from error
+    except sqlite3.OperationalError as error:
+        # From the hook that configures a new connection.
+        if not _is_lock(error):
+            raise
+        raise DatabaseBusyError(LOCKED) from error
+
+
+def _is_lock(error: BaseException | None) -> bool:
+    if not isinstance(error, sqlite3.OperationalError):
+        return False
+    return (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SQLITE_LOCK_CODES
 
 
 def hold_blobs(connection: Connection) -> None:
-    """Keep all blobs from being discarded by others until the transaction of a `write` ends."""
-    # On SQLite any write does that.
+    """Prevent other processes from discarding blobs until the transaction of a `write` ends."""
+    # On SQLite every write transaction does that.
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": BLOB_LOCK})
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.engine.floors.collection import OPTIONS
@@ -20,6 +21,7 @@ from tests.plans import (
     link,
     put_features,
 )
+from tests.scenes import encode
 from tests.server import Server, assert_problem, running
 
 PATH = "/venues/site/floors/ground/features"
@@ -191,6 +193,44 @@ def test_features_that_can_not_be(site: Server, case: str) -> None:
     with site.unchanged():
         sentence = assert_problem(put_features(site, "ground", value), 422, "invalid_input")
     assert hint in sentence, sentence
+
+
+def test_landmarks_in_degrees_are_refused_and_taken_with_an_origin(site: Server) -> None:
+    marks = landmark("entrance", 13.37701, 52.51622), landmark("till", 13.37748, 52.5165)
+    with site.unchanged():
+        sentence = assert_problem(put_features(site, "ground", collection(*marks)), 422, "invalid_input")
+    assert "Add origin" in sentence
+    origin = {"longitude": 13.377, "latitude": 52.516}
+    assert put_features(site, "ground", collection(*marks, origin=origin)).status_code == 200
+
+
+def test_features_as_drawing_tools_write_them(site: Server) -> None:
+    ring = [[0, 0], [10, 0], [10, 4], [0, 4], [0, 0]]
+    hall = feature("MultiPolygon", [[ring]], kind="area", name="Hall")
+    entrance = {**feature("Point", [0, 0], kind="landmark", name="Entrance", id=None), "id": "ent"}
+    way = feature("MultiLineString", [[[0, 0], [8, 0]]], kind="link", id=None)
+    drawn = collection(hall, entrance, landmark("till", 8, 0), way)
+    assert put_features(site, "ground", drawn).status_code == 200
+    assert stored(site)[0]["geometry"] == {"type": "Polygon", "coordinates": [ring]}
+    found = site.client.get("/venues/site/route", params={"from": "ent", "to": "till"})
+    assert found.status_code == 200, found.text
+    assert found.json()["distance_m"] == 8.0
+
+
+def test_features_in_pixels_of_the_plan_image_are_refused(site: Server) -> None:
+    image = np.full((400, 600, 3), 255, dtype=np.uint8)
+    sent = site.client.put(
+        "/venues/site/floors/ground/plan",
+        data={"meters_per_pixel": "0.02", "origin_px": "0,399"},
+        files={"image": ("plan.png", encode(image, ".png"))},
+    )
+    assert sent.status_code == 200, sent.text
+    in_pixels = collection(landmark("a", 150, 350), landmark("b", 550, 100))
+    with site.unchanged():
+        assert "pixels" in assert_problem(put_features(site, "ground", in_pixels), 422, "invalid_input")
+    assert (
+        put_features(site, "ground", collection(landmark("a", 3, 1), landmark("b", 11, 6))).status_code == 200
+    )
 
 
 def test_there_is_a_limit_for_features_and_positions(site: Server) -> None:

@@ -118,6 +118,28 @@ def test_correspondences_are_fitted_and_their_residual_told(site: Server) -> Non
     assert np.allclose(np.array(floor["plan_from_world"])[:2, :2], [[0, -1], [1, 0]], atol=0.05)
 
 
+def test_plan_points_in_pixels_are_named(site: Server) -> None:
+    world = [[0, 0, 0], [10, 0, 0], [10, 6, 0]]
+    pixels = [[100, 700], [600, 700], [600, 400]]
+    pairs = [{"world": a, "plan": b} for a, b in zip(world, pixels, strict=True)]
+    with site.unchanged():
+        sentence = assert_problem(
+            put_floor(site, plan_from_world={"correspondences": pairs}), 422, "invalid_input"
+        )
+    assert "Mirrored they fit within 0.00 m at 50 plan units" in sentence
+    assert "is y of the plan up?" in sentence
+    assert "x = u / 50 and y = -v / 50" in sentence
+
+
+def test_the_height_of_the_floor_shows_a_world_whose_y_is_up(site: Server) -> None:
+    pairs = [{"world": [0, 1.5, 0], "plan": [2, 1]}, {"world": [10, 1.5, -6], "plan": [12, 7]}]
+    given = {"plan_from_world": {"correspondences": pairs}, "z_min_m": 0}
+    with site.unchanged():
+        sentence = assert_problem(put_floor(site, **given, z_max_m=3), 422, "invalid_input")
+    assert "y of the world is vertical" in sentence
+    assert put_floor(site, **given, z_max_m=9).status_code == 200
+
+
 IDENTITY = np.eye(4)
 BAD_TRANSFORMS = {
     "singular": np.zeros((4, 4)).tolist(),

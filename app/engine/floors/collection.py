@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.engine.floors.checks import check_links
+from app.engine.floors.coordinate_checks import check_coordinates
+from app.engine.floors.floor import PlanImage
 from app.engine.floors.model import KINDS, Area, FloorFeatures, Kind, Landmark, Link
 from app.engine.floors.origin import Origin, read_origin
 from app.engine.floors.reading import (
@@ -18,6 +20,7 @@ from app.engine.floors.reading import (
     given_id,
     kind_of,
     position_count,
+    raw_id,
     read_link,
     read_named,
 )
@@ -87,13 +90,18 @@ def _check_depth(value: object) -> None:
     raise InvalidInputError(TOO_DEEP)
 
 
-def parse_features(value: object, floor_id: str, floor_ids: Sequence[str]) -> tuple[GeoJson, FloorFeatures]:
-    """Return a floor's features as they are stored, in plan metres, and as values.
+def parse_features(
+    value: object, floor_id: str, floor_ids: Sequence[str], plan: PlanImage | None = None
+) -> tuple[GeoJson, FloorFeatures]:
+    """Return a floor's features as they are stored, in plan metres, and as values; `plan` is the floor's image.
 
     Links must touch something at each end on this floor, and lead to one of `floor_ids`. Their ends on the other floor
-    are not checked, since the features of that floor may come later. Raises `InvalidInputError` that names the feature.
+    are not checked, since the features of that floor may come later. Raises `InvalidInputError` that names the feature,
+    or says in which units the coordinates seem to be.
     """
     collection, features = read_collection(value, floor_id)
+    if isinstance(value, Mapping) and value.get("origin") is None:
+        check_coordinates(features, plan)
     check_links(features, floor_ids)
     return collection, features
 
@@ -185,5 +193,6 @@ def _name(entry: object) -> str:
         return ""
     properties = entry.get("properties")
     inside = properties if isinstance(properties, Mapping) else {}
-    name = inside.get("id", entry.get("id", inside.get("name")))
+    own = raw_id(entry, inside)
+    name = inside.get("name") if own is None else own
     return f" ({short(name)})" if isinstance(name, str | int) else ""

@@ -58,7 +58,7 @@ def read_line(geometry: object, mode: LinkMode, origin: Origin | None) -> Points
 
     A way between floors may be a Point, or a line of no length: then its position comes twice.
     """
-    if mode != "walk" and isinstance(geometry, Mapping) and geometry.get("type") == "Point":
+    if mode != "walk" and isinstance(geometry, Mapping) and geometry.get("type") in ("Point", "MultiPoint"):
         points = _positions([_coordinates(geometry, "Point")], origin)
     else:
         points = _positions(_coordinates(geometry, GEOMETRY_OF["link"]), origin)
@@ -99,11 +99,19 @@ def _fault(polygon: shapely.Polygon) -> str:
 
 
 def _coordinates(geometry: object, wanted: str) -> Any:
+    """Return the coordinates of a geometry of type `wanted`, or of the only part of a Multi geometry of that type."""
     if not isinstance(geometry, Mapping):
         raise InvalidInputError(f"it has no geometry; it needs a {wanted}.")
-    if geometry.get("type") != wanted:
-        raise InvalidInputError(f"its geometry must be a {wanted}, not {short(geometry.get('type'))}.")
-    coordinates = geometry.get("coordinates")
+    given, coordinates = geometry.get("type"), geometry.get("coordinates")
+    if given == f"Multi{wanted}" and isinstance(coordinates, list) and coordinates:
+        if len(coordinates) > 1:
+            raise InvalidInputError(
+                f"its {given} has {len(coordinates)} parts; make a feature of each, with an id of its own (in QGIS: "
+                "Multipart to Singleparts)."
+            )
+        coordinates = coordinates[0]
+    elif given != wanted:
+        raise InvalidInputError(f"its geometry must be a {wanted}, not {short(given)}.")
     if not isinstance(coordinates, list):
         raise InvalidInputError(f"its {wanted} has no list of coordinates.")
     return coordinates
@@ -121,7 +129,8 @@ def _positions(values: list[Any], origin: Origin | None) -> Points:
                 raise InvalidInputError(f"a position holds {short(number)}, which is not a number.")
             if not abs(number) <= FLOOR.max_coordinate_m:
                 raise InvalidInputError(
-                    f"a position is not finite, or not within {FLOOR.max_coordinate_m:,.0f} m of the plan's origin."
+                    f"a position is not finite, or not within {FLOOR.max_coordinate_m:,.0f} m of the plan's origin; "
+                    "coordinates of a map grid, such as UTM, must be moved to the plan first."
                 )
     points = np.array([position[:2] for position in values], dtype=np.float64).reshape(-1, 2)
     return points if origin is None or not len(points) else origin.plan_from_geodetic(points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.floors.sentences import short
 from app.errors import InvalidInputError
 from app.geometry.alignment import rotation_2d
 from app.geometry.geodesy import east_north_from_geodetic
 from app.limits import limit
 
 NAMES = {"longitude": ("longitude", "lon", "lng"), "latitude": ("latitude", "lat")}
-GEODETIC_CRS = ("crs84", "4326")
+# EPSG codes of longitude and latitude, in WGS 84 and in systems that differ from it by less than two metres.
+GEODETIC_CODES = {"84", "4326", "4979", "4258", "4269", "4490"}
+CODED = re.compile(r"(?:EPSG|ESRI|CRS)\D*(?:[\d.]+[:/]+)?(\d+)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,11 +66,12 @@ class Origin:
 def read_origin(collection: Mapping[str, Any]) -> Origin | None:
     """Return the origin that a FeatureCollection names, None when its coordinates are plan metres.
 
-    Raises `InvalidInputError` for an origin that can't be, or a `crs` in degrees without an origin.
+    Raises `InvalidInputError` for an origin that can't be, a `crs` in degrees without an origin, and the `crs` of a map
+    grid.
     """
     value = collection.get("origin")
+    _check_crs(collection.get("crs"), value is not None)
     if value is None:
-        _refuse_degrees(collection.get("crs"))
         return None
     if not isinstance(value, Mapping):
         raise InvalidInputError('origin must be {"longitude", "latitude", "rotation_deg", "plan": [x, y]}.')
@@ -88,11 +93,30 @@ def _number(value: Mapping[str, Any], *names: str, default: float | None = None)
     return float(found)
 
 
-def _refuse_degrees(crs: object) -> None:
-    """Say what is missing where old GeoJSON names a coordinate system in degrees."""
-    properties = crs.get("properties") if isinstance(crs, Mapping) else None
-    name = str(properties.get("name", "")).lower() if isinstance(properties, Mapping) else ""
-    if name.endswith(GEODETIC_CRS):
+def _check_crs(crs: object, has_origin: bool) -> None:
+    """Raise for a coordinate system that is not the plan's; the member `crs` is of older GeoJSON."""
+    name = _crs_name(crs)
+    code = CODED.search(name)
+    if code is None:
+        return
+    if code[1] not in GEODETIC_CODES:
+        raise InvalidInputError(
+            f"crs says {short(name)}, a map grid. Give plan metres without crs, or longitude and latitude (EPSG:4326) "
+            "with origin."
+        )
+    if not has_origin:
         raise InvalidInputError(
             "crs says longitude and latitude: add origin with the longitude and latitude of plan (0, 0)."
         )
+
+
+def _crs_name(crs: object) -> str:
+    """Return the name of a `crs` member, empty when it has none."""
+    if isinstance(crs, str):
+        return crs.strip()
+    properties = crs.get("properties") if isinstance(crs, Mapping) else None
+    if not isinstance(properties, Mapping):
+        return ""
+    if "code" in properties:
+        return f"EPSG:{properties['code']}"
+    return str(properties.get("name", "")).strip()

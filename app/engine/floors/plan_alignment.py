@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import DegenerateGeometryError, InvalidInputError
-from app.geometry.plan import PlanTransform, fit_plan_from_world
+from app.engine.floors.plan_checks import check_matrix, fit_checked
+from app.errors import InvalidInputError
+from app.geometry.plan import PlanTransform
 from app.limits import limit
 
 
@@ -36,22 +37,26 @@ class PlanAlignment:
     scale: float
 
 
-def parse_plan_from_world(value: object) -> PlanAlignment | None:
+def parse_plan_from_world(value: object, height_m: float | None = None) -> PlanAlignment | None:
     """Return the transform of a request: a 4x4 matrix, or `{"correspondences": [{"world": [x, y, z], "plan":
-    [x, y]}, ...]}` fitted by least squares. Raises `InvalidInputError`."""
+    [x, y]}, ...]}` fitted by least squares. `height_m` is the height of the floor.
+
+    Raises `InvalidInputError`, also for a matrix or points that a plan and a world in metres can't have.
+    """
     if value is None:
         return None
     if isinstance(value, Mapping):
-        return _fit(value.get("correspondences"))
+        return _fit(value.get("correspondences"), height_m)
     try:
         matrix = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInputError("plan_from_world must be a 4x4 matrix of numbers.") from None
+    check_matrix(matrix)
     transform = PlanTransform(matrix)
     return PlanAlignment(transform.matrix, None, transform.scale)
 
 
-def _fit(correspondences: object) -> PlanAlignment:
+def _fit(correspondences: object, height_m: float | None) -> PlanAlignment:
     if (
         not isinstance(correspondences, Sequence)
         or isinstance(correspondences, str)
@@ -64,12 +69,10 @@ def _fit(correspondences: object) -> PlanAlignment:
     for pair in correspondences:
         if not isinstance(pair, Mapping) or "world" not in pair or "plan" not in pair:
             raise InvalidInputError('Each correspondence is {"world": [x, y, z], "plan": [x, y]}.')
-        world.append(_coordinates(pair["world"], (2, 3), "world")[:2])
+        world.append(_coordinates(pair["world"], (2, 3), "world"))
         plan.append(_coordinates(pair["plan"], (2,), "plan"))
-    try:
-        fit = fit_plan_from_world(np.array(world), np.array(plan))
-    except DegenerateGeometryError as error:
-        raise InvalidInputError(str(error)) from None
+    columns = min(map(len, world))
+    fit = fit_checked(np.array([point[:columns] for point in world]), np.array(plan), height_m)
     return PlanAlignment(fit.matrix, fit.residual_rms_m, fit.scale)
 
 

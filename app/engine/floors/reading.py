@@ -64,12 +64,18 @@ def given_id(feature: Mapping[str, Any], properties: Mapping[str, Any]) -> str |
 
     Raises `InvalidInputError`.
     """
-    value = properties.get("id", feature.get("id"))
-    if value is None:
-        return None
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**18:
-        return str(value)
-    return _text(value, "id")
+    return _reference(raw_id(feature, properties), "id")
+
+
+def raw_id(feature: Mapping[str, Any], properties: Mapping[str, Any]) -> object:
+    """Return the id in the properties or beside them as it was given, None without one.
+
+    An empty one counts as none: drawing tools write an empty field `id` beside the feature's own id.
+    """
+    for value in (properties.get("id"), feature.get("id")):
+        if value is not None and not (isinstance(value, str) and not value.strip()):
+            return value
+    return None
 
 
 def read_named(
@@ -104,8 +110,8 @@ def read_link(feature_id: str, feature: Mapping[str, Any], floor_id: str, origin
         accessible=_flag(properties, "accessible", mode in ("walk", "lift")),
         one_way=_flag(properties, "one_way", False),
         points=points,
-        start=_reference(properties, "from"),
-        end=_reference(properties, "to"),
+        start=_end(properties, "from"),
+        end=_end(properties, "to"),
         to_floor=to_floor,
         length_m=_length(properties),
     )
@@ -150,8 +156,14 @@ def _to_floor(properties: Mapping[str, Any], mode: LinkMode, floor_id: str) -> s
     return to_floor
 
 
-def _reference(properties: Mapping[str, Any], key: str) -> str | None:
-    value = properties.get(key, properties.get(f"{key}_landmark"))
+def _end(properties: Mapping[str, Any], key: str) -> str | None:
+    """Return the id of the landmark at an end of a link, under one of two keys."""
+    value = properties.get(key)
+    return _reference(properties.get(f"{key}_landmark") if value is None else value, key)
+
+
+def _reference(value: object, key: str) -> str | None:
+    """Return an id, a whole number as text."""
     if value is None:
         return None
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**18:
