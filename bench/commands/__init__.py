@@ -12,6 +12,7 @@ COMMANDS = {
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
     "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",
+    "evaluate-cameras": "bench.commands.evaluate_cameras:evaluate_cameras_command",
     "evaluate-anchors": "bench.commands.evaluate_anchors:evaluate_anchors",
     "reliability": "bench.commands.reliability:reliability",
     "fit-confidence": "bench.commands.fit_confidence:fit_confidence_command",

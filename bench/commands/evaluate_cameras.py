@@ -1,0 +1,43 @@
+"""`roomfix evaluate-cameras`: queries whose stated camera is wrong."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+from rich.table import Table
+
+from app.commands.console import progress_bars
+from app.engine.mapping.build_map import build_map
+from app.engine.mapping.options import parse_build_options
+from app.engine.query.localizer import Localizer
+from app.services.resources import cap_threads, open_models
+from app.settings import Settings
+from bench.commands.evaluate import Database, Dataset, Options, Queries
+from bench.evaluation.cameras import HEADER, evaluate_cameras
+from bench.evaluation.dataset import split_scan
+from bench.figures.shown import FiguresTitle, Shown
+
+
+def evaluate_cameras_command(
+    dataset: Dataset,
+    database: Database = "0::2",
+    queries: Queries = "1::2",
+    options: Options = "{}",
+    figures_title: FiguresTitle = None,
+) -> None:
+    """Locate one part of a dataset in a map of the other, with mistakes in the camera that each query states."""
+    cap_threads()
+    parsed = parse_build_options(json.loads(options))
+    split = split_scan(dataset, database, queries, parsed.format, parsed.scan)
+    settings = Settings()
+    models = open_models(settings)
+    with ThreadPoolExecutor(settings.workers) as executor, progress_bars() as progress:
+        built = build_map(split.database, parsed, models, executor, progress)
+    localizer = Localizer.of(built.artifact, built.index, models)
+    table = Table(*HEADER, title=f"{dataset.name}, {len(split.queries)} pictures")
+    for figures in evaluate_cameras(localizer, split, built.world_from_scan):
+        table.add_row(*figures.as_row())
+    shown = Shown()
+    shown.table(table)
+    shown.write("evaluate-cameras", figures_title)
