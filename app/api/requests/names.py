@@ -86,8 +86,8 @@ def refusal(name: str, known: Mapping[str, Known], others: Mapping[str, Known], 
     if meant is not None:
         return f"this {kind} is not known; did you mean {meant}?"
     if not known:
-        return f"this {kind} is not known; the call takes none."
-    return f"this {kind} is not known; there are {', '.join(entry.written for entry in known.values())}."
+        return f"this {kind} is not known; the call takes none"
+    return f"this {kind} is not known; there are {', '.join(entry.written for entry in known.values())}"
 
 
 def refuse_unknown_keys(values: object, known: Mapping[str, Known], place: str = "") -> None:
