@@ -17,9 +17,9 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
-from app.importers.frame_cameras import common_intrinsics
+from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frame_files.json_files import matrix_of, number_of, read_json_object
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.json_files import matrix_of, number_of, read_json_object
 from app.importers.scan_files import optional_file, read_gravity
 
 FILE = "transforms.json"

@@ -16,9 +16,9 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
-from app.importers.frame_cameras import common_intrinsics
+from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frame_files.json_files import number_of, read_json_object
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.json_files import number_of, read_json_object
 
 DEFAULT_DEPTH_SCALE = 1000.0
 MICROSECONDS_PER_S = 1e6

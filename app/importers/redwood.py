@@ -12,8 +12,8 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
+from app.importers.frame_files.json_files import number_of, read_json_object
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.json_files import number_of, read_json_object
 from app.importers.rows.matrices import poses_of_matrices
 from app.importers.scan_files import numbers, read_camera_file, read_gravity, read_text, rows
 

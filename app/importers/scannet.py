@@ -12,9 +12,9 @@ from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
+from app.importers.frame_files.pose_files import read_pose_files
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
-from app.importers.pose_files import read_pose_files
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
 from app.limits import limit
 

@@ -12,8 +12,8 @@ from app.geometry.camera import REFERENCE_FOCAL_PX
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
+from app.importers.frame_files.pose_files import read_pose_files
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.pose_files import read_pose_files
 from app.importers.scan_files import read_camera_file, read_gravity, resolve_inside
 
 # The data set states 585 px, with which its depth images were fused. Its colour images come from the same
