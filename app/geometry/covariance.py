@@ -70,12 +70,12 @@ def pose_covariance(
     jacobian, by_point = jacobian[seen], by_point[seen]
     point_variance = _variances(point_sigma_m, len(points), "point_sigma_m")[seen]
     noise = point_variance[:, None, None] * (by_point @ by_point.transpose(0, 2, 1))
+    projected = project_from_world(points[seen], camera, world_from_camera)
     if sigma_px is None:
-        residuals = project_from_world(points[seen], camera, world_from_camera) - pixels[seen]
-        sigma_px = _sigma_of_pixels(residuals, noise)
+        sigma_px = _sigma_of_pixels(projected - pixels[seen], noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
     noise = noise + pixel_variance * np.eye(2)
-    by_log_focal = project_from_world(points[seen], camera, world_from_camera) - camera.principal_point_px
+    by_log_focal = projected - camera.principal_point_px
     by_lens = by_log_focal * np.sum((by_log_focal / camera.focal_px) ** 2, axis=1)[:, None]
     for by_one, sigma in (by_log_focal, focal_sigma), (by_lens, lens_sigma):
         if sigma > 0:
