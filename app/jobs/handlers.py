@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
-from app.errors import CancelledBuildError, ConflictError, DatabaseBusyError, NotFoundError, RoomfixError
+from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
 from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -62,9 +62,6 @@ def handle_build(build: Build, resources: Resources, library: MapLibrary) -> Non
         log.info("build %s: map version %d of venue %s", build.id, version, build.venue_id)
     except CancelledBuildError:
         _finish(resources, build, "cancelled", None, None)
-    except DatabaseBusyError:
-        # Not the build's fault: the worker waits, and queues it again.
-        raise
     except RoomfixError as error:
         _finish(resources, build, "failed", error.code, str(error))
     except Exception as error:

@@ -14,7 +14,6 @@ import threading
 import time
 from dataclasses import dataclass
 
-from app.errors import DatabaseBusyError
 from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lock import WorkerLock
 from app.limits import limit
@@ -62,19 +61,6 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
 
 def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -> None:
     library = MapLibrary(resources)
-    while not stop.is_set():
-        try:
-            _run_queue(resources, library, wake, stop)
-        except DatabaseBusyError:
-            # Writes wait for the lock, so this is a program that keeps even readers out.
-            log.warning("the database can't be read while another program holds it; trying again")
-            stop.wait(OPTIONS.poll_s)
-
-
-def _run_queue(
-    resources: Resources, library: MapLibrary, wake: threading.Event, stop: threading.Event
-) -> None:
-    """Run builds until `stop` is set; begins with those that an interruption left running."""
     recover(resources)
     swept = float("-inf")
     while not stop.is_set():

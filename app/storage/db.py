@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from alembic import command
 from alembic.config import Config
@@ -20,6 +21,8 @@ from sqlalchemy.exc import OperationalError
 
 from app.errors import DatabaseBusyError
 from app.limits import limit
+
+T = TypeVar("T")
 
 log = logging.getLogger("roomfix.storage")
 MIGRATIONS_DIR = Path(__file__).parent.parent.parent / "migrations"
@@ -44,6 +47,11 @@ class DatabaseOptions:
         "The same for a process that tries again until it has the lock.",
         chosen="By hand: a signal to stop the process is not handled before the end of this.",
     )
+    retry_s: float = limit(
+        0.05,
+        "Pause before such a process tries again.",
+        chosen="By hand: no load, and no delay that matters.",
+    )
 
 
 OPTIONS = DatabaseOptions()
@@ -53,7 +61,7 @@ class Database:
     """A connection pool. `read` and `write` are the only ways in; a write is committed when its block ends.
 
     When another program holds the lock of an SQLite database for too long, both raise `DatabaseBusyError`. With
-    `is_patient` a write waits for the lock as long as it takes, which suits a worker but no server.
+    `is_patient` they wait for the lock as long as it takes, which suits a worker but no server.
     """
 
     def __init__(self, url: str, *, is_patient: bool = False) -> None:
@@ -67,7 +75,7 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Give a connection for queries that change nothing."""
-        with _locks_translated(), self.engine.connect() as connection:
+        with _locks_translated(), self._connect() as connection:
             yield connection
 
     @contextmanager
@@ -76,7 +84,7 @@ class Database:
 
         `wait_s` replaces the time that the lock of SQLite is waited for.
         """
-        with _locks_translated(), self.engine.connect() as connection:
+        with _locks_translated(), self._connect() as connection:
             if self._sqlite:
                 # The write lock is taken first, since a transaction that upgrades from reading can only fail.
                 self._begin(connection, wait_s)
@@ -88,13 +96,12 @@ class Database:
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS_DIR))
         config.attributes["engine"] = self.engine
-        with _locks_translated():
-            if self._is_current(config):
-                return
-            if self._sqlite:
-                with self.engine.connect() as connection:
-                    self._begin_when_free(connection)
-            command.upgrade(config, "head")
+        if _when_free(lambda: self._is_current(config)):
+            return
+        if self._sqlite:
+            with self.engine.connect() as connection:
+                _when_free(lambda: connection.exec_driver_sql("BEGIN IMMEDIATE"))
+        command.upgrade(config, "head")
 
     def ping(self) -> None:
         """Raise if the database doesn't answer."""
@@ -105,9 +112,12 @@ class Database:
         """Close all connections."""
         self.engine.dispose()
 
+    def _connect(self) -> Connection:
+        return _when_free(self.engine.connect) if self._is_patient else self.engine.connect()
+
     def _begin(self, connection: Connection, wait_s: float | None) -> None:
         if self._is_patient:
-            self._begin_when_free(connection)
+            _when_free(lambda: connection.exec_driver_sql("BEGIN IMMEDIATE"))
         elif wait_s is None:
             connection.exec_driver_sql("BEGIN IMMEDIATE")
         else:
@@ -116,21 +126,6 @@ class Database:
                 connection.exec_driver_sql("BEGIN IMMEDIATE")
             finally:
                 _set_lock_wait(connection, self._lock_wait_s)
-
-    def _begin_when_free(self, connection: Connection) -> None:
-        """Begin a transaction with the write lock, however long another program holds it."""
-        is_waiting = False
-        while True:
-            try:
-                connection.exec_driver_sql("BEGIN IMMEDIATE")
-            except OperationalError as error:
-                if not _is_lock(error.orig):
-                    raise
-                if not is_waiting:
-                    log.warning("another program holds the lock of the database; waiting for it")
-                    is_waiting = True
-            else:
-                return
 
     @property
     def _lock_wait_s(self) -> float:
@@ -157,26 +152,32 @@ def _set_lock_wait(connection: Connection, wait_s: float) -> None:
     connection.exec_driver_sql(f"PRAGMA busy_timeout = {round(1e3 * wait_s)}")
 
 
+def _when_free(action: Callable[[], T]) -> T:
+    """Return what an action returns, tried until no other program's lock stops it."""
+    is_waiting = False
+    while True:
+        try:
+            with _locks_translated():
+                return action()
+        except DatabaseBusyError:
+            if not is_waiting:
+                log.warning("another program holds the lock of the database; waiting for it")
+                is_waiting = True
+            # SQLite doesn't wait for every kind of lock.
+            time.sleep(OPTIONS.retry_s)
+
+
 @contextmanager
 def _locks_translated() -> Iterator[None]:
     """Turn the error for a lock that another program holds into `DatabaseBusyError`."""
     try:
         yield
-    except OperationalError as error:
-        if not _is_lock(error.orig):
+    except (OperationalError, sqlite3.OperationalError) as error:
+        # The hook that configures a new connection raises the driver's own error.
+        cause = error.orig if isinstance(error, OperationalError) else error
+        if (getattr(cause, "sqlite_errorcode", 0) & 0xFF) not in SQLITE_LOCK_CODES:
             raise
         raise DatabaseBusyError(LOCKED) from error
-    except sqlite3.OperationalError as error:
-        # From the hook that configures a new connection.
-        if not _is_lock(error):
-            raise
-        raise DatabaseBusyError(LOCKED) from error
-
-
-def _is_lock(error: BaseException | None) -> bool:
-    if not isinstance(error, sqlite3.OperationalError):
-        return False
-    return (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SQLITE_LOCK_CODES
 
 
 def hold_blobs(connection: Connection) -> None:

@@ -1,7 +1,8 @@
 """The build worker, held where a test wants it: at the stage that the file `hold` in the data folder names.
 
-It waits there, having written `held`, until `hold` names another stage or is gone. Started by its path, in place
-of `python -m app.jobs.worker`.
+It waits there, having written `held`, until `hold` names another stage or is gone. `LOCK_WAIT_S` in the environment
+shortens the time that an impatient database waits for a lock. Started by its path, in place of
+`python -m app.jobs.worker`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import time
 from pathlib import Path
 
 from app.jobs import handlers, worker
+from app.storage import db
 
 POLL_S = 0.01
 
@@ -46,5 +48,7 @@ def _names(path: Path, stage: str) -> bool:
 
 
 if __name__ == "__main__":
+    if "LOCK_WAIT_S" in os.environ:
+        db.OPTIONS = db.DatabaseOptions(lock_wait_s=float(os.environ["LOCK_WAIT_S"]))
     handlers.BuildProgress = HeldProgress  # type: ignore[misc]
     worker.main()

@@ -29,11 +29,14 @@ def site(tmp_path_factory: pytest.TempPathFactory, views: list[View]) -> Iterato
     """A server whose worker can be held at a stage."""
     folder = tmp_path_factory.mktemp("locked")
     runner = EmbeddedRunner(Settings(_env_file=None, data_dir=folder, open=True), SLOW_WORKER)
-    with running(folder, runner) as server:
-        site = WithRunner(server, zipped(scan_files(views[:6])), views[3])
-        site.runner = runner
-        site.prepare()
-        yield site
+    with pytest.MonkeyPatch.context() as patch:
+        # So that a worker which gives up does so within the tests' locks.
+        patch.setenv("LOCK_WAIT_S", "0.3")
+        with running(folder, runner) as server:
+            site = WithRunner(server, zipped(scan_files(views[:6])), views[3])
+            site.runner = runner
+            site.prepare()
+            yield site
 
 
 @pytest.mark.parametrize("stage", ["describe", "publish"])

@@ -110,17 +110,26 @@ def test_new_tables_wait_for_the_lock(tmp_path: Path) -> None:
 
 
 def test_a_program_that_keeps_readers_out_is_named_too(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(db, "OPTIONS", db.DatabaseOptions(lock_wait_s=0.05))
+    monkeypatch.setattr(db, "OPTIONS", db.DatabaseOptions(lock_wait_s=0.05, patient_wait_s=0.05))
     # Without the write-ahead log, as on some network drives, an exclusive lock keeps readers out.
-    other = sqlite3.connect(path, isolation_level=None)
+    other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     assert other.execute("PRAGMA journal_mode = DELETE").fetchone() == ("delete",)
     other.execute("BEGIN EXCLUSIVE")
+    found: list[list[str]] = []
     try:
         with opened(path) as database, pytest.raises(DatabaseBusyError):
             names(database)
+        with opened(path, is_patient=True) as patient:
+            reader = threading.Thread(target=lambda: found.append(names(patient)))
+            reader.start()
+            reader.join(0.3)
+            assert reader.is_alive()
+            other.rollback()
+            reader.join(30)
     finally:
         other.rollback()
         other.close()
+    assert found == [[]]
 
 
 def test_other_errors_of_the_database_stay_what_they_are(path: Path) -> None:

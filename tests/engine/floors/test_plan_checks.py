@@ -102,6 +102,31 @@ def test_mirrored_points_without_any_fit_are_named() -> None:
     assert "Mirrored they fit within 0.00 m:" in refusal(pairs(square, square[:, :2] * [1, -1]))
 
 
+def test_mirrored_points_of_a_short_corridor_are_named() -> None:
+    # Their residual is one that picking points could leave, but the mirrored fit is far better.
+    for seed in range(30):
+        world, plan = survey(seed, 4, 0.005, (3.0, 0.3))
+        sentence = refusal(pairs(world, plan * [1.0, -1.0]))
+        assert "contradict each other" in sentence
+        assert "Mirrored they fit within 0.0" in sentence
+
+
+def test_a_y_up_world_is_named_when_its_points_fit_at_another_scale() -> None:
+    # Along a diagonal: x and the height alone fit too, at 1.4 times the size.
+    world = np.array([[0.0, 1.5, 0.0], [5.0, 1.5, -5.0], [10.0, 1.5, -10.1]])
+    plan = np.array([[0.0, 0.0], [5.0, 5.0], [10.0, 10.1]])
+    sentence = refusal(pairs(world, plan))
+    assert "give 1.4" in sentence
+    assert "y of the world is vertical" in sentence
+
+
+def test_an_axis_that_puts_the_points_on_several_floors_is_not_vertical() -> None:
+    # With y vertical they would fit, but y differs by as much as a house is high.
+    world = np.array([[0.0, 0.0, 0.0], [10.0, 12.0, 1.0], [5.0, 20.0, 2.0]])
+    plan = np.column_stack([world[:, 0], -world[:, 2]])
+    assert "is vertical" not in refusal(pairs(world, plan))
+
+
 def test_one_wrong_pair_is_named() -> None:
     for seed in range(30):
         world, plan = survey(seed, 6, 0.05)
