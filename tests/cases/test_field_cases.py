@@ -88,8 +88,6 @@ OPEN: dict[str, str] = {
     "62-multipolygon-of-one-part": "plans and features are not examined",
     "65-null-id-in-properties": "plans and features are not examined",
     "66-plan-points-in-pixels": "plans and features are not examined",
-    "74-colmap-default-models": "the models are not known",
-    "77-sqlite-locked": "a locked database is an internal error",
     "78-y-up-world-without-gravity": "the plan does not ask whether up is known",
     "79-replace-a-good-map": "a map is replaced whatever contradicts it",
 }
@@ -270,7 +268,14 @@ def test_a_media_type_in_capitals(server: Server, floor: str, name: str) -> None
         "position": {"x": 0, "y": 0},
         "height_m": 2.0,
         "camera": {"model": "PINHOLE", "width": 320, "height": 240, "params": [300, 300, 159.5, 119.5]},
-        "pois": [{"id": "door", "region_px": [[10, 10], [60, 10], [60, 60]], "position": {"x": 2, "y": 0}}],
+        "pois": [
+            {
+                "id": "door",
+                "region_px": [[10, 10], [60, 10], [60, 60]],
+                "position": {"x": 2, "y": 0},
+                "distance_m": 2.5,
+            }
+        ],
     }
     put = server.client.put("/anchors/capitals", json=body)
     assert put.status_code in (200, 201), put.text
