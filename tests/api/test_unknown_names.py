@@ -196,7 +196,7 @@ def test_an_unknown_query_parameter_of_a_stream_is_named(server: Server) -> None
 
 
 def test_hostile_names_are_repeated_in_part_and_without_control_characters(server: Server) -> None:
-    names = [*(letter * 10_000 for letter in "ABCDE"), "\x00\x1b[2J\u202e", "{message}", "%s"]
+    names = [*(letter * 2000 for letter in "ABCDE"), "\x00\x1b[2J\u202e", "{message}", "%s"]
     body = dict.fromkeys(names, 1)
     answers = [
         server.client.post("/venues", json={"id": "w", "name": "W", **body}),

@@ -73,13 +73,6 @@ SCANS = [
 ]
 # What is not right yet, and why.
 OPEN: dict[str, str] = {
-    "53-twice-as-large-as-its-intrinsics": "a query's camera is believed",
-    "61-lonlat-landmarks-without-origin": "plans and features are not examined",
-    "62-multipolygon-of-one-part": "plans and features are not examined",
-    "65-null-id-in-properties": "plans and features are not examined",
-    "66-plan-points-in-pixels": "plans and features are not examined",
-    "74-colmap-default-models": "the models are not known",
-    "77-sqlite-locked": "a locked database is an internal error",
 }
 
 
@@ -258,7 +251,14 @@ def test_a_media_type_in_capitals(server: Server, floor: str, name: str) -> None
         "position": {"x": 0, "y": 0},
         "height_m": 2.0,
         "camera": {"model": "PINHOLE", "width": 320, "height": 240, "params": [300, 300, 159.5, 119.5]},
-        "pois": [{"id": "door", "region_px": [[10, 10], [60, 10], [60, 60]], "position": {"x": 2, "y": 0}}],
+        "pois": [
+            {
+                "id": "door",
+                "region_px": [[10, 10], [60, 10], [60, 60]],
+                "position": {"x": 2, "y": 0},
+                "distance_m": 2.5,
+            }
+        ],
     }
     put = server.client.put("/anchors/capitals", json=body)
     assert put.status_code in (200, 201), put.text
