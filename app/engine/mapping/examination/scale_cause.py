@@ -43,6 +43,9 @@ class ScaleOptions:
         "A known scale is one within this, or two sigmas of the ratio.",
         chosen="By hand: twice a sensor's bias.",
     )
+    clear_sigma: float = limit(
+        0.08, "Sigma of the ratio up to which the nearer of two known scales is clear.", chosen="By hand."
+    )
     least_depth_m: float = limit(
         0.25, "The least usual depth of a scan.", chosen="By hand: sensors see no nearer."
     )
@@ -108,7 +111,8 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
         code="position_scale" if likely == "positions" else "depth_scale",
         sentence=f"{told} {words}" + (f', otherwise "{other}": {value:g}.' if likely else "."),
         options=first,
-        certain=(likely == "depth" and len(depth) == 1) or (likely == "positions" and bool(unit)),
+        certain=(likely == "depth" and _is_clear(depth, scales.depth_scale / found.ratio, found.sigma))
+        or (likely == "positions" and bool(unit)),
         figures=figures,
     )
 
@@ -117,6 +121,14 @@ def _known(scale: float, known: tuple[float, ...], reach: float) -> list[float]:
     """Return the known scales near one, nearest first."""
     near = [value for value in known if abs(np.log(scale / value)) < reach]
     return sorted(near, key=lambda value: abs(float(np.log(scale / value))))
+
+
+def _is_clear(near: list[float], scale: float, sigma: float) -> bool:
+    """Whether one known scale explains a measured one, and no other does."""
+    if len(near) == 1:
+        return True
+    first, second = (abs(float(np.log(scale / value))) for value in near[:2])
+    return sigma < OPTIONS.clear_sigma and first < OPTIONS.known_log and second > 3 * OPTIONS.known_log
 
 
 def _preferred(near: list[float], scales: Scales) -> float:
