@@ -13,7 +13,7 @@ def ratio(value: float, *, sigma: float = 0.01, depth_m: float = 2.0) -> DepthRa
 
 
 def scales(depth_scale: float = 1000.0, speed_m_s: float | None = 0.5) -> Scales:
-    return Scales(depth_scale=depth_scale, position_scale=1.0, usual_depth_scale=1000.0, speed_m_s=speed_m_s)
+    return Scales(depth_scale=depth_scale, position_scale=1.0, speed_m_s=speed_m_s)
 
 
 @pytest.mark.parametrize(("value", "sigma"), [(1.0, 0.01), (0.93, 0.01), (1.3, 0.12)])
