@@ -179,7 +179,6 @@ def _depth_findings(
     scales = Scales(
         depth_scale=scan.depth.scale,
         position_scale=convention.position_scale,
-        usual_depth_scale=scan.depth.scale,
         speed_m_s=float(np.median(steps[moving] / elapsed[moving])) if moving.any() else None,
     )
     by_ray = layout.judge_rays(ratio)

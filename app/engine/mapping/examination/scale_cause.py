@@ -43,6 +43,9 @@ class ScaleOptions:
         "A known scale is one within this, or two sigmas of the ratio.",
         chosen="By hand: twice a sensor's bias.",
     )
+    clear_sigma: float = limit(
+        0.1, "Sigma of the ratio up to which the nearer of two known scales is clear.", chosen="By hand."
+    )
     least_depth_m: float = limit(
         0.25, "The least usual depth of a scan.", chosen="By hand: sensors see no nearer."
     )
@@ -64,7 +67,6 @@ class Scales:
 
     depth_scale: float
     position_scale: float
-    usual_depth_scale: float
     speed_m_s: float | None
 
 
@@ -86,7 +88,9 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
     depth = _known(scales.depth_scale / found.ratio, DEPTH_SCALES, reach)
     unit = _known(scales.position_scale * found.ratio, tuple(POSITION_UNITS), reach)
     likely = _likely(found, scales, bool(depth), bool(unit))
-    depth_scale = _preferred(depth, scales) if depth else scales.depth_scale / found.ratio
+    measured = scales.depth_scale / found.ratio
+    clear = _is_clear(depth, measured, found.sigma)
+    depth_scale = depth[0] if clear else _preferred(depth, measured)
     position_scale = unit[0] if unit else scales.position_scale * found.ratio
     told = (
         f"Depth triangulated by the poses is {found.ratio:.3g} times the sensor's: "
@@ -108,7 +112,7 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
         code="position_scale" if likely == "positions" else "depth_scale",
         sentence=f"{told} {words}" + (f', otherwise "{other}": {value:g}.' if likely else "."),
         options=first,
-        certain=(likely == "depth" and len(depth) == 1) or (likely == "positions" and bool(unit)),
+        certain=clear if likely == "depth" else likely == "positions" and bool(unit),
         figures=figures,
     )
 
@@ -119,9 +123,17 @@ def _known(scale: float, known: tuple[float, ...], reach: float) -> list[float]:
     return sorted(near, key=lambda value: abs(float(np.log(scale / value))))
 
 
-def _preferred(near: list[float], scales: Scales) -> float:
-    usual = [value for value in (scales.usual_depth_scale, 1000.0, 5000.0) if value in near]
-    return usual[0] if usual else near[0]
+def _is_clear(near: list[float], scale: float, sigma: float) -> bool:
+    """Whether one known scale explains a measured one, and no other does."""
+    if len(near) < 2:
+        return len(near) == 1
+    first, second = (abs(float(np.log(scale / value))) for value in near[:2])
+    return sigma < OPTIONS.clear_sigma and first < OPTIONS.known_log and second > 3 * OPTIONS.known_log
+
+
+def _preferred(near: list[float], measured: float) -> float:
+    """Return the commonest of the known scales near a measured one; that one itself where there are none."""
+    return min(near, key=DEPTH_SCALES.index) if near else measured
 
 
 def _likely(found: DepthRatio, scales: Scales, depth_known: bool, unit_known: bool) -> str | None:
