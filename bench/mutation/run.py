@@ -44,6 +44,10 @@ LIBRARIES = (
     "shapely",
     "sqlalchemy",
 )
+# Packages of the repository: imported anew for each mutant, since what imports a mutated module holds parts of it.
+OWN = ("app", "bench", "tests")
+# The code by which the copy says that no test imported the module.
+NOT_IMPORTED = 120
 # Ends with the first failure, about which nothing is to be said; no plugin that takes time to load, but the limit.
 PYTEST = ("-x", "-q", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "pytest_timeout")
 # A mutant that takes so much longer than the module itself doesn't end. Time of the processor, which a busy machine
@@ -64,16 +68,18 @@ class _Mutated(MetaPathFinder):
     """Finds one module as a mutant of itself."""
 
     def __init__(self, name: str, path: Path, mutant: Mutant) -> None:
-        self._name, self._path = name, path
+        self.name, self._path = name, path
         self._code = compile(mutant.tree, str(path), "exec")
+        self.was_used = False
 
     def find_spec(self, fullname: str, *_: object) -> ModuleSpec | None:
         """Return the mutant's spec under the module's own name."""
-        if fullname != self._name:
+        if fullname != self.name:
             return None
-        loader = _MutantLoader(self._name, str(self._path))
+        self.was_used = True
+        loader = _MutantLoader(self.name, str(self._path))
         loader.code = self._code
-        return spec_from_file_location(self._name, self._path, loader=loader)
+        return spec_from_file_location(self.name, self._path, loader=loader)
 
 
 class _MutantLoader(SourceFileLoader):
@@ -109,7 +115,7 @@ def try_mutant(path: str, mutant: Mutant, tests: Sequence[str], seconds: float) 
     return Tried(mutant, _run(finder, tests, max(PATIENCE * seconds, LEAST_PATIENCE_S))[0])
 
 
-def _run(finder: MetaPathFinder | None, tests: Sequence[str], limit_s: float | None) -> tuple[Outcome, float]:
+def _run(finder: _Mutated | None, tests: Sequence[str], limit_s: float | None) -> tuple[Outcome, float]:
     """Run pytest in a copy of this process; return what came of it, and its processor time."""
     sys.stdout.flush()
     child = os.fork()
@@ -117,11 +123,13 @@ def _run(finder: MetaPathFinder | None, tests: Sequence[str], limit_s: float | N
         _become_pytest(finder, tests, limit_s)
     _, status, usage = os.wait4(child, 0)
     code = os.waitstatus_to_exitcode(status)
+    if code == NOT_IMPORTED:
+        raise RuntimeError(f"No test imports the module: {' '.join(tests)}")
     ended: Outcome = "killed" if code else "survived"
     return "timed out" if code == -signal.SIGXCPU else ended, usage.ru_utime + usage.ru_stime
 
 
-def _become_pytest(finder: MetaPathFinder | None, tests: Sequence[str], limit_s: float | None) -> NoReturn:
+def _become_pytest(finder: _Mutated | None, tests: Sequence[str], limit_s: float | None) -> NoReturn:
     # Whatever happens here, the copy must not go on with the parent's work.
     code = 1
     try:
@@ -130,9 +138,14 @@ def _become_pytest(finder: MetaPathFinder | None, tests: Sequence[str], limit_s:
             os.dup2(nowhere, stream)
         if limit_s is not None:
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s), int(limit_s) + 5))
+        for name in [name for name in sys.modules if name.split(".")[0] in OWN]:
+            del sys.modules[name]
         if finder is not None:
+            sys.modules.pop(finder.name, None)
             sys.meta_path.insert(0, finder)
         os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
         code = int(pytest.main([*PYTEST, *tests]))
+        if finder is not None and not finder.was_used:
+            code = NOT_IMPORTED
     finally:
         os._exit(code)

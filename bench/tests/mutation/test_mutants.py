@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import sys
 from pathlib import Path
 
 import pytest
@@ -119,6 +121,23 @@ def test_tests_kill_what_they_notice_and_no_file_changes(toy: Path) -> None:
     ):
         assert try_mutant("toy.py", mutant_of(change), tests, seconds).outcome == outcome, change
     assert (toy / "toy.py").read_text() == SOURCE
+
+
+def test_a_module_that_was_imported_before_is_mutated_all_the_same(
+    toy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(toy)
+    monkeypatch.delitem(sys.modules, "toy", raising=False)
+    importlib.import_module("toy")
+    tests = [str(toy / "test_toy.py")]
+    assert try_mutant("toy.py", mutant_of("10 is_far: `10` -> `11`"), tests, 1.0).outcome == "killed"
+    sys.modules.pop("toy")
+
+
+def test_tests_that_do_not_import_the_module_prove_nothing(toy: Path) -> None:
+    (toy / "test_other.py").write_text("def test_passes(): assert True\n")
+    with pytest.raises(RuntimeError, match="No test imports"):
+        try_mutant("toy.py", mutant_of("10 is_far: `10` -> `11`"), [str(toy / "test_other.py")], 1.0)
 
 
 def test_without_passing_tests_there_is_nothing_to_see(toy: Path) -> None:
