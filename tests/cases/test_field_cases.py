@@ -72,8 +72,7 @@ SCANS = [
     ScanCase(name="46-open3d-redwood", readable=True, refusal=("open3d|redwood", "tum"), keeps_frame=False),
 ]
 # What is not right yet, and why.
-OPEN: dict[str, str] = {
-}
+OPEN: dict[str, str] = {}
 
 
 def listed(names: list[str]) -> list[Any]:
