@@ -12,8 +12,8 @@ from app.engine.mapping.calibration_curves import Calibration
 from app.engine.mapping.options import BuildOptions
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
-from app.importers.archive import extract_archive
-from app.importers.archive_readers import ArchiveLimits
+from app.importers.archives.archive import extract_archive
+from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.registry import open_scan
 from app.services.resources import Resources
 from app.storage.venues import get_venue

@@ -22,8 +22,8 @@ from app.engine.progress import Progress
 from app.engine.query.localizer import Localizer
 from app.errors import CancelledBuildError, ConflictError, InvalidScanError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
-from app.importers.archive import extract_archive
-from app.importers.archive_readers import ArchiveLimits
+from app.importers.archives.archive import extract_archive
+from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame, FrameSource
 from app.importers.registry import open_scan
 from app.services.examine_scan import ExaminedScan, examined_scan

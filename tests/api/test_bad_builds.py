@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from app.importers.archive_readers import MIB
+from app.importers.archives.archive_readers import MIB
 from tests.scenes import CAMERA_TEXT, View, encode, scan_files, zipped
 from tests.server import Server, assert_problem, assert_sentence
 

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledBuildError, InvalidScanError
-from app.importers.archive import extract_archive
-from app.importers.archive_readers import ArchiveLimits
+from app.importers.archives.archive import extract_archive
+from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.registry import open_scan
 from tests.importers.scans import write_tum
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from app.importers.archive import extract_archive
-from app.importers.archive_readers import MIB, ArchiveLimits
+from app.importers.archives.archive import extract_archive
+from app.importers.archives.archive_readers import MIB, ArchiveLimits
 from app.importers.registry import open_scan
 from tests.importers.scans import write_tum
 from tests.importers.test_archive import extracted, refused

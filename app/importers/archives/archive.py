@@ -13,7 +13,13 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
 from app.errors import InvalidScanError
-from app.importers.archive_readers import ArchiveLimits, Entry, EntryKind, damage_reported, open_reader
+from app.importers.archives.archive_readers import (
+    ArchiveLimits,
+    Entry,
+    EntryKind,
+    damage_reported,
+    open_reader,
+)
 
 # What the importers read, and image files that they refuse by name. All else in an archive, from thumbnails'
 # data bases to meshes, stays in it.

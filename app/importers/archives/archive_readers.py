@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO, BinaryIO, Protocol, cast
 
 from app.errors import InvalidScanError
-from app.importers.zip_names import zip_name
+from app.importers.archives.zip_names import zip_name
 from app.limits import limit
 
 MIB = 1024 * 1024

@@ -1,0 +1,1 @@
+"""Unpacking uploaded archives that nobody vouches for: zip and tar."""
