@@ -24,7 +24,7 @@ class IntrinsicsOptions:
     steps: int = limit(8, "Largest number of Gauss-Newton steps.", chosen="By hand: it converges in four.")
     min_step: float = limit(1e-5, "A smaller step ends the iteration.", chosen="By hand: far below a pixel.")
     prior_log_focal_sigma: float = limit(
-        0.15,
+        0.3,
         "Standard deviation of the prior on the logarithm of the focal length.",
         chosen="By hand: a picture that leaves the focal length open keeps the stated one; a zoom of two that matches "
         "determine to a percent is moved by less than that.",

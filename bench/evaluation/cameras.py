@@ -38,7 +38,7 @@ class StatedQuery:
     world_from_camera: Pose
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class CameraFigures:
     """What became of queries with one mistake in their camera."""
 
@@ -75,7 +75,7 @@ def evaluate_cameras(localizer: Localizer, split: Split, world_from_scan: Pose) 
     """Ask the same pictures with each mistake in their camera, of a map at `world_from_scan`."""
     figures = []
     for mistake in (*BY_NUMBERS, *(f"zoom {zoom:g}" for zoom in ZOOMS)):
-        found = CameraFigures(mistake, errors_m=[])
+        found = CameraFigures(mistake=mistake, errors_m=[])
         for query in _queries(split, mistake, world_from_scan):
             _count(localizer, query, found)
         figures.append(found)

@@ -16,7 +16,7 @@ from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
 
-ON_ZOOMED = "roomfix evaluate-cameras on desk_rs and freiburg1_rpy; docs/figures/query-cameras.md."
+ON_ZOOMED = "roomfix evaluate-cameras on RedKitchen and desk_rs; docs/figures/evaluate-cameras.md."
 Estimate = Callable[[Matches, Camera, Pose | None], PnpEstimate | None]
 Search = Callable[[Matches], Camera | None]
 
@@ -38,6 +38,22 @@ class IntrinsicsCheckOptions:
         chosen=ON_ZOOMED,
     )
     doubt_sigmas: float = limit(2.0, "Sigmas by which a change must differ from none.", chosen=ON_ZOOMED)
+    sure_doubt_log: float = limit(
+        0.015, "As doubt_log, where the change is beyond sure_doubt_sigmas.", chosen=ON_ZOOMED
+    )
+    sure_doubt_sigmas: float = limit(
+        3.0, "Sigmas by which a smaller change must differ from none.", chosen=ON_ZOOMED
+    )
+    unverified_sigma: float = limit(
+        0.05,
+        "Relative sigma of the focal length by the matches above which they don't verify a camera at all.",
+        chosen=ON_ZOOMED,
+    )
+    unverified_confidence: float = limit(
+        0.85,
+        "Largest confidence of an answer whose camera its matches don't verify.",
+        chosen="By hand: below 0.9, where an answer counts as sure, and above the least confidence of an answer.",
+    )
     rounds: int = limit(4, "Most rounds of refining a doubted camera.", chosen=ON_ZOOMED)
     search_log: float = limit(
         0.12,
@@ -69,7 +85,7 @@ class IntrinsicsCheckOptions:
         chosen=ON_ZOOMED,
     )
     refined_sigma: float = limit(
-        0.015,
+        0.035,
         "Relative standard deviation of a refined focal length: the errors of the map's points are common to all.",
         chosen=ON_ZOOMED,
     )
@@ -83,12 +99,14 @@ class CheckedCamera:
     """The camera that an answer uses, the stated one or a refined one, and its pose.
 
     `systematic` is one standard deviation of the pose by what is not known of the camera: all matches share it, so that
-    no covariance of theirs shows it. `is_contradicted` says that the matches contradict the camera that is used.
+    no covariance of theirs shows it. `is_contradicted` says that the matches contradict the camera that is used;
+    `max_confidence` is below 1 where they verify no camera.
     """
 
     camera: Camera
     best: Hypothesis
     systematic: Accuracy = Accuracy(0.0, 0.0)
+    max_confidence: float = 1.0
     is_contradicted: bool = False
     is_refined: bool = False
 
@@ -102,18 +120,19 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     """
     fit = _fit(best, camera)
     if fit is None:
-        return CheckedCamera(camera, best)
-    if not _is_doubted(fit, camera):
-        is_confirmed = fit.focal_sigma <= OPTIONS.confirmed_sigma
-        return (
-            CheckedCamera(camera, best)
-            if is_confirmed
-            else CheckedCamera(camera, best, _left_open(best, fit))
-        )
-    refined = _refined(best, camera, fit, estimate, search)
+        return CheckedCamera(camera, best, max_confidence=OPTIONS.unverified_confidence)
+    is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
+    refined = _refined(best, camera, fit, estimate, search) if is_doubted or not is_verified else None
     if refined is not None:
         return refined
-    return CheckedCamera(camera, best, _left_open(best, fit), is_contradicted=True)
+    is_confirmed = not is_doubted and fit.focal_sigma <= OPTIONS.confirmed_sigma
+    return CheckedCamera(
+        camera,
+        best,
+        systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
+        max_confidence=_max_confidence(fit),
+        is_contradicted=is_doubted,
+    )
 
 
 def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
@@ -133,7 +152,8 @@ def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
 
 
 def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
-    zoom = max(OPTIONS.doubt_log, OPTIONS.doubt_sigmas * fit.focal_sigma)
+    sure = max(OPTIONS.sure_doubt_log, OPTIONS.sure_doubt_sigmas * fit.focal_sigma)
+    zoom = min(max(OPTIONS.doubt_log, OPTIONS.doubt_sigmas * fit.focal_sigma), sure)
     shift_px = OPTIONS.doubt_offset_share * max(camera.width, camera.height)
     shifts_px = np.maximum(shift_px, OPTIONS.doubt_sigmas * fit.sigmas[1:])
     return abs(fit.log_focal) > zoom or bool(np.any(np.abs(fit.offset_px) > shifts_px))
@@ -154,7 +174,8 @@ def _refined(
             if found is not None and hypothesis.inliers.feature_count <= found.best.inliers.feature_count:
                 break
             next_fit = _fit(hypothesis, tried)
-            found = CheckedCamera(tried, hypothesis, _uncertainty(hypothesis, next_fit), is_refined=True)
+            uncertainty, confidence = _uncertainty(hypothesis, next_fit), _max_confidence(next_fit)
+            found = CheckedCamera(tried, hypothesis, uncertainty, confidence, is_refined=True)
             if next_fit is None:
                 break
             tried, prior = next_fit.camera, next_fit.pose
@@ -163,6 +184,11 @@ def _refined(
     gain = found.best.inliers.feature_count / best.inliers.feature_count
     is_sure = abs(fit.log_focal) > OPTIONS.sure_sigmas * fit.focal_sigma
     return found if gain >= (OPTIONS.sure_gain_ratio if is_sure else OPTIONS.min_gain_ratio) else None
+
+
+def _max_confidence(fit: FreeIntrinsics | None) -> float:
+    verified = fit is not None and fit.focal_sigma <= OPTIONS.unverified_sigma
+    return 1.0 if verified else OPTIONS.unverified_confidence
 
 
 def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
@@ -177,7 +203,7 @@ def _starts(
 ) -> Iterator[tuple[Camera, Pose | None]]:
     """Yield the cameras from which refining starts, with the pose where one is known."""
     yield fit.camera, fit.pose
-    if abs(fit.log_focal) > OPTIONS.search_log:
+    if abs(fit.log_focal) > OPTIONS.search_log or fit.focal_sigma > OPTIONS.unverified_sigma:
         searched = search(best.matches)
         if searched is not None:
             zoom = float(np.log(searched.focal_px / camera.focal_px))

@@ -317,7 +317,7 @@ class Localizer:
             evidence=evidence,
             world_from_camera=best.pose,
             accuracy=accuracy,
-            confidence=confidence_of(evidence),
+            confidence=min(confidence_of(evidence), checked.max_confidence),
             keyframes=votes_of(best.matches, best.inliers),
             camera=camera,
             timings_ms=query.timer.milliseconds,
