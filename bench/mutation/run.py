@@ -5,6 +5,7 @@ A parent that has imported the libraries is forked for each mutant, which saves 
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import resource
@@ -122,6 +123,8 @@ def import_all_but(path: str) -> None:
         with suppress(ImportError):
             importlib.import_module(module_name(str(file)).removesuffix(".__init__"))
     sys.meta_path.remove(refused)
+    # What is here stays: the copies need not look through it for garbage.
+    gc.freeze()
 
 
 def _forget_own() -> None:
