@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -103,6 +105,19 @@ def test_an_approximate_camera_keeps_the_focal_length_near_what_was_known() -> N
     assert kept is not None
     assert kept.focal_px == pytest.approx(near.camera.focal_px, rel=0.01)
     assert fitted(wall, pinhole(WIDTH, HEIGHT, 1.5 * FOCAL_PX), near, Lens()) is None
+
+
+def test_where_a_picture_says_little_the_known_focal_length_has_its_full_weight() -> None:
+    # A wall with a relief of 6 %: by the picture the focal length is known about as well as before.
+    rng = np.random.default_rng(1)
+    flat = seen(60, PINHOLE)
+    depth_m = 3.0 * (1 + rng.uniform(-0.06, 0.06, 60))
+    points = PINHOLE.unproject(rng.uniform([30, 30], [WIDTH - 30, HEIGHT - 30], (60, 2)), depth_m)
+    relief = replace(flat, points_in_world=points, points_px=PINHOLE.project(points))
+    near = ApproximateCamera(pinhole(WIDTH, HEIGHT, 0.93 * FOCAL_PX))
+    found = fitted(relief, PINHOLE, near, Lens())
+    assert found is not None
+    assert found.focal_px == pytest.approx(0.966 * FOCAL_PX, rel=0.005)
 
 
 def scanned_with(*lens_sigmas: float) -> MapMetadata:
