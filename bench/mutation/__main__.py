@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.mutation.mutants import Mutant, mutants_of
-from bench.mutation.report import key_of, read_reasons, summary_of, write_section
-from bench.mutation.run import Tried, baseline_s, import_libraries, try_mutant
+from bench.mutation.run import Tried, baseline_s, import_all_but, import_libraries, try_mutant
+from bench.mutation.survivors import key_of, read_reasons, summary_of
 from bench.mutation.targets import TARGETS, Target
 
 PROGRESS_EVERY = 25
@@ -26,6 +26,9 @@ def main() -> None:
         if not options.modules or any(part in target.path for part in options.modules):
             tried = _try_all(target, chosen_mutants(target))
             if options.figures:
+                # Later, since it imports modules that are mutated.
+                from bench.mutation.report import write_section
+
                 write_section(target.path, tried, read_reasons(target.path))
 
 
@@ -39,6 +42,7 @@ def chosen_mutants(target: Target) -> list[Mutant]:
 
 
 def _try_all(target: Target, mutants: Sequence[Mutant]) -> list[Tried]:
+    import_all_but(target.path)
     seconds, began = baseline_s(target.tests), time.monotonic()
     print(
         f"{target.path}: {len(mutants)} mutants, the tests take {seconds:.1f} s of processor time", flush=True

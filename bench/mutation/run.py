@@ -5,12 +5,14 @@ A parent that has imported the libraries is forked for each mutant, which saves 
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import resource
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, SourceFileLoader
@@ -44,8 +46,9 @@ LIBRARIES = (
     "shapely",
     "sqlalchemy",
 )
-# Packages of the repository: imported anew for each mutant, since what imports a mutated module holds parts of it.
+# Packages of the repository. The mutation's own modules import no others, so that these can be imported anew.
 OWN = ("app", "bench", "tests")
+KEPT = "bench.mutation"
 # The code by which the copy says that no test imported the module.
 NOT_IMPORTED = 120
 # Ends with the first failure, about which nothing is to be said; no plugin that takes time to load, but the limit.
@@ -96,6 +99,39 @@ def import_libraries() -> None:
         importlib.import_module(name)
 
 
+class _Refused(MetaPathFinder):
+    """Lets a module, and so what imports it, fail to be imported."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def find_spec(self, fullname: str, *_: object) -> None:
+        """Raise `ImportError` for the module."""
+        if fullname == self._name:
+            raise ImportError(f"{fullname} comes later.")
+
+
+def import_all_but(path: str) -> None:
+    """Import the modules of the application that don't import the one at `path`: its mutants needn't do it again.
+
+    Other modules of the repository are forgotten; for a process that runs mutants and nothing else.
+    """
+    _forget_own()
+    refused = _Refused(module_name(path))
+    sys.meta_path.insert(0, refused)
+    for file in sorted(Path("app").rglob("*.py")):
+        with suppress(ImportError):
+            importlib.import_module(module_name(str(file)).removesuffix(".__init__"))
+    sys.meta_path.remove(refused)
+    # What is here stays: the copies need not look through it for garbage.
+    gc.freeze()
+
+
+def _forget_own() -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] in OWN and not name.startswith(KEPT)]:
+        del sys.modules[name]
+
+
 def module_name(path: str) -> str:
     """Return the dotted name of a file of the repository."""
     return ".".join(Path(path).with_suffix("").parts)
@@ -138,10 +174,10 @@ def _become_pytest(finder: _Mutated | None, tests: Sequence[str], limit_s: float
             os.dup2(nowhere, stream)
         if limit_s is not None:
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s), int(limit_s) + 5))
-        for name in [name for name in sys.modules if name.split(".")[0] in OWN]:
-            del sys.modules[name]
         if finder is not None:
-            sys.modules.pop(finder.name, None)
+            if sys.modules.pop(finder.name, None) is not None:
+                # Others hold parts of the module as it is.
+                _forget_own()
             sys.meta_path.insert(0, finder)
         os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
         code = int(pytest.main([*PYTEST, *tests]))

@@ -11,8 +11,9 @@ import pytest
 
 from bench.mutation.__main__ import chosen_mutants
 from bench.mutation.mutants import Mutant, mutants_of
-from bench.mutation.report import OPEN, key_of, read_reasons, summary_of, write_section
+from bench.mutation.report import OPEN, write_section
 from bench.mutation.run import Tried, baseline_s, try_mutant
+from bench.mutation.survivors import key_of, read_reasons, summary_of
 from bench.mutation.targets import TARGETS, Target
 
 SOURCE = '''"""A toy."""

@@ -19,8 +19,8 @@ from app.geometry.se3 import Pose
 from tests.maps import map_of
 from tests.scenes import CAMERA
 
-ORIGIN = np.zeros(3)
-POINT = np.array([[0.0, 0.0, 2.0]])
+CENTRE = np.array([1.0, 2.0, -0.5])
+POINT = CENTRE[None] + [0.0, 0.0, 2.0]
 
 
 def around(degrees: float, distance_m: float = 2.0) -> np.ndarray:
@@ -32,28 +32,28 @@ def around(degrees: float, distance_m: float = 2.0) -> np.ndarray:
 @pytest.mark.parametrize("distance_m", [0.5, 2.0, 7.0])
 def test_one_side_ends_eighty_degrees_around_a_point(distance_m: float) -> None:
     sides = {
-        angle: seen_from_one_side(POINT, around(angle, distance_m), ORIGIN)[0] for angle in range(0, 181, 10)
+        angle: seen_from_one_side(POINT, around(angle, distance_m), CENTRE)[0] for angle in range(0, 181, 10)
     }
     assert [angle for angle, same in sides.items() if same] == [0, 10, 20, 30, 40, 50, 60, 70, 80]
-    assert not seen_from_one_side(POINT, around(81.0, distance_m), ORIGIN)[0]
-    assert seen_from_one_side(POINT, around(25.0), ORIGIN, min_cosine=0.9)[0]
-    assert not seen_from_one_side(POINT, around(26.0), ORIGIN, min_cosine=0.9)[0]
+    assert not seen_from_one_side(POINT, around(81.0, distance_m), CENTRE)[0]
+    assert seen_from_one_side(POINT, around(25.0), CENTRE, min_cosine=0.9)[0]
+    assert not seen_from_one_side(POINT, around(26.0), CENTRE, min_cosine=0.9)[0]
 
 
 def test_each_point_has_its_own_keyframe_or_all_have_one() -> None:
     points = np.repeat(POINT, 3, axis=0)
     centres = np.stack([around(0), around(100), around(60)])
-    assert seen_from_one_side(points, centres, ORIGIN).tolist() == [True, False, True]
-    assert seen_from_one_side(points, centres[1], ORIGIN).tolist() == [False] * 3
+    assert seen_from_one_side(points, centres, CENTRE).tolist() == [True, False, True]
+    assert seen_from_one_side(points, centres[1], CENTRE).tolist() == [False] * 3
 
 
 def test_noise_along_a_keyframes_ray_counts_as_far_as_the_camera_sees_it_from_beside() -> None:
     points = np.repeat(POINT, 4, axis=0)
     sigma_m = np.array([0.1, 0.1, 0.1, 0.3])
     centres = np.stack([around(0), around(30, 5.0), around(90), around(-90, 1.0)])
-    assert sigma_across(sigma_m, points, centres, ORIGIN) == pytest.approx([0.0, 0.05, 0.1, 0.3])
+    assert sigma_across(sigma_m, points, centres, CENTRE) == pytest.approx([0.0, 0.05, 0.1, 0.3])
     # A point in the keyframe's own centre has no ray.
-    assert sigma_across(np.array([0.1]), POINT, POINT[0], ORIGIN) == pytest.approx([0.0])
+    assert sigma_across(np.array([0.1]), POINT, POINT[0], CENTRE) == pytest.approx([0.0])
 
 
 def spread(count: int = 40) -> tuple[np.ndarray, np.ndarray]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from app.engine.query.camera import OPTIONS, fit_query_camera
+from app.engine.maps.artifact import MapMetadata
+from app.engine.query.camera import OPTIONS, fit_query_camera, lens_of_query, scanned_camera
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
-from app.geometry.focal import pinhole
+from app.geometry.focal import ApproximateCamera, pinhole
 from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate, refine_pose
 from app.geometry.se3 import Pose
@@ -39,7 +42,11 @@ def seen(count: int, camera: Camera, is_flat: bool = False, noise_px: float = 0.
 
 
 def fitted(
-    matches: Matches, camera: Camera, known: Camera | None, lens: Lens | None = None, ahead: bool = True
+    matches: Matches,
+    camera: Camera,
+    known: Camera | ApproximateCamera | None,
+    lens: Lens | None = None,
+    ahead: bool = True,
 ) -> Camera | None:
     """Return the camera fitted to matches, from the pose that they have with the given one."""
     pose = Pose.identity() if ahead else Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
@@ -66,6 +73,9 @@ def test_enough_features_show_the_lens_and_fewer_could_be_a_wrong_pose() -> None
     lens = fitted(seen(300, BENT), PINHOLE, PINHOLE, Lens())
     assert lens is not None
     assert lens.params[4] == pytest.approx(-0.1, abs=0.03)
+    assert fitted(seen(45, BENT), PINHOLE, PINHOLE, Lens()) != PINHOLE
+    assert fitted(seen(20, BENT), PINHOLE, PINHOLE, Lens()) == PINHOLE
+    # Just at the limit.
     assert fitted(seen(MIN_FEATURES, BENT), PINHOLE, PINHOLE, Lens()) != PINHOLE
     assert fitted(seen(MIN_FEATURES - 1, BENT), PINHOLE, PINHOLE, Lens()) == PINHOLE
 
@@ -82,3 +92,62 @@ def test_a_lens_that_is_stated_is_left_alone() -> None:
 def test_where_no_lens_fits_a_given_camera_is_kept() -> None:
     # All points behind the camera: nothing to fit.
     assert fitted(seen(300, PINHOLE), PINHOLE, PINHOLE, Lens(), ahead=False) == PINHOLE
+
+
+def test_an_approximate_camera_keeps_the_focal_length_near_what_was_known() -> None:
+    near = ApproximateCamera(pinhole(WIDTH, HEIGHT, 0.95 * FOCAL_PX))
+    found = fitted(seen(300, PINHOLE), pinhole(WIDTH, HEIGHT, 1.03 * FOCAL_PX), near, Lens())
+    assert found is not None
+    assert found.focal_px == pytest.approx(FOCAL_PX, rel=0.01)
+    # A squarely seen wall leaves the known one, and one far from it is not near.
+    wall = seen(300, PINHOLE, is_flat=True)
+    kept = fitted(wall, PINHOLE, near, Lens())
+    assert kept is not None
+    assert kept.focal_px == pytest.approx(near.camera.focal_px, rel=0.01)
+    assert fitted(wall, pinhole(WIDTH, HEIGHT, 1.5 * FOCAL_PX), near, Lens()) is None
+
+
+def test_where_a_picture_says_little_the_known_focal_length_has_its_full_weight() -> None:
+    # A wall with a relief of 6 %: by the picture the focal length is known about as well as before.
+    rng = np.random.default_rng(1)
+    flat = seen(60, PINHOLE)
+    depth_m = 3.0 * (1 + rng.uniform(-0.06, 0.06, 60))
+    points = PINHOLE.unproject(rng.uniform([30, 30], [WIDTH - 30, HEIGHT - 30], (60, 2)), depth_m)
+    relief = replace(flat, points_in_world=points, points_px=PINHOLE.project(points))
+    near = ApproximateCamera(pinhole(WIDTH, HEIGHT, 0.93 * FOCAL_PX))
+    found = fitted(relief, PINHOLE, near, Lens())
+    assert found is not None
+    assert found.focal_px == pytest.approx(0.966 * FOCAL_PX, rel=0.005)
+
+
+def scanned_with(*lens_sigmas: float) -> MapMetadata:
+    """Return the metadata of a map whose scan's camera is bent, its lens known to within a sigma."""
+    return MapMetadata(
+        features="sift",
+        descriptor_sha256="",
+        descriptor_size=8,
+        cameras=(BENT,),
+        keyframe_names=(),
+        lens_sigmas=lens_sigmas,
+    )
+
+
+def test_the_lens_of_a_query_is_that_of_the_scan_when_it_is_the_scans_camera() -> None:
+    shown = scanned_with(0.004)
+    assert lens_of_query(shown, PINHOLE) == Lens(-0.1, 0.004)
+    # Another focal length is another camera, of which nothing is known.
+    assert lens_of_query(shown, pinhole(WIDTH, HEIGHT, 500.0)) == Lens()
+    assert lens_of_query(scanned_with(), PINHOLE) == Lens()
+    # Nor is it of one that was not given, or only by a photo's tags; one with its distortion stated has none to find.
+    assert lens_of_query(shown, None) == lens_of_query(shown, ApproximateCamera(PINHOLE)) == Lens()
+    assert lens_of_query(shown, BENT) is None
+
+
+def test_a_scans_camera_has_the_lens_that_the_scan_showed() -> None:
+    found = scanned_camera(scanned_with(0.004), PINHOLE)
+    assert (found.model, found.width, found.height) == ("OPENCV", WIDTH, HEIGHT)
+    assert found.params == (*PINHOLE.params, -0.1, 0.0, 0.0, 0.0)
+    # A guess is not stated, and what is stated stays.
+    assert scanned_camera(scanned_with(0.02), PINHOLE) == PINHOLE
+    assert scanned_camera(scanned_with(), PINHOLE) == PINHOLE
+    assert scanned_camera(scanned_with(0.004), BENT) == BENT

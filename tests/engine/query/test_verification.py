@@ -278,6 +278,21 @@ def test_confidence_is_a_logistic_model_of_five_features() -> None:
 
 
 @pytest.mark.parametrize(
+    ("changes", "confidence"),
+    [
+        ({}, 0.98),
+        ({"matches": 240, "rival": 0}, 0.99),
+        ({"matches": 4800, "coverage": 0.15, "distinct": 240, "rival": 0, "position_sigma_m": 1.0}, 0.81),
+        ({"coverage": 0.15, "distinct": 130, "position_sigma_m": 0.3}, 0.60),
+    ],
+    ids=str,
+)
+def test_confidence_of_typical_evidence(changes: dict[str, float], confidence: float) -> None:
+    # By `roomfix fit-confidence`; another fit gives others.
+    assert confidence_of(replace(CLEAR, **changes)) == pytest.approx(confidence, abs=0.02)
+
+
+@pytest.mark.parametrize(
     "better",
     [
         {"matches": 128},

@@ -6,6 +6,7 @@ The frames are blank, so that nothing can be followed and each answer rests on a
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,6 +149,24 @@ def test_how_uncertain_the_last_place_is_adds_to_the_reach() -> None:
     assert at(TrackerIn(Seen(), AT_HOME), 100.0, rough).state == "relocalized"
 
 
+@pytest.mark.parametrize(
+    ("drift", "reach_m"),
+    [
+        ({}, 0.4),
+        # Three sigmas: of the last fix, of 4 % of the path, and of 8 % of the turns seen at 1.5 m.
+        ({"fix_accuracy": Accuracy(0.1, 0.0)}, 0.4 + 3 * 0.1),
+        ({"unaided_m": 5.0}, 0.4 + 3 * 0.2),
+        ({"unaided_rad": 2.0}, 0.4 + 3 * 0.24),
+        ({"fix_accuracy": Accuracy(0.3, 0.0), "unaided_m": 10.0}, 0.4 + 3 * 0.5),
+    ],
+    ids=str,
+)
+def test_a_camera_is_looked_for_as_far_as_it_may_have_drifted(drift: dict[str, Any], reach_m: float) -> None:
+    source = Seen()
+    at(TrackerIn(source, replace(AT_HOME, **drift)), 100.0)
+    assert source.reaches_m == pytest.approx([reach_m])
+
+
 def doubted(fix: Fix, time_s: float = 100.1) -> TrackerIn:
     """Return a tracker that has seen a fix once, out of reach."""
     tracker = TrackerIn(Seen(), AT_HOME)
@@ -170,7 +189,7 @@ def doubted(fix: Fix, time_s: float = 100.1) -> TrackerIn:
         (0.1, fix_at(20.0, yaw_deg=-47.9), True),
         (0.1, fix_at(20.0, yaw_deg=-48.1), False),
         # It comes within five seconds, and after the first.
-        (4.99, fix_at(20.0), True),
+        (5.0, fix_at(20.0), True),
         (5.01, fix_at(20.0), False),
         (-0.1, fix_at(20.0), False),
     ],
@@ -199,12 +218,13 @@ def test_a_second_fix_that_does_not_agree_waits_for_a_third() -> None:
     ("away_s", "fix", "believed"),
     [
         (0.2, fix_at(3.9), True),
+        (0.2, fix_at(4.0), True),
         (0.2, fix_at(4.1), False),
         (0.2, fix_at(2.0, climb_m=1.1), True),
         (0.2, fix_at(2.0, climb_m=1.3), False),
         (0.2, fix_at(2.0, climb_m=-1.3), False),
         (9.9, fix_at(4.9), False),
-        (10.1, fix_at(4.9), True),
+        (10.0, fix_at(4.9), True),
         (10.1, fix_at(climb_m=3.0), True),
         # Whichever way the clock went.
         (-10.1, fix_at(4.9), True),
@@ -318,7 +338,7 @@ def test_only_a_place_in_the_world_of_a_moment_ago_is_looked_around(
     source = Seen(around=fix_at())
     at(TrackerIn(source, remembered(last)), time_s)
     assert source.reaches_m == []
-    at(TrackerIn(source, AT_HOME), 102.9)
+    at(TrackerIn(source, AT_HOME), 103.0)
     assert len(source.reaches_m) == 1
 
 
@@ -330,7 +350,7 @@ def test_a_camera_that_is_not_known_is_looked_for_everywhere() -> None:
 
 
 def test_for_half_a_minute_the_last_place_tells_look_alikes_apart() -> None:
-    for time_s, near in ((129.9, HOME), (130.1, None), (70.1, HOME), (69.9, None)):
+    for time_s, near in ((130.0, HOME), (130.1, None), (70.0, HOME), (69.9, None)):
         source = Seen()
         at(TrackerIn(source, AT_HOME), time_s)
         assert source.asked_near == [near]
