@@ -67,7 +67,7 @@ class DepthLayout:
     @property
     def spoils_ratio(self) -> bool:
         """Whether depth, as it is, can't be compared with what the poses triangulate."""
-        return any(finding.code in ("depth_shift", "depth_along_rays") for finding in self.findings)
+        return any(finding.code == "depth_shift" for finding in self.findings)
 
 
 def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
@@ -90,8 +90,7 @@ def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
             )
         )
     shift = _shift(source, rows)
-    turning = None if scan.depth.along_rays else _along_rays_by_poses(evidence, state.rays(), state.poses)
-    return DepthLayout(evidence, (*findings, *(one for one in (shift, turning) if one is not None)))
+    return DepthLayout(evidence, (*findings, *([] if shift is None else [shift])))
 
 
 def _smoothness(scan: Scan, row: int) -> float:
@@ -125,7 +124,7 @@ def _shift(scan: Scan, rows: list[int]) -> Finding | None:
     )
 
 
-def _along_rays_by_poses(evidence: Evidence, rays: Rays, poses: PoseArrays) -> Finding | None:
+def judge_rays(evidence: Evidence, rays: Rays, poses: PoseArrays) -> Finding | None:
     """Return that depth holds distances along the rays, where the depth of one picture moved into another shows it."""
     gain = along_rays_gain(evidence, rays, poses)
     return _along_rays(gain) if gain is not None and gain > OPTIONS.ray_gain else None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.examination.agreement import Agreement, relative_poses
-from app.engine.mapping.examination.depth_layout import judge_depth_layout
+from app.engine.mapping.examination.depth_layout import judge_depth_layout, judge_rays
 from app.engine.mapping.examination.depth_ratio import DepthRatio, measure_depth_ratio
 from app.engine.mapping.examination.evidence import Evidence, gather_evidence
 from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
@@ -86,8 +86,16 @@ def examine_scan(
     ratio = None
     # What is measured through wrong depth or wrong poses says nothing of their scale.
     if searched.found.score <= SEARCH.wrong_score and not layout.spoils_ratio:
-        ratio = measure_depth_ratio(layout.evidence, searched.state.rays(), searched.state.poses)
-        findings.extend(_depth_findings(scan, options.convention, ratio, times_s, searched.state.poses))
+        state = searched.state
+        ratio = measure_depth_ratio(layout.evidence, state.rays(), state.poses)
+        # Depth is moved by steps of its own scale.
+        steps = state.poses.positions / (1.0 if ratio is None else ratio.ratio)
+        along_rays = judge_rays(layout.evidence, state.rays(), PoseArrays(state.poses.rotations, steps))
+        if along_rays is not None:
+            findings.append(along_rays)
+        else:
+            findings.extend(_depth_findings(scan, options.convention, ratio, times_s, state.poses))
+    if searched.found.score <= SEARCH.wrong_score:
         findings.extend(_judge_up(searched.state, options.convention, gravity, asked=not up_is_known))
     progress.report("examine", 1, 1)
     return _examined(evidence, searched.found, ratio, findings)
