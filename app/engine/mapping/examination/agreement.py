@@ -37,6 +37,11 @@ class AgreementOptions:
         "The least parallax of a triangulated match, at the focal length of reference.",
         chosen="By hand: a tenth of it is the error of a feature.",
     )
+    along_ratio: float = limit(
+        3.0,
+        "Errors along epipolar lines are at most this many times those across them.",
+        chosen="By hand: lines and motion are seldom parallel in all of a scan.",
+    )
     min_front_parallax_px: float = limit(
         10.0,
         "The least parallax of a match that shows on which side of the cameras its point lies.",
@@ -168,9 +173,10 @@ def wide_matches(
     poses, `of_pairs_px` (p,) and what moves during the shutter, goes into its depths.
     """
     usual_px = group_medians(parallax_px, evidence.pair, evidence.pairs)
-    wrong_px = np.hypot(
-        np.maximum(of_pairs_px, LIMITS.min_noise_px), OPTIONS.motion_ratio * evidence.motion_px
-    )
+    error_px = np.maximum(of_pairs_px, LIMITS.min_noise_px)
+    # What a late clock or a rolling shutter does across the epipolar lines, it does along them.
+    shown_px = OPTIONS.along_ratio * np.maximum(error_px, np.median(error_px))
+    wrong_px = np.hypot(error_px, np.minimum(OPTIONS.motion_ratio * evidence.motion_px, shown_px))
     counts = usual_px > np.maximum(OPTIONS.min_parallax_px, OPTIONS.min_parallax_ratio * wrong_px)
     counts &= of_pairs_px <= evidence.tolerance_px
     wide = counts[evidence.pair] & (parallax_px > 0.5 * usual_px[evidence.pair])

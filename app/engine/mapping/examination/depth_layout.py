@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.mapping.examination.depth_ratio import DepthRatio
+from app.engine.mapping.examination.agreement import Rays, relative_poses
 from app.engine.mapping.examination.depth_shift import measure_depth_shift
 from app.engine.mapping.examination.evidence import Evidence
 from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.search import State
 from app.engine.mapping.frame_images import frame_rgb
 from app.geometry.depth import sample_depth
+from app.importers.conventions import PoseArrays
 from app.importers.frames import Scan
 from app.limits import limit
 from app.vision.images import to_gray
@@ -43,12 +44,14 @@ class DepthLayoutOptions:
         chosen="By hand: right scans reach 6 to 12.",
     )
     shift_gain: float = limit(1.5, "And by which they must agree better than unmoved.", chosen="By hand.")
-    ray_reach: float = limit(
-        0.3,
-        "How near to -1 the slope over a ray's length must be for distances along the ray.",
-        chosen="By hand.",
+    min_ray_matches: int = limit(
+        200, "Matches with depth in both pictures that show what depth is.", chosen="By hand."
     )
-    ray_sigma: float = limit(0.1, "And how well it must be known.", chosen="By hand.")
+    ray_gain: float = limit(
+        1.2,
+        "How much better depth of two pictures must agree as distances along the rays than as depth.",
+        chosen="By hand: between right scans, up to 0.63, and scans with distances, from 1.38: docs/examination.md.",
+    )
 
 
 OPTIONS = DepthLayoutOptions()
@@ -61,20 +64,10 @@ class DepthLayout:
     evidence: Evidence
     findings: tuple[Finding, ...]
 
-    def judge_rays(self, ratio: DepthRatio) -> Finding | None:
-        """Return that depth holds distances along the rays, where the ratio shows it."""
-        if abs(ratio.by_ray + 1) > OPTIONS.ray_reach or ratio.by_ray_sigma > OPTIONS.ray_sigma:
-            return None
-        if ratio.sigma > 0.05:
-            return None
-        return Finding(
-            code="depth_along_rays",
-            sentence="The depth images hold distances along the rays, not depth along the optical axis: they are too "
-            'large by what a ray is longer than its depth; give "depth_along_rays": true.',
-            options={"depth_along_rays": True},
-            certain=True,
-            figures={"by_ray": round(ratio.by_ray, 3)},
-        )
+    @property
+    def spoils_ratio(self) -> bool:
+        """Whether depth, as it is, can't be compared with what the poses triangulate."""
+        return any(finding.code == "depth_shift" for finding in self.findings)
 
 
 def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
@@ -128,6 +121,48 @@ def _shift(scan: Scan, rows: list[int]) -> Finding | None:
         options={"depth_shift_px": shift},
         certain=True,
         figures={"right_px": found.right_px, "down_px": found.down_px, "peak": round(found.peak, 2)},
+    )
+
+
+def judge_rays(evidence: Evidence, rays: Rays, poses: PoseArrays) -> Finding | None:
+    """Return that depth holds distances along the rays, where the depth of one picture moved into another shows it."""
+    gain = along_rays_gain(evidence, rays, poses)
+    return _along_rays(gain) if gain is not None and gain > OPTIONS.ray_gain else None
+
+
+def along_rays_gain(evidence: Evidence, rays: Rays, poses: PoseArrays) -> float | None:
+    """Return how much better the depth of one picture, moved into the other, fits there as distances along the rays.
+
+    The median difference of the logarithms as depth along the axis, over that as distances; None for too few matches.
+    """
+    known = (evidence.first_m > 0) & (evidence.second_m > 0)
+    if np.count_nonzero(known) < OPTIONS.min_ray_matches:
+        return None
+    relative = relative_poses(evidence, poses)
+    pair, first_m, second_m = evidence.pair[known], evidence.first_m[known], evidence.second_m[known]
+    points = rays.first[known] * first_m[:, None]
+    lengths = np.linalg.norm(rays.first[known], axis=1, keepdims=True)
+
+    def moved(source: Array) -> Array:
+        turned = np.einsum("mij,mj->mi", relative.rotations[pair], source)
+        return np.asarray(turned + relative.positions[pair])
+
+    along_axis = np.maximum(moved(points)[:, 2], 1e-6)
+    along_ray = np.maximum(np.linalg.norm(moved(points / lengths), axis=1), 1e-6)
+    off_axis, off_ray = (
+        float(np.median(np.abs(np.log(second_m / expected)))) for expected in (along_axis, along_ray)
+    )
+    return off_axis / max(off_ray, 1e-6)
+
+
+def _along_rays(gain: float) -> Finding:
+    return Finding(
+        code="depth_along_rays",
+        sentence="The depth images hold distances along the rays, not depth along the optical axis: they are too large "
+        'by what a ray is longer than its depth; give "depth_along_rays": true.',
+        options={"depth_along_rays": True},
+        certain=True,
+        figures={"gain": round(gain, 3)},
     )
 
 

@@ -47,14 +47,11 @@ OPTIONS = DepthRatioOptions()
 class DepthRatio:
     """Triangulated over measured depth: the weighted median `ratio`, and `sigma` of its logarithm.
 
-    `by_ray` is how the logarithm changes with that of a ray's length at z = 1: 0 for depth along z, -1 for distances
-    along the ray; `by_ray_sigma` is how well that is known. `depth_m` is the usual depth of the sensor.
+    `depth_m` is the usual depth of the sensor.
     """
 
     ratio: float
     sigma: float
-    by_ray: float
-    by_ray_sigma: float
     depth_m: float
     matches: int
 
@@ -67,10 +64,10 @@ def measure_depth_ratio(evidence: Evidence, rays: Rays, poses: PoseArrays) -> De
     first_m, second_m, parallax = triangulated(evidence, rays, relative)
     wide, pair_sigmas = wide_matches(evidence, parallax * REFERENCE_FOCAL_PX, of_pairs)
     sides = [
-        _compared(first_m, evidence.first_m, wide, evidence.pair, rays.first),
-        _compared(second_m, evidence.second_m, wide, evidence.pair, rays.second),
+        _compared(first_m, evidence.first_m, wide, evidence.pair),
+        _compared(second_m, evidence.second_m, wide, evidence.pair),
     ]
-    logs, pair, lengths, measured = (np.concatenate(part) for part in zip(*sides, strict=True))
+    logs, pair, measured = (np.concatenate(part) for part in zip(*sides, strict=True))
     if len(logs) < OPTIONS.min_matches:
         return None
     order = np.argsort(pair, kind="stable")
@@ -79,38 +76,20 @@ def measure_depth_ratio(evidence: Evidence, rays: Rays, poses: PoseArrays) -> De
     sigmas = np.hypot(OPTIONS.pair_sigma, pair_sigmas[known])
     log_ratio = _weighted_median(medians[known], 1.0 / sigmas)
     scatter = 1.48 * float(np.median(np.abs(medians[known] - log_ratio)) / np.sqrt(np.count_nonzero(known)))
-    slope, slope_sigma = _slope(logs - medians[pair], lengths)
     return DepthRatio(
         ratio=float(np.exp(log_ratio)),
         sigma=_sigma(sigmas, scatter),
-        by_ray=slope,
-        by_ray_sigma=slope_sigma,
         depth_m=float(np.median(measured)),
         matches=len(logs),
     )
 
 
 def _compared(
-    depth_m: Array, sensor_m: Array, wide: Mask, pair: NDArray[np.intp], rays: Array
-) -> tuple[Array, NDArray[np.intp], Array, Array]:
+    depth_m: Array, sensor_m: Array, wide: Mask, pair: NDArray[np.intp]
+) -> tuple[Array, NDArray[np.intp], Array]:
     kept = wide & (depth_m > 0) & (sensor_m > 0)
     logs = np.log(depth_m[kept] / sensor_m[kept])
-    lengths = np.log(np.linalg.norm(rays[kept], axis=1))
-    return logs, pair[kept], lengths, sensor_m[kept]
-
-
-def _slope(residuals: Array, lengths: Array) -> tuple[float, float]:
-    """Return the slope of residuals (n,) over centred lengths (n,), robustly, and its sigma."""
-    x = lengths - np.median(lengths)
-    weights = np.ones(len(x))
-    slope, offset, scale = 0.0, 0.0, 1.0
-    for _ in range(10):
-        offset = float(np.average(residuals - slope * x, weights=weights))
-        slope = float((weights * x * (residuals - offset)).sum() / max((weights * x * x).sum(), 1e-12))
-        left = residuals - slope * x - offset
-        scale = max(1.48 * float(np.median(np.abs(left))), 1e-3)
-        weights = 1.0 / (1.0 + (left / (2 * scale)) ** 2) ** 2
-    return slope, scale / float(np.sqrt(max((weights * x * x).sum(), 1e-12)))
+    return logs, pair[kept], sensor_m[kept]
 
 
 def _sigma(of_pairs: Array, scatter: float) -> float:

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.examination.agreement import Agreement, relative_poses
-from app.engine.mapping.examination.depth_layout import DepthLayout, judge_depth_layout
+from app.engine.mapping.examination.depth_layout import judge_depth_layout, judge_rays
 from app.engine.mapping.examination.depth_ratio import DepthRatio, measure_depth_ratio
 from app.engine.mapping.examination.evidence import Evidence, gather_evidence
 from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
 from app.engine.mapping.examination.scale_cause import Scales, judge_scale
+from app.engine.mapping.examination.search import OPTIONS as SEARCH
 from app.engine.mapping.examination.search import State, search_remedies
 from app.engine.mapping.examination.upright import judge_gravity
 from app.engine.progress import Progress
@@ -70,9 +71,8 @@ def examine_scan(
     """
     evidence = gather_evidence(scan, executor, progress)
     poses = PoseArrays.of([frame.scan_from_camera for frame in scan.frames])
-    up = judge_gravity(poses, gravity, asked=not up_is_known)
     if evidence.pairs < OPTIONS.min_pairs or len(evidence.pair) < OPTIONS.min_matches:
-        return _unknown(evidence, up)
+        return _unknown(evidence, judge_gravity(poses, gravity, asked=not up_is_known))
     still = _frozen(evidence, scan, poses)
     if still and still[0].severity == "wrong":
         return _examined(evidence, None, None, still)
@@ -84,15 +84,30 @@ def examine_scan(
     layout = judge_depth_layout(scan, searched.state)
     findings = [*still, *searched.findings, *layout.findings]
     ratio = None
-    if searched.found.score <= 1.0:
-        ratio = measure_depth_ratio(layout.evidence, searched.state.rays(), searched.state.poses)
-        findings.extend(
-            _depth_findings(scan, options.convention, ratio, layout, times_s, searched.state.poses)
-        )
-    if not any(finding.options.get("axes") or finding.options.get("poses") for finding in searched.findings):
-        findings.extend(up)
+    # What is measured through wrong depth or wrong poses says nothing of their scale.
+    if searched.found.score <= SEARCH.wrong_score and not layout.spoils_ratio:
+        state = searched.state
+        ratio = measure_depth_ratio(layout.evidence, state.rays(), state.poses)
+        # Depth is moved by steps of its own scale.
+        steps = state.poses.positions / (1.0 if ratio is None else ratio.ratio)
+        along_rays = judge_rays(layout.evidence, state.rays(), PoseArrays(state.poses.rotations, steps))
+        if along_rays is not None:
+            findings.append(along_rays)
+        else:
+            findings.extend(_depth_findings(scan, options.convention, ratio, times_s, state.poses))
+    if searched.found.score <= SEARCH.wrong_score:
+        findings.extend(_judge_up(searched.state, options.convention, gravity, asked=not up_is_known))
     progress.report("examine", 1, 1)
     return _examined(evidence, searched.found, ratio, findings)
+
+
+def _judge_up(
+    state: State, as_read: PoseConvention, gravity: tuple[float, float, float] | None, *, asked: bool
+) -> list[Finding]:
+    """Return what is wrong with gravity by poses that fit the pictures, whatever had to be mended for that."""
+    if gravity is not None and state.convention.is_left_handed != as_read.is_left_handed:
+        gravity = PoseConvention(axes="ruf").direction_in_own(gravity)
+    return judge_gravity(state.poses, gravity, asked=asked)
 
 
 def _examined(
@@ -167,7 +182,6 @@ def _depth_findings(
     scan: Scan,
     convention: PoseConvention,
     ratio: DepthRatio | None,
-    layout: DepthLayout,
     times_s: Array,
     poses: PoseArrays,
 ) -> list[Finding]:
@@ -181,8 +195,5 @@ def _depth_findings(
         position_scale=convention.position_scale,
         speed_m_s=float(np.median(steps[moving] / elapsed[moving])) if moving.any() else None,
     )
-    by_ray = layout.judge_rays(ratio)
-    if by_ray is not None:
-        return [by_ray]
     found = judge_scale(ratio, scales)
     return [] if found is None else [found]

@@ -13,6 +13,7 @@ from app.limits import limit
 
 # Depth units per metre that recorders write.
 DEPTH_SCALES = (1000.0, 5000.0, 256.0, 4000.0, 10000.0, 6553.5, 100.0, 2000.0, 512.0, 1.0)
+COMMON_DEPTH_SCALES = DEPTH_SCALES[:4]
 # Units per metre of positions, and their names.
 POSITION_UNITS = {
     1000.0: "millimetres",
@@ -87,7 +88,8 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
     reach = max(OPTIONS.known_log, 2 * found.sigma)
     depth = _known(scales.depth_scale / found.ratio, DEPTH_SCALES, reach)
     unit = _known(scales.position_scale * found.ratio, tuple(POSITION_UNITS), reach)
-    likely = _likely(found, scales, bool(depth), bool(unit))
+    common = bool(set(depth) & set(COMMON_DEPTH_SCALES))
+    likely = _likely(found, scales, common or (bool(depth) and not unit), bool(unit))
     measured = scales.depth_scale / found.ratio
     clear = _is_clear(depth, measured, found.sigma)
     depth_scale = depth[0] if clear else _preferred(depth, measured)

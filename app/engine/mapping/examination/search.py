@@ -21,6 +21,8 @@ from app.importers.conventions import PoseArrays, PoseConvention
 from app.limits import limit
 
 Array = NDArray[np.float64]
+# Fits of one camera, of which the one with the fewest numbers is taken.
+_CAMERA_CODES = {"focal_length", "turned_intrinsics", "principal_point"}
 _MEASURED = "roomfix examine-mistakes, fitted on redkitchen and the demonstration scan: docs/examination.md."
 
 
@@ -127,7 +129,8 @@ def search_remedies(start: State, rounds: int = 3) -> Searched:
         contest = [
             other
             for other in remedies[1:]
-            if other.weighted < OPTIONS.contest_ratio * max(best.weighted, 0.02)
+            if not {best.code, other.code} <= _CAMERA_CODES
+            and other.weighted < OPTIONS.contest_ratio * max(best.weighted, 0.02)
             and other.options != best.options
             and other.code != best.code
         ]

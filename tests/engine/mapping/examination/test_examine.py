@@ -116,6 +116,16 @@ def test_exchanged_bytes_of_depth_are_named(views: list[View], tmp_path: Path) -
     assert examined(tmp_path, {**OPTIONS, "swap_depth_bytes": True}).verdict == "confirmed"
 
 
+def test_distances_along_the_rays_are_named(views: list[View], tmp_path: Path) -> None:
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    rays = CAMERA.unproject(np.stack([u, v], axis=-1).reshape(-1, 2), np.ones(u.size))
+    lengths = np.linalg.norm(rays, axis=1).reshape(u.shape)
+    far = [View(view.world_from_camera, view.rgb, view.depth_m * lengths) for view in views]
+    found = examined(write(scan_files(far), tmp_path))
+    assert [finding.code for finding in found.wrong] == ["depth_along_rays"]
+    assert examined(tmp_path, {**OPTIONS, "depth_along_rays": True}).verdict == "confirmed"
+
+
 def test_poses_that_stand_still_are_named(views: list[View], tmp_path: Path) -> None:
     found = examined(write(with_poses(views, lambda poses: [poses[0]] * len(poses)), tmp_path))
     assert [finding.code for finding in found.wrong] == ["poses_stand_still"]

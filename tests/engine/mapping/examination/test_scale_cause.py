@@ -9,7 +9,7 @@ from app.engine.mapping.examination.scale_cause import Scales, judge_scale
 
 
 def ratio(value: float, *, sigma: float = 0.01, depth_m: float = 2.0) -> DepthRatio:
-    return DepthRatio(value, sigma, 0.0, 0.05, depth_m, 1000)
+    return DepthRatio(value, sigma, depth_m, 1000)
 
 
 def scales(depth_scale: float = 1000.0, speed_m_s: float | None = 0.5) -> Scales:
