@@ -9,12 +9,6 @@ from dataclasses import dataclass, field
 from tests.source_tree import modules_of
 
 MAX_POSITIONAL = 5
-# Rule -> modules, or rooms of modules, that don't follow it yet.
-PENDING: dict[str, set[str]] = {
-    "calls": set(),
-    "keyword-only": {"app.engine.mapping.options"},
-    "constants": {"app.engine.mapping.self_check", "app.services.run_build"},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,41 +101,25 @@ def joined_constants(source: Source) -> Iterator[str]:
                     yield f"{source.name}:{node.lineno}: {ast.unparse(each)}"
 
 
-def is_pending(rule: str, module: str) -> bool:
-    return any(f"{module}.".startswith(f"{each}.") for each in PENDING[rule])
-
-
 SOURCES = sources()
 CLASSES = dataclasses_of(SOURCES)
 
 
 def test_no_call_of_a_dataclass_has_more_than_five_positional_values() -> None:
-    wrong = [
-        call for each in SOURCES if not is_pending("calls", each.name) for call in long_calls(each, CLASSES)
-    ]
+    wrong = [call for each in SOURCES for call in long_calls(each, CLASSES)]
     assert not wrong
 
 
 def test_dataclasses_of_six_or_more_fields_are_keyword_only() -> None:
     wrong = [
-        name
-        for name, each in CLASSES.items()
-        if each.fields > MAX_POSITIONAL and not each.is_keyword_only and not is_pending("keyword-only", name)
+        name for name, each in CLASSES.items() if each.fields > MAX_POSITIONAL and not each.is_keyword_only
     ]
     assert not wrong
 
 
 def test_each_constant_has_a_line_of_its_own() -> None:
-    wrong = [
-        line for each in SOURCES if not is_pending("constants", each.name) for line in joined_constants(each)
-    ]
+    wrong = [line for each in SOURCES for line in joined_constants(each)]
     assert not wrong
-
-
-def test_what_is_pending_exists() -> None:
-    names = {each.name for each in SOURCES}
-    pending = set().union(*PENDING.values())
-    assert {each for each in pending if not any(f"{name}.".startswith(f"{each}.") for name in names)} == set()
 
 
 SAMPLE = """

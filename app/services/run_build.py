@@ -26,6 +26,7 @@ from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame, FrameSource
 from app.importers.registry import open_scan
+from app.limits import limit
 from app.services.examine_scan import ExaminedScan, examined_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -34,10 +35,35 @@ from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, p
 from app.storage.sweep import discard_blobs
 
 log = logging.getLogger("roomfix.builds")
-# A registration this close to the scan's own frame says that the frame is the world already.
-SAME_FRAME_M, SAME_FRAME_RAD = 0.05, 0.0175
-# So many frames, and this share of those tried, show that the present map knows the place of the scan.
-CONTRADICTING_FRAMES, CONTRADICTING_SHARE = 5, 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacementOptions:
+    """When a scan lies where its own poses say, and when the present map contradicts it."""
+
+    same_frame_m: float = limit(
+        0.05,
+        "A registration within this of the scan's own frame says that the frame is the world already.",
+        chosen="By hand: the scan's own poses are then better than any registration.",
+    )
+    same_frame_rad: float = limit(
+        0.0175,
+        "The same for the attitude: one degree.",
+        chosen="By hand: as same_frame_m, over three metres.",
+    )
+    contradicting_frames: int = limit(
+        5,
+        "Frames of the scan located in the present map, but apart from each other, that contradict it.",
+        chosen="By hand: fewer may be look-alikes.",
+    )
+    contradicting_share: float = limit(
+        0.25,
+        "The same as a share of the frames that were tried.",
+        chosen="By hand: a part of the scan is elsewhere.",
+    )
+
+
+OPTIONS = PlacementOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +197,8 @@ def _place(
     middle = middle_of(source.frames)
     registered, as_given = found.world_from_scan @ middle, own @ middle
     same = (
-        position_difference_m(registered, as_given) < SAME_FRAME_M
-        and attitude_difference_rad(registered, as_given) < SAME_FRAME_RAD
+        position_difference_m(registered, as_given) < OPTIONS.same_frame_m
+        and attitude_difference_rad(registered, as_given) < OPTIONS.same_frame_rad
     )
     # When the scan is in the present map's frame already, its own poses are better than any registration.
     z_up = present[1].z_up or (same and by_gravity)
@@ -184,7 +210,10 @@ def _contradiction(error: UnregisteredScanError, options: BuildOptions) -> tuple
 
     Raises `InvalidScanError` when the map knows the scan's pictures and puts them elsewhere, unless `force` is given.
     """
-    if error.located < CONTRADICTING_SHARE * error.tried or error.located < CONTRADICTING_FRAMES:
+    if (
+        error.located < OPTIONS.contradicting_share * error.tried
+        or error.located < OPTIONS.contradicting_frames
+    ):
         return ()
     told = (
         f"The new scan contradicts the present map: of {error.tried} of its frames the map locates {error.located}, "

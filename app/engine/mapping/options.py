@@ -41,7 +41,7 @@ KEYS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
     """A build's options. `world_from_scan` and `gravity` place the scan; without them its frame is the world.
 

@@ -94,7 +94,7 @@ class IntrinsicsCheckOptions:
 OPTIONS = IntrinsicsCheckOptions()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedCamera:
     """The camera that an answer uses, the stated one or a refined one, and its pose.
 
@@ -120,15 +120,15 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     """
     fit = _fit(best, camera)
     if fit is None:
-        return CheckedCamera(camera, best, max_confidence=OPTIONS.unverified_confidence)
+        return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     refined = _refined(best, camera, fit, estimate, search) if is_doubted or not is_verified else None
     if refined is not None:
         return refined
     is_confirmed = not is_doubted and fit.focal_sigma <= OPTIONS.confirmed_sigma
     return CheckedCamera(
-        camera,
-        best,
+        camera=camera,
+        best=best,
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
         max_confidence=_max_confidence(fit),
         is_contradicted=is_doubted,
@@ -175,7 +175,13 @@ def _refined(
                 break
             next_fit = _fit(hypothesis, tried)
             uncertainty, confidence = _uncertainty(hypothesis, next_fit), _max_confidence(next_fit)
-            found = CheckedCamera(tried, hypothesis, uncertainty, confidence, is_refined=True)
+            found = CheckedCamera(
+                camera=tried,
+                best=hypothesis,
+                systematic=uncertainty,
+                max_confidence=confidence,
+                is_refined=True,
+            )
             if next_fit is None:
                 break
             tried, prior = next_fit.camera, next_fit.pose

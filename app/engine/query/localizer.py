@@ -204,7 +204,7 @@ class Localizer:
             query.timer.lap("pose")
         if best is None:
             return _nothing(query, matches, camera)
-        checked = CheckedCamera(camera, best)
+        checked = CheckedCamera(camera=camera, best=best)
         if isinstance(known, Camera) and self._settings.check_intrinsics:
             checked = check_intrinsics(best, camera, self._estimate, partial(self._find_camera, query=query))
             best, camera = checked.best, checked.camera

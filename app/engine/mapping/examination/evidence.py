@@ -147,7 +147,7 @@ class _Seen:
     depth_m: Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Pair:
     first: int
     second: int
