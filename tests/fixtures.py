@@ -45,7 +45,7 @@ def museum(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterato
     """A server with a worker and the venue `museum`, whose map is the scan's. Tests leave that venue as it is."""
     with running(tmp_path_factory.mktemp("museum")) as server:
         server.add_venue("museum")
-        assert server.build(scan_zip, "museum")["state"] == "succeeded"
+        assert server.build(scan_zip, "museum", gravity=[0, 0, -1])["state"] == "succeeded"
         yield server
 
 

@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from sqlalchemy import create_engine, text
 
+from app.services.sessions import _Live
 from tests.scenes import CAMERA, CAMERA_TEXT, Room, View, pose_at, scan_files, zipped
 from tests.server import Server, assert_problem, running
 
@@ -252,7 +253,7 @@ def test_two_frames_at_once_are_refused(museum: Server, video: list[View]) -> No
     session = start(museum)
     assert isinstance(museum.client, TestClient)
     service = cast(FastAPI, museum.client.app).state.roomfix.services.sessions
-    with service._live_of(session).lock:
+    with service._live.get_or_make(session, _Live).lock:
         assert "stream" in assert_problem(post(museum, session, video[0].jpeg()), 409, "conflict")
     assert send(museum, session, video[0], 0.0)["frame"] == 1
 
