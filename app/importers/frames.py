@@ -17,6 +17,7 @@ from app.geometry.camera import Camera
 from app.geometry.depth import register_depth
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
+from app.importers.association import Trajectory
 from app.importers.conventions import PoseConvention
 from app.importers.images.depth_files import read_depth
 
@@ -127,7 +128,8 @@ class Scan:
 
     `discarded` maps a reason (`no_depth`, `no_pose`, `invalid_pose`, `missing_file`, `unreadable_file`) to
     the names of the colour images. `gravity` is the unit direction of down in the scan's frame, if known. `notes` are
-    sentences on what the files left open and how it was read.
+    sentences on what the files left open and how it was read. `trajectory` holds the rows that the poses are from, as
+    they are written, where a format has more of them than frames.
     """
 
     camera: Camera
@@ -136,6 +138,7 @@ class Scan:
     depth: DepthFormat
     gravity: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
+    trajectory: Trajectory | None = None
 
     def color_bytes(self, frame: Frame) -> bytes:
         """Return the contents of the colour image's file; raises `InvalidScanError` if it can't be read."""

@@ -115,7 +115,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     color = _existing(_found(folder, color_rows), folder, discarded)
     poses = _moved(poses, options.convention.time_offset_s)
     frames = _frames(folder, color, _found(folder, depth_rows), poses, discarded, tolerance_s)
-    return assemble_scan(frames, discarded, source, options)
+    return replace(assemble_scan(frames, discarded, source, options), trajectory=poses.trajectory)
 
 
 def _image_rows(directory: Path) -> tuple[ImageRows, ImageRows]:

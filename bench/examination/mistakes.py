@@ -23,6 +23,8 @@ from app.services.examine_scan import ExaminedScan, examined_scan
 from bench.examination.scan_copy import RawDepth, ScanCopy
 
 LATE_S = 0.2
+# Rows of a trajectory this near to each other meet any time within the importer's tolerance.
+DENSE_S = 0.04
 FOCAL_RATIO = 1.12
 DEPTH_SHIFT_PX = 24
 FEET_PER_M = 3.28084
@@ -77,7 +79,13 @@ def _depth_scale(copy: ScanCopy) -> ScanCopy:
 
 
 def _late(seconds: float) -> Callable[[ScanCopy], ScanCopy]:
-    return lambda copy: replace(copy, times_s=copy.times_s + seconds)
+    def make(copy: ScanCopy) -> ScanCopy:
+        spacing_s = float(np.median(np.diff(copy.times_s)))
+        # Rows as far apart as frames must still meet them: late by whole rows.
+        late_s = seconds if spacing_s < DENSE_S else spacing_s * max(1, round(seconds / spacing_s))
+        return replace(copy, times_s=copy.times_s + late_s)
+
+    return make
 
 
 def _one_frame_late(copy: ScanCopy) -> ScanCopy:

@@ -78,7 +78,12 @@ def examine_scan(
         return _examined(evidence, None, None, still)
     times_s = np.array([frame.timestamp_s for frame in scan.frames])
     start = State(
-        convention=options.convention, camera=scan.camera, poses=poses, times_s=times_s, evidence=evidence
+        convention=options.convention,
+        camera=scan.camera,
+        poses=poses,
+        times_s=times_s,
+        evidence=evidence,
+        trajectory=scan.trajectory,
     )
     searched = search_remedies(start)
     layout = judge_depth_layout(scan, searched.state)

@@ -17,6 +17,7 @@ from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.readings import other_orders, other_readings
 from app.engine.mapping.examination.time_offset import Track, fit_time_offset
 from app.geometry.camera import Camera
+from app.importers.association import Trajectory
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.limits import limit
 
@@ -71,13 +72,18 @@ OPTIONS = SearchOptions()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State:
-    """How the scan is read at one point of the search; `times_s` (n,) are the frames', `names` theirs."""
+    """How the scan is read at one point of the search; `times_s` (n,) are the frames'.
+
+    `trajectory` holds the rows that the poses are from, as they are written, where a format has more of them than
+    frames.
+    """
 
     convention: PoseConvention
     camera: Camera
     poses: PoseArrays
     times_s: Array
     evidence: Evidence
+    trajectory: Trajectory | None = None
 
     def rays(self) -> Rays:
         """Return the matches' rays by the camera."""
@@ -244,11 +250,15 @@ def _camera_option(camera: Camera) -> dict[str, Any]:
 def _time_offsets(state: State) -> Iterator[Remedy]:
     if len(state.times_s) < 3:
         return
-    track = Track.of(state.times_s, state.poses)
-    offset_s = fit_time_offset(state.evidence, state.camera, track)
+    track = (
+        Track.of_frames(state.times_s, state.poses, state.convention)
+        if state.trajectory is None
+        else Track.of_rows(state.trajectory, state.convention)
+    )
+    offset_s = fit_time_offset(state.evidence, state.camera, track, state.times_s)
     if offset_s is None or abs(offset_s) < OPTIONS.least_offset_s:
         return
-    poses, inside = track.shifted(offset_s)
+    poses, inside = track.at(state.times_s + offset_s)
     within = inside[state.evidence.first] & inside[state.evidence.second]
     evidence = state.evidence.of_pairs(within)
     rays = Rays.of(evidence, state.camera)
@@ -267,6 +277,7 @@ def _time_offsets(state: State) -> Iterator[Remedy]:
             state,
             poses=poses,
             evidence=evidence,
+            trajectory=None if state.trajectory is None else state.trajectory.moved(offset_s),
             convention=replace(state.convention, time_offset_s=total_s),
         ),
         found=agreement(evidence, rays, poses),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,12 @@ from app.engine.mapping.examination.agreement import Rays, misfit
 from app.engine.mapping.examination.evidence import Evidence
 from app.geometry.camera import Camera
 from app.geometry.se3 import quaternion_from_rotation
-from app.importers.conventions import PoseArrays
+from app.importers.association import Trajectory
+from app.importers.conventions import PoseArrays, PoseConvention
 from app.limits import limit
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,47 +47,56 @@ OPTIONS = TimeOffsetOptions()
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The poses of a scan over time: times (n,) in seconds, ascending, quaternions (n, 4), positions (n, 3)."""
+    """Poses over time as they are written: times (k,) in seconds, ascending, quaternions (k, 4), positions (k, 3).
+
+    `convention` says how they are read.
+    """
 
     times_s: Array
     quaternions: Array
     positions: Array
+    convention: PoseConvention
 
     @staticmethod
-    def of(times_s: Array, poses: PoseArrays) -> Track:
-        """Return the track of poses; frames of one time after each other are taken as they come."""
-        quaternions = np.stack([quaternion_from_rotation(rotation) for rotation in poses.rotations])
-        signs = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
-        quaternions[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]
-        return Track(times_s, quaternions, poses.positions)
+    def of_frames(times_s: Array, poses: PoseArrays, convention: PoseConvention) -> Track:
+        """Return the track of frames; those of one time after each other are taken as they come."""
+        written = convention.written(poses)
+        quaternions = np.stack([quaternion_from_rotation(rotation) for rotation in written.rotations])
+        return Track(times_s, _continuous(quaternions), written.positions, convention)
 
-    def shifted(self, offset_s: float) -> tuple[PoseArrays, NDArray[np.bool_]]:
-        """Return the poses (n,) at the frames' times plus an offset, and which (n,) lie within the track."""
-        asked = self.times_s + offset_s
-        right = np.clip(np.searchsorted(self.times_s, asked, side="left"), 1, len(self.times_s) - 1)
+    @staticmethod
+    def of_rows(trajectory: Trajectory, convention: PoseConvention) -> Track:
+        """Return the track of a trajectory's rows, which often lie closer than the frames."""
+        known = trajectory.valid
+        quaternions = _continuous(trajectory.quaternions[known])
+        return Track(trajectory.times_s[known], quaternions, trajectory.positions_m[known], convention)
+
+    def at(self, times_s: Array) -> tuple[PoseArrays, Mask]:
+        """Return the poses `scan_from_camera` at times (n,), and which (n,) of these lie within the track."""
+        right = np.clip(np.searchsorted(self.times_s, times_s, side="left"), 1, len(self.times_s) - 1)
         left = right - 1
         elapsed = np.maximum(self.times_s[right] - self.times_s[left], 1e-9)
-        share = np.clip((asked - self.times_s[left]) / elapsed, 0.0, 1.0)[:, None]
-        # Between neighbouring frames the chord of two quaternions is as good as their arc.
+        share = np.clip((times_s - self.times_s[left]) / elapsed, 0.0, 1.0)[:, None]
+        # Between neighbouring rows the chord of two quaternions is as good as their arc.
         quaternions = (1 - share) * self.quaternions[left] + share * self.quaternions[right]
         positions = (1 - share) * self.positions[left] + share * self.positions[right]
-        inside = (asked >= self.times_s[0] - 1e-6) & (asked <= self.times_s[-1] + 1e-6)
-        return PoseArrays(_rotations(quaternions), positions), inside
+        inside = (times_s >= self.times_s[0] - 1e-6) & (times_s <= self.times_s[-1] + 1e-6)
+        return self.convention.read(PoseArrays(_rotations(quaternions), positions)), inside
 
 
-def fit_time_offset(evidence: Evidence, camera: Camera, track: Track) -> float | None:
-    """Return the offset in seconds, to be added to a frame's time to find its pose, that fits the matches best.
+def fit_time_offset(evidence: Evidence, camera: Camera, track: Track, times_s: Array) -> float | None:
+    """Return the offset in seconds, to be added to a frame's time (n,) to find its pose, that fits the matches best.
 
     None when the frames have no times that differ.
     """
-    spacing_s = float(np.median(np.diff(track.times_s)))
-    if spacing_s <= 1e-6:
+    spacing_s = float(np.median(np.diff(times_s)))
+    if spacing_s <= 1e-6 or len(track.times_s) < 2:
         return None
-    few = evidence.thinned(OPTIONS.searched_matches)
+    few, used_s = _of_used_frames(evidence.thinned(OPTIONS.searched_matches), times_s)
     rays = Rays.of(few, camera)
 
     def cost(offset_s: float) -> float:
-        poses, inside = track.shifted(offset_s)
+        poses, inside = track.at(used_s + offset_s)
         within = inside[few.first] & inside[few.second]
         if np.count_nonzero(within) < OPTIONS.min_pair_share * few.pairs:
             return 1.0
@@ -103,6 +114,20 @@ def fit_time_offset(evidence: Evidence, camera: Camera, track: Track) -> float |
         cost, bounds=(grid[best] - step, grid[best] + step), method="bounded", options={"maxiter": 25}
     )
     return float(found.x) if found.fun < costs[best] else float(grid[best])
+
+
+def _of_used_frames(evidence: Evidence, times_s: Array) -> tuple[Evidence, Array]:
+    """Return the evidence with its frames numbered anew, without those in no pair, and their times."""
+    used = np.unique(np.concatenate([evidence.first, evidence.second]))
+    first, second = np.searchsorted(used, evidence.first), np.searchsorted(used, evidence.second)
+    return replace(evidence, first=first, second=second), times_s[used]
+
+
+def _continuous(quaternions: Array) -> Array:
+    """Return quaternions (k, 4) of the same rotations, each in the half space of the one before it."""
+    signs = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
+    flips = np.concatenate([[1.0], np.cumprod(np.where(signs == 0, 1.0, signs))])
+    return np.asarray(quaternions * flips[:, None])
 
 
 def _rotations(quaternions: Array) -> Array:
