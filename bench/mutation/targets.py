@@ -27,10 +27,10 @@ TARGETS = (
     Target("app/engine/query/accuracy.py", (ALONE, f"{QUERY}/test_accuracy.py")),
     Target("app/engine/query/camera.py", (ALONE, f"{QUERY}/test_query_camera.py")),
     Target("app/engine/tracking/belief.py", (ALONE, f"{TRACKING}/test_belief.py")),
-    Target("app/engine/tracking/drift.py", (ALONE, f"{TRACKING}/test_belief.py"), ("reach_m",)),
+    Target("app/engine/tracking/drift.py", (ALONE, f"{TRACKING}/test_search.py"), ("reach_m",)),
     Target(
         "app/engine/tracking/tracker.py",
-        (ALONE, f"{TRACKING}/test_belief.py"),
+        (ALONE, f"{TRACKING}/test_belief.py", f"{TRACKING}/test_search.py"),
         (
             "Tracker._search",
             "Tracker._near_last",

@@ -40,7 +40,7 @@ class Venue:
     def build(self, views: list[View], scan_from_world: Pose | None = None, **options: object) -> MapVersion:
         """Build a map of views, their poses in the frame that `scan_from_world` leads to, and return it."""
         archive = io.BytesIO(zipped(scan_files(views, scan_from_world)))
-        submit_build(self.resources, "v", {"camera": CAMERA_TEXT, **options}, archive)
+        submit_build(self.resources, "v", {"camera": CAMERA_TEXT, "refine_depth": False, **options}, archive)
         with self.resources.database.write() as connection:
             claimed = claim_build(connection)
         assert claimed is not None

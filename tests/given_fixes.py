@@ -1,4 +1,4 @@
-"""Fixes that a test says are seen in blank frames, and a tracker that is given them."""
+"""Trackers whose frames are blank, so that nothing can be followed and each answer rests on a fix that a test gives."""
 
 from __future__ import annotations
 
@@ -88,3 +88,10 @@ def at(tracker: TrackerIn, time_s: float, seen: Fix | NoFix | None = None) -> Tr
 
 def assert_lost(tracked: Tracked, reason: Reason) -> None:
     assert (tracked.state, tracked.reason, tracked.placed) == ("lost", reason, None)
+
+
+def doubted(fix: Fix, time_s: float = 100.1) -> TrackerIn:
+    """Return a tracker that has seen a fix once, out of reach."""
+    tracker = TrackerIn(Seen(), AT_HOME)
+    assert_lost(at(tracker, time_s, fix), "ambiguous")
+    return tracker
