@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from app.engine.mapping.build_map import BuiltMap, build_map, scan_placement
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
@@ -51,6 +53,11 @@ class PlacementOptions:
         "The same for the attitude: one degree.",
         chosen="By hand: as same_frame_m, over three metres.",
     )
+    upright_rad: float = limit(
+        0.05,
+        "A world whose z leans by less than this from what a registered scan's gravity says has z up.",
+        chosen="By hand: three degrees, what gravity and registration are off by together.",
+    )
     contradicting_frames: int = limit(
         5,
         "Frames of the scan located in the present map, but apart from each other, that contradict it.",
@@ -64,6 +71,10 @@ class PlacementOptions:
 
 
 OPTIONS = PlacementOptions()
+LEANING_WORLD = (
+    "The z axis of the map before does not point up, by this scan's gravity: the new map has another, upright world. "
+    "Floors and anchors that were placed in the world before have to be placed anew."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +212,14 @@ def _place(
         and attitude_difference_rad(registered, as_given) < OPTIONS.same_frame_rad
     )
     # When the scan is in the present map's frame already, its own poses are better than any registration.
-    z_up = present[1].z_up or (same and by_gravity)
-    return Placement(own if same else found.world_from_scan, "registered", z_up, figures)
+    world_from_scan = own if same else found.world_from_scan
+    if present[1].z_up or not by_gravity:
+        return Placement(world_from_scan, "registered", present[1].z_up, figures)
+    # What gravity makes upright turns the present world by as much as that one leans.
+    leaning = (world_from_scan @ own.inverse()).rotation[2, 2] < np.cos(OPTIONS.upright_rad)
+    if not leaning or options.mode == "extend":
+        return Placement(world_from_scan, "registered", not leaning, figures)
+    return Placement(own, "gravity", True, figures, (LEANING_WORLD,))
 
 
 def _contradiction(error: UnregisteredScanError, options: BuildOptions) -> tuple[str, ...]:

@@ -48,6 +48,7 @@ from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.session_guidance import SessionGuide, Way
 from app.storage.floors import list_floors
+from app.storage.maps import MapVersion
 from app.storage.sessions import (
     Session,
     SessionPoint,
@@ -254,6 +255,8 @@ class SessionService:
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
         timer.lap("track")
         floor, plan = _place(tracked, floors)
+        if _lacks_up(tracked, serving):
+            plan = None
         if floor is not None and plan is not None:
             plan = self._features.described(plan, floor)
         point = _point(session.frames + 1, time_s, tracked, floor, plan)
@@ -266,6 +269,7 @@ class SessionService:
         result = _result(session, tracked, floor, plan)
         result = replace(
             result,
+            plan_reason="up_unknown" if _lacks_up(tracked, serving) else None,
             map_version=None if serving is None else serving[1].version,
             # What was given is answered as it was given.
             **_camera_of(session, camera or tracker.camera),
@@ -357,6 +361,13 @@ def _place(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanPoi
     if floor is None:
         return None, None
     return floor, plan_point(replace(floor, plan_from_world=np.eye(4)), placed.frame_from_camera)
+
+
+def _lacks_up(tracked: Tracked, serving: tuple[OpenMap, MapVersion] | None) -> bool:
+    """Whether a pose in the world has no plan position: the map's z axis is not known to point up."""
+    if tracked.placed is None or tracked.placed.world_from_camera is None:
+        return False
+    return serving is not None and not serving[1].z_up
 
 
 def _point(

@@ -137,7 +137,7 @@ def test_gravity_or_a_given_placement_says_which_way_is_up(venue: Venue, hall: l
 
 @pytest.mark.parametrize(
     ("scan_from_world", "gravity", "z_up"),
-    [(None, None, False), (None, [0, 0, -1], True), (TURNED, [0, 0, -1], False)],
+    [(None, None, False), (None, [0, 0, -1], True), (TURNED, [0, 0, -1], True)],
     ids=["nothing said", "gravity in the same frame", "gravity in another frame"],
 )
 def test_a_scan_of_the_same_place_is_registered_to_the_map_that_serves(
@@ -153,6 +153,12 @@ def test_a_scan_of_the_same_place_is_registered_to_the_map_that_serves(
         assert off_m(found, Pose.identity()) == 0.0
     else:
         assert 0.0 < off_m(found, scan_from_world.inverse()) < 0.02
+
+
+def test_gravity_that_shows_a_leaning_world_makes_an_upright_one(mapped: Venue, hall: list[View]) -> None:
+    found = mapped.build(hall, gravity=[0, -1, 0], store_images=False)
+    assert placed(found) == ("gravity", True)
+    assert any("does not point up" in warning for warning in found.statistics["warnings"])
 
 
 RAISED = Pose(np.eye(3), np.array([0.0, 0.0, 0.1]))
