@@ -202,7 +202,7 @@ def _place(
     except UnregisteredScanError as error:
         if options.mode == "extend":
             raise
-        warnings = _contradiction(error, options)
+        warnings = contradiction_warnings(error, options)
         return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {}, warnings)
     figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
     middle = middle_of(source.frames)
@@ -222,7 +222,7 @@ def _place(
     return Placement(own, "gravity", True, figures, (LEANING_WORLD,))
 
 
-def _contradiction(error: UnregisteredScanError, options: BuildOptions) -> tuple[str, ...]:
+def contradiction_warnings(error: UnregisteredScanError, options: BuildOptions) -> tuple[str, ...]:
     """Return what to warn of when a scan that can't be registered replaces the present map.
 
     Raises `InvalidScanError` when the map knows the scan's pictures and puts them elsewhere, unless `force` is given.

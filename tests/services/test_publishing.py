@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.engine.mapping.options import BuildOptions
+from app.engine.mapping.register_scan import UnregisteredScanError
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
 from app.geometry.se3 import Pose
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.run_build import run_build
+from app.services.run_build import contradiction_warnings, run_build
 from app.services.submit_build import submit_build
 from app.settings import Settings
 from app.storage.builds import claim_build, get_build
@@ -159,6 +161,20 @@ def test_gravity_that_shows_a_leaning_world_makes_an_upright_one(mapped: Venue, 
     found = mapped.build(hall, gravity=[0, -1, 0], store_images=False)
     assert placed(found) == ("gravity", True)
     assert any("does not point up" in warning for warning in found.statistics["warnings"])
+
+
+@pytest.mark.parametrize(("located", "contradicts"), [(30, True), (9, False), (0, False)])
+def test_a_map_that_knows_the_scan_and_puts_it_elsewhere_is_replaced_by_force_alone(
+    located: int, contradicts: bool
+) -> None:
+    error = UnregisteredScanError(40, located, 4)
+    asked, forced = BuildOptions(), BuildOptions(force=True)
+    if not contradicts:
+        assert contradiction_warnings(error, asked) == ()
+        return
+    with pytest.raises(InvalidScanError, match=r'the map locates 30.*"force": true'):
+        contradiction_warnings(error, asked)
+    assert "as force says" in contradiction_warnings(error, forced)[0]
 
 
 RAISED = Pose(np.eye(3), np.array([0.0, 0.0, 0.1]))

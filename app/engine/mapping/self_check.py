@@ -124,7 +124,7 @@ def check_map(
     names = {frame.name for frame in built.keyframes}
     others = [frame for frame in source.frames if frame.name not in names]
     frames = spread(others if len(others) >= OPTIONS.min_others else source.frames, OPTIONS.frames)
-    allowed = {frame.name: _not_beside(frame, built.keyframes) for frame in frames}
+    allowed = {frame.name: keyframes_not_beside(frame, built.keyframes) for frame in frames}
 
     def error(frame: Frame) -> tuple[float, float] | None:
         found = localizer.localize(
@@ -184,7 +184,7 @@ def allowed_errors(examination: Examination | None) -> tuple[float, float]:
     return OPTIONS.allowed_m + angle * (depth_m or 1.0), OPTIONS.allowed_deg + float(np.degrees(angle))
 
 
-def _not_beside(frame: Frame, keyframes: Sequence[Frame]) -> NDArray[np.int64]:
+def keyframes_not_beside(frame: Frame, keyframes: Sequence[Frame]) -> NDArray[np.int64]:
     """Return the keyframes that are neither the frame nor the nearest in time before and after it."""
     times_s = np.array([keyframe.timestamp_s for keyframe in keyframes])
     same = np.array([keyframe.name == frame.name for keyframe in keyframes])
