@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import NoProgress
 from app.engine.query.localizer import Localizer
 from app.engine.query.placed import Accuracy, PlacedPose
-from app.engine.tracking.fix import Fix, MapFixes, NoFix
+from app.engine.tracking.fix import OPTIONS, Fix, MapFixes, NoFix
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.state import TrackingMemory
 from app.geometry.se3 import Pose
@@ -96,7 +97,8 @@ def test_a_place_that_much_of_the_picture_speaks_against_is_none(
     altered[:, half:] = np.rot90(altered[:, half:], 2)
     frame = TrackingFrame.of(altered, 0.0)
     assert twins.refresh(frame, CAMERA, view.world_from_camera) is None
-    monkeypatch.setattr("app.engine.tracking.fix.MAX_CONTRADICTED", 1.0)
+    lenient = replace(OPTIONS, max_contradicted_share=1.0)
+    monkeypatch.setattr("app.engine.tracking.fix.OPTIONS", lenient)
     assert twins.refresh(frame, CAMERA, view.world_from_camera) is not None
     assert twins.refresh(TrackingFrame.of(view.rgb, 0.0), CAMERA, view.world_from_camera) is not None
 
