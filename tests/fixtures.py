@@ -49,6 +49,15 @@ def museum(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterato
         yield server
 
 
+@pytest.fixture(scope="session")
+def leaning(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterator[Server]:
+    """A server with the venue `leaning`: the scan's map, of which nothing says which way is up."""
+    with running(tmp_path_factory.mktemp("leaning")) as server:
+        server.add_venue("leaning")
+        assert server.build(scan_zip, "leaning")["state"] == "succeeded"
+        yield server
+
+
 @pytest.fixture
 def empty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A server without venues and without a worker."""

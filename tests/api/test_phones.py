@@ -147,14 +147,16 @@ def test_a_pose_that_gravity_contradicts_is_not_given(
         assert located or (result["reason"], result["pose"]) == ("ambiguous", None)
 
 
-def test_gravity_is_not_checked_where_the_maps_down_is_not_known(museum: Server, queries: list[View]) -> None:
-    result = museum.locate(queries[0].jpeg(), venue="museum", gravity="0,1,1")
+def test_gravity_is_not_checked_where_the_maps_down_is_not_known(
+    leaning: Server, queries: list[View]
+) -> None:
+    result = leaning.locate(queries[0].jpeg(), venue="leaning", gravity="0,1,1")
     assert (result["located"], result["gravity_checked"]) == (True, False)
-    assert museum.locate(queries[0].jpeg(), venue="museum")["gravity_checked"] is None
+    assert leaning.locate(queries[0].jpeg(), venue="leaning")["gravity_checked"] is None
 
 
-def test_gravity_along_the_axis_turns_nothing(museum: Server, queries: list[View]) -> None:
-    assert museum.locate(queries[0].jpeg(), venue="museum", gravity="0,0.1,9.8")["located"]
+def test_gravity_along_the_axis_turns_nothing(leaning: Server, queries: list[View]) -> None:
+    assert leaning.locate(queries[0].jpeg(), venue="leaning", gravity="0,0.1,9.8")["located"]
 
 
 BAD = {
