@@ -184,7 +184,7 @@ def test_a_scan_becomes_a_map_and_a_photo_a_place_on_the_plan(server: Server, ta
     )
     page.get_by_role("button", name="Upload and build").click()
     playwright.expect(page.locator("#build-error")).to_contain_text("not JSON")
-    page.locator("#more").fill("")
+    page.locator("#more").fill('{"gravity": [0, 0, -1]}')
     page.locator("#scan-camera").fill(scenes.CAMERA_TEXT)
     page.get_by_role("button", name="Upload and build").click()
     playwright.expect(page.locator("#progress progress")).to_be_visible()
