@@ -22,7 +22,8 @@ from app.engine.tracking.memory import pose_from_json
 from app.errors import InvalidInputError, InvalidPoseError
 from app.geometry.se3 import Pose
 from app.limits import limit
-from app.services.sessions import SessionFrame, SessionResult
+from app.services.session_answer import SessionResult
+from app.services.sessions import SessionFrame
 from app.storage.sessions import Session, SessionPoint
 
 router = APIRouter(

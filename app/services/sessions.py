@@ -9,16 +9,13 @@ from functools import partial
 from threading import Lock
 from typing import Any
 
-import numpy as np
-
 from app.engine.floors.floor import Floor
-from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
+from app.engine.floors.plan_point import floor_of, plan_point
 from app.engine.maps.open_map import OpenMap
 from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
 from app.engine.query.camera import scanned_camera
 from app.engine.query.camera_sources import CameraSource, query_camera
-from app.engine.query.placed import plan_frame
 from app.engine.stage_timer import StageTimer
 from app.engine.tracking.anchor_fixes import AnchorFixes, FirstFixes
 from app.engine.tracking.fix import FixSource, MapFixes
@@ -26,12 +23,9 @@ from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.memory import (
     memory_from_json,
     memory_to_json,
-    pose_to_json,
 )
 from app.engine.tracking.settings import TrackerSettings
-from app.engine.tracking.state import State
 from app.engine.tracking.surroundings import Surroundings
-from app.engine.tracking.tracked import Tracked
 from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
@@ -42,13 +36,12 @@ from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
 from app.services.localizers import localizer_on
-from app.services.locate_result import LocateResult
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
+from app.services.session_answer import SessionResult, lacks_up, place_of, point_of, result_of
 from app.services.session_guidance import SessionGuide, Way
 from app.storage.floors import list_floors
-from app.storage.maps import MapVersion
 from app.storage.sessions import (
     Session,
     SessionPoint,
@@ -93,19 +86,6 @@ class SessionFrame:
     motion: Pose | None = None
     time_s: float | None = None
     gravity: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionResult:
-    """The answer to a frame: that of /locate, the tracking state, the trajectory's last points, guidance."""
-
-    result: LocateResult
-    session: str
-    frame: int
-    tracking: State
-    unaided_m: float
-    trajectory: tuple[SessionPoint, ...]
-    guidance: dict[str, Any] | None
 
 
 @dataclass(slots=True)
@@ -254,22 +234,22 @@ class SessionService:
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
         timer.lap("track")
-        floor, plan = _place(tracked, floors)
-        if _lacks_up(tracked, serving):
+        floor, plan = place_of(tracked, floors)
+        if lacks_up(tracked, serving):
             plan = None
         if floor is not None and plan is not None:
             plan = self._features.described(plan, floor)
-        point = _point(session.frames + 1, time_s, tracked, floor, plan)
+        point = point_of(session.frames + 1, time_s, tracked, floor, plan)
         try:
             self._record(session, tracker, given is None, point)
         except BaseException:
             tracker.forget(before)
             raise
         live.frames, live.recent = point.frame, [*live.recent, point][-OPTIONS.recent_points :]
-        result = _result(session, tracked, floor, plan)
+        result = result_of(session, tracked, floor, plan)
         result = replace(
             result,
-            plan_reason="up_unknown" if _lacks_up(tracked, serving) else None,
+            plan_reason="up_unknown" if lacks_up(tracked, serving) else None,
             map_version=None if serving is None else serving[1].version,
             # What was given is answered as it was given.
             **_camera_of(session, camera or tracker.camera),
@@ -349,61 +329,6 @@ def _was_searched(session: Session) -> bool:
     return stored is None or (isinstance(stored, dict) and stored.get("source") == "search")
 
 
-def _place(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanPoint | None]:
-    """Return floor and point on its plan of a tracked pose in the world or on a plan."""
-    placed = tracked.placed
-    if placed is None:
-        return None, None
-    if placed.world_from_camera is not None:
-        floor = floor_of(floors, placed.world_from_camera)
-        return floor, None if floor is None else plan_point(floor, placed.world_from_camera)
-    floor = next((floor for floor in floors if placed.frame_id == plan_frame(floor.id)), None)
-    if floor is None:
-        return None, None
-    return floor, plan_point(replace(floor, plan_from_world=np.eye(4)), placed.frame_from_camera)
-
-
-def _lacks_up(tracked: Tracked, serving: tuple[OpenMap, MapVersion] | None) -> bool:
-    """Whether a pose in the world has no plan position: the map's z axis is not known to point up."""
-    if tracked.placed is None or tracked.placed.world_from_camera is None:
-        return False
-    return serving is not None and not serving[1].z_up
-
-
-def _point(
-    frame: int, time_s: float, tracked: Tracked, floor: Floor | None, plan: PlanPoint | None
-) -> SessionPoint:
-    in_world = None if tracked.placed is None else tracked.placed.world_from_camera
-    return SessionPoint(
-        frame=frame,
-        time_s=time_s,
-        tracking=tracked.state,
-        pose=pose_to_json(in_world),
-        floor=None if floor is None else floor.id,
-        plan=None if plan is None else [plan.x, plan.y, plan.heading_deg],
-        position_m=None if tracked.accuracy is None else tracked.accuracy.position_m,
-    )
-
-
 def _camera_of(session: Session, camera: Camera | None) -> dict[str, Any]:
     source: CameraSource = "search" if _was_searched(session) else "request"
     return {"camera": camera, "camera_source": "unknown" if camera is None else source}
-
-
-def _result(session: Session, tracked: Tracked, floor: Floor | None, plan: PlanPoint | None) -> LocateResult:
-    fix = tracked.fix
-    return LocateResult(
-        venue=session.venue_id,
-        method=tracked.method,
-        map_version=None,
-        reason=tracked.reason,
-        world_from_camera=None if tracked.placed is None else tracked.placed.world_from_camera,
-        floor=floor,
-        plan=plan,
-        accuracy=tracked.accuracy,
-        confidence=tracked.confidence,
-        support=tracked.support,
-        keyframes=() if fix is None else fix.keyframes,
-        anchors=() if fix is None else fix.anchors,
-        vertical=None if fix is None else fix.vertical,
-    )

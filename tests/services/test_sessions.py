@@ -12,7 +12,8 @@ from sqlalchemy.exc import OperationalError
 
 from app.geometry.camera_hint import hint_of
 from app.services.resources import Resources
-from app.services.sessions import SessionFrame, SessionResult, SessionService
+from app.services.session_answer import SessionResult
+from app.services.sessions import SessionFrame, SessionService
 from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.maps import publish_map

@@ -47,12 +47,12 @@ class SelfCheckOptions:
     min_located_share: float = limit(
         0.25,
         "Share of such frames below which the map is refused, or warned of when the scan was confirmed.",
-        chosen="By hand: right scans locate more than two thirds (docs/examination.md).",
+        chosen="By hand: right scans locate more than two thirds (docs/figures/examine-mistakes.md).",
     )
     allowed_m: float = limit(
         0.05,
         "Median position error that no scan is blamed for.",
-        chosen="By hand: twice the worst of docs/examination.md.",
+        chosen="By hand: twice the worst of docs/figures/examine-mistakes.md.",
     )
     allowed_deg: float = limit(
         1.5, "Median attitude error that no scan is blamed for.", chosen="By hand: as for the position."

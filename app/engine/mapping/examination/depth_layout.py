@@ -33,7 +33,7 @@ class DepthLayoutOptions:
     smoother: float = limit(
         0.1,
         "Exchanged bytes must make this share of neighbours more lie on one surface.",
-        chosen="By hand: right depth gets rougher by 0.15 or more on all scans of docs/examination.md.",
+        chosen="By hand: right depth gets rougher by 0.15 or more on all scans of docs/figures/examine-mistakes.md.",
     )
     shift_ratio: float = limit(
         0.015, "A shift counts from this part of the picture's longer side.", chosen="By hand: 10 px of 640."
@@ -50,7 +50,7 @@ class DepthLayoutOptions:
     ray_gain: float = limit(
         1.2,
         "How much better depth of two pictures must agree as distances along the rays than as depth.",
-        chosen="By hand: between right scans, up to 0.63, and scans with distances, from 1.38: docs/examination.md.",
+        chosen="By hand: between right scans, up to 0.63, and scans with distances, from 1.38 on, that were tried.",
     )
 
 

@@ -36,11 +36,6 @@ Rows = NDArray[np.intp]
 class EvidenceOptions:
     """How pairs of frames are chosen and matched."""
 
-    starts: int = limit(
-        16,
-        "Places along the scan at which frames are compared.",
-        chosen="By hand: three frames each keep the examination near a tenth of a build of 60 frames.",
-    )
     wanted_shift_px: float = limit(
         70.0,
         "The second pair of a place is so far apart that matches move by this, at the focal length of reference.",
@@ -159,8 +154,8 @@ class _Pair:
     shift_px: float
 
 
-class _Frames:
-    """The features of a scan's frames, each found once."""
+class FrameMatcher:
+    """Matches between frames of a scan; the features of each are found once."""
 
     def __init__(self, source: FrameSource) -> None:
         self.source = source
@@ -213,16 +208,16 @@ class _Frames:
         )
 
 
-def gather_evidence(source: FrameSource, executor: Executor, progress: Progress) -> Evidence:
+def gather_evidence(frames: FrameMatcher, places: int, executor: Executor, progress: Progress) -> Evidence:
     """Match pairs of frames at places spread along the scan.
 
     At each place the next frame, then one so far away that matches move by about 70 px; where the next one shares
     too little, the nearest one by the poses.
     """
-    frames = _Frames(source)
+    source = frames.source
     count = len(source.frames)
     last = max(count - 2, 0)
-    starts = sorted({int(row) for row in np.linspace(0, last, OPTIONS.starts).round()}) if count > 1 else []
+    starts = sorted({int(row) for row in np.linspace(0, last, places).round()}) if count > 1 else []
 
     def compare(start: int) -> list[_Pair | None]:
         near = frames.pair(start, start + 1)
