@@ -16,7 +16,6 @@ from app.geometry.epnp import MIN_EPNP_POINTS, solve_epnp
 from app.geometry.reprojection import (
     PIXEL_NOISE,
     perturbed,
-    project_from_world,
     reprojection_errors_px,
     reprojection_jacobian,
 )
@@ -302,8 +301,8 @@ def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Arr
 def _normal_equations(
     pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float
 ) -> tuple[Array, Array]:
-    residuals = project_from_world(points, camera, pose) - pixels
-    jacobian, _ = reprojection_jacobian(points, camera, pose)
+    projected, jacobian, _ = reprojection_jacobian(points, camera, pose)
+    residuals = projected - pixels
     seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     residuals, jacobian = residuals[seen], jacobian[seen]
     # The derivative of the loss by the squared error: the weight in a reweighted least-squares step.
