@@ -63,6 +63,7 @@ def pose_covariance(
     Source: first-order error propagation.
     """
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
+    centre_px, focal_px = camera.principal_point_px, camera.focal_px
     projected, jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
     seen = np.isfinite(jacobian).all(axis=(1, 2))
     if np.count_nonzero(seen) < 3:
@@ -74,8 +75,8 @@ def pose_covariance(
         sigma_px = _sigma_of_pixels(projected - pixels[seen], noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
     noise = noise + pixel_variance * np.eye(2)
-    by_log_focal = projected - camera.principal_point_px
-    by_lens = by_log_focal * np.sum((by_log_focal / camera.focal_px) ** 2, axis=1)[:, None]
+    by_log_focal = projected - centre_px
+    by_lens = by_log_focal * np.sum((by_log_focal / focal_px) ** 2, axis=1)[:, None]
     for by_one, sigma in (by_log_focal, focal_sigma), (by_lens, lens_sigma):
         if sigma > 0:
             jacobian, noise = _with_unknown(jacobian, noise, by_one, sigma)

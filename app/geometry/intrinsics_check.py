@@ -43,24 +43,21 @@ class IntrinsicsOptions:
 OPTIONS = IntrinsicsOptions()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FreeIntrinsics:
     """The intrinsics that a picture's matches fit best, as changes of the stated ones.
 
     `log_focal` is the logarithm of the ratio of focal lengths, `offset_px` (2,) how far the principal point moves;
-    `sigmas` (3,) are the standard deviations of the logarithm and of both offsets (pixels), by the matches alone.
+    `focal_sigma` and `offset_sigmas_px` (2,) are their standard deviations by the matches alone; that of the
+    logarithm is the relative one of the focal length.
     """
 
     camera: Camera
     pose: Pose
     log_focal: float
     offset_px: Array
-    sigmas: Array
-
-    @property
-    def focal_sigma(self) -> float:
-        """The relative standard deviation of the focal length."""
-        return float(self.sigmas[0])
+    focal_sigma: float
+    offset_sigmas_px: Array
 
 
 def free_intrinsics(
@@ -103,7 +100,14 @@ def free_intrinsics(
         return None
     pose = Pose(np.asarray(cv2.Rodrigues(unknowns[:3])[0], dtype=np.float64), unknowns[3:6]).inverse()
     sigmas = np.sqrt(np.diag(np.linalg.inv(normal))[6:])
-    return FreeIntrinsics(found, pose, float(unknowns[6]), unknowns[7:], sigmas)
+    return FreeIntrinsics(
+        camera=found,
+        pose=pose,
+        log_focal=float(unknowns[6]),
+        offset_px=unknowns[7:],
+        focal_sigma=float(sigmas[0]),
+        offset_sigmas_px=sigmas[1:],
+    )
 
 
 def _linearised(

@@ -141,6 +141,7 @@ def estimate_pose_lo_ransac(
     Raises `InvalidInputError` for numbers that are not finite. Source: LO-RANSAC as in PoseLib; minimizes C
     eq. 5.1.2.
     """
+    view, bundle = poselib_camera(camera), _bundle_options(loss_scale_px)
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
     if len(pixels) < MIN_POINTS:
         return None
@@ -152,12 +153,11 @@ def estimate_pose_lo_ransac(
         "seed": seed,
     }
     start = None if prior is None else _poselib_pose(prior)
-    found, info = poselib.estimate_absolute_pose(
-        pixels, points, poselib_camera(camera), ransac, _bundle_options(loss_scale_px), start
-    )
+    found, info = poselib.estimate_absolute_pose(pixels, points, view, ransac, bundle, start)
     if info["num_inliers"] < MIN_POINTS:
         return None
-    return _estimate(pixels, points, camera, _pose_from_poselib(found), max_error_px, int(info["iterations"]))
+    pose = Pose(found.R, found.t).inverse()
+    return _estimate(pixels, points, camera, pose, max_error_px, int(info["iterations"]))
 
 
 def _estimate(
@@ -333,7 +333,3 @@ def _poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
     pose = poselib.CameraPose()
     pose.q, pose.t = np.array([w, x, y, z]), np.array(camera_from_world.translation)
     return pose
-
-
-def _pose_from_poselib(pose: poselib.CameraPose) -> Pose:
-    return Pose(pose.R, pose.t).inverse()
