@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from time import perf_counter
 from typing import Literal
 
 import numpy as np
@@ -32,6 +31,7 @@ from app.engine.query.verification import (
     evidence_of,
     judge,
 )
+from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of
 from app.geometry.lens import Lens
@@ -157,14 +157,14 @@ class Localizer:
         """Localize a query: a first attempt, and where that finds nothing a second and a third, wider ones."""
         opened, settings = self.map, self._settings
         matcher = QueryMatcher(query, opened, fundamental_filter=settings.fundamental_filter)
-        started = perf_counter()
+        started = clock_s()
         descriptor = opened.descriptor.describe(query.rgb)
-        described = perf_counter()
+        described = clock_s()
         similar = opened.retrieval.similar(
             descriptor, settings.keyframes, settings.other_places, query.allowed
         )
         query.spent_s["describe"] += described - started
-        query.spent_s["retrieve"] += perf_counter() - described
+        query.spent_s["retrieve"] += clock_s() - described
         result = self._attempt(matcher, matcher.match(similar))
         if settings.second_attempt and result.reason in UNSURE and matcher.feature_count:
             result = _later(result, self._second_attempt(matcher, descriptor))
