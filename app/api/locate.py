@@ -17,6 +17,7 @@ from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
 
@@ -90,7 +91,7 @@ class LocateBody(BaseModel):
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
 async def locate(
     state: State,
-    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    image: Annotated[UploadFile, File(description=FORMATS_IN_WORDS)],
     venue: Annotated[str | None, Form(description="May be left out when there is one venue")] = None,
     floor: Annotated[str | None, Form(description="Search this floor first")] = None,
     area: Annotated[str | None, Form(description="Search this area first: its id or name")] = None,
