@@ -13,6 +13,7 @@ from app.api.deps import State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
+from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
@@ -86,6 +87,7 @@ class LocateBody(BaseModel):
     vertical: Literal["gravity", "pois", "upright", "map"] | None = Field(
         description="What an anchor's answer takes as vertical; upright is an assumption"
     )
+    hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
 
 
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
@@ -167,6 +169,7 @@ def body_of(result: LocateResult) -> LocateBody:
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
         anchors=list(result.anchors),
         vertical=result.vertical,
+        hints=list(result.hints),
     )
 
 
