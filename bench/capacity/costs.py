@@ -40,7 +40,7 @@ class Costs:
         chosen="roomfix capacity, from the statistics of a map of RedKitchen: 9.1 s for 300 frames.",
     )
     commit_s: float = limit(
-        0.0025,
+        0.0028,
         "Seconds in which the database stores one frame of a session, one after the other.",
         chosen="roomfix capacity, on SQLite; a PostgreSQL server has to be measured in its place.",
     )
