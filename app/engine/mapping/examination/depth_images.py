@@ -179,7 +179,7 @@ def _causes(scan: Scan) -> Iterator[_Cause]:
         )
     yield _Cause(
         code="depth_is_disparity",
-        says="The depth images hold disparities or inverse depth, which are large for what is near: convert them to depth",
+        says="The depth images hold disparities or inverse depth, which grow towards the camera: convert them to depth",
         depth_of=lambda row: _inverted(depth_of(row)),
     )
 
