@@ -10,6 +10,7 @@ from rich.table import Table
 from app.commands.console import progress_bars
 from app.engine.mapping.build_map import build_map
 from app.engine.mapping.options import parse_build_options
+from app.engine.mapping.self_check import check_map
 from app.engine.query.localizer import Localizer
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
@@ -35,7 +36,9 @@ def evaluate_cameras_command(
     models = open_models(settings)
     with ThreadPoolExecutor(settings.workers) as executor, progress_bars() as progress:
         built = build_map(split.database, parsed, models, executor, progress)
-    localizer = Localizer.of(built.artifact, built.index, models)
+        # As it would be served: with the error that its self-check found stated in it.
+        check = check_map(built, split.database, models, executor, progress)
+    localizer = Localizer.of(check.stated_in(built.artifact), built.index, models)
     table = Table(*HEADER, title=f"{dataset.name}, {len(split.queries)} pictures")
     figures = evaluate_cameras(localizer, split, built.world_from_scan)
     for row in figures:

@@ -43,16 +43,16 @@ class DepthImagesOptions:
         200, "Matches with depth in both pictures that show whose depth it is.", chosen="By hand."
     )
     suspect_share: float = limit(
-        0.07,
+        0.05,
         "Share of matches whose depths contradict each other from which causes are tried.",
         chosen=MEASURED,
     )
     doubtful_share: float = limit(
-        0.1, "The same from which a scan is doubtful without a known cause.", chosen=MEASURED
+        0.14, "The same from which a scan is doubtful without a known cause.", chosen=MEASURED
     )
     wrong_share: float = limit(0.2, "The same from which it is wrong.", chosen=MEASURED)
     cause_ratio: float = limit(
-        0.5, "A cause must lower that share to at most this part of it.", chosen=MEASURED
+        0.5, "A cause must lower that share, and the cost, to less than this part of it.", chosen=MEASURED
     )
     most_frames: int = limit(3, "Depth of frames up to this far before or after is tried.", chosen="By hand.")
     aside_gain: float = limit(
@@ -107,7 +107,10 @@ def judge_depth_images(scan: Scan, evidence: Evidence, rays: Rays, poses: PoseAr
     explained = [(cause, after) for cause, after in tried if after is not None]
     if explained:
         cause, after = min(explained, key=lambda one: one[1].share)
-        if after.share < min(OPTIONS.cause_ratio * found.share, OPTIONS.suspect_share):
+        fits = (
+            after.share < OPTIONS.cause_ratio * found.share and after.cost < OPTIONS.cause_ratio * found.cost
+        )
+        if fits and after.share < OPTIONS.suspect_share:
             return _finding(cause, found, after)
     if found.share < OPTIONS.doubtful_share:
         return None
@@ -157,7 +160,9 @@ def _causes(scan: Scan) -> Iterator[_Cause]:
     last = len(scan.frames) - 1
 
     def depth_of(row: int) -> DepthImage:
-        return scan.depth_m(scan.frames[min(max(row, 0), last)])
+        if 0 <= row <= last:
+            return scan.depth_m(scan.frames[row])
+        return np.zeros((scan.camera.height, scan.camera.width), np.float32)
 
     for frames in (*range(1, OPTIONS.most_frames + 1), *range(-1, -OPTIONS.most_frames - 1, -1)):
         word = f"{abs(frames)} frame{'s' if abs(frames) > 1 else ''} {'before' if frames > 0 else 'after'}"

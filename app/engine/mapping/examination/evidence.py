@@ -51,6 +51,12 @@ class EvidenceOptions:
     features: int = limit(
         800, "Local features of a frame.", chosen="By hand: enough for a hundred matches at half the time."
     )
+    side_px: int = limit(
+        320,
+        "Length to which a picture's longer side is reduced for its features.",
+        chosen="By hand: two thirds of the time of 400, as maps have them, and the same verdicts "
+        "(docs/figures/examine-mistakes.md).",
+    )
     min_matches: int = limit(
         24,
         "Verified matches that make a pair count.",
@@ -182,7 +188,7 @@ class FrameMatcher:
 
     def __init__(self, source: FrameSource) -> None:
         self.source = source
-        self._extractor = RootSift(max_features=OPTIONS.features)
+        self._extractor = RootSift(max_features=OPTIONS.features, max_side_px=OPTIONS.side_px)
         self._seen: dict[int, _Seen] = {}
         self._lock = threading.Lock()
 
