@@ -132,7 +132,26 @@ def _judge(
             ratio, of_depth = _judge_depth(scan, options.convention, layout, searched.state)
             findings.extend(of_depth)
         findings.extend(_judge_up(searched.state, options.convention, gravity, asked=asked))
-    return _examined(evidence, searched.found, ratio, findings)
+    return _examined(evidence, searched.found, ratio, _or_flipped(findings))
+
+
+def _or_flipped(findings: Sequence[Finding]) -> Sequence[Finding]:
+    """Return the findings with flipped pictures in place of left-handed axes under which all pictures hang.
+
+    By geometry alone the two are the same.
+    """
+    by_code = {finding.code: finding for finding in findings}
+    axes, hanging = by_code.get("camera_axes"), by_code.get("gravity_up")
+    if axes is None or hanging is None or axes.options.get("axes") != "unity":
+        return findings
+    flipped = Finding(
+        code="mirrored_pictures",
+        sentence="The pictures are mirrored, top for bottom, as a renderer's buffer often is: save them as the camera "
+        'saw them. If they are not, the camera axes are those of Unity and gravity points up: give "axes": "unity" and '
+        "gravity that points down.",
+        figures=axes.figures,
+    )
+    return [flipped, *(finding for finding in findings if finding not in (axes, hanging))]
 
 
 def _judge_depth(
