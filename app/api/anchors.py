@@ -21,6 +21,7 @@ from app.errors import InvalidInputError
 from app.geometry.camera_hint import parse_camera_hint
 from app.services.anchors import anchor_as_dict
 from app.storage.anchors import delete_anchor, get_anchor, list_anchors, list_frames
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(prefix="/anchors", tags=["anchors"], route_class=ContractRoute)
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
@@ -186,7 +187,7 @@ async def image_of(request: Request) -> bytes:
     async with request.form() as form:
         image = form.get("image")
         if not isinstance(image, UploadFile):
-            raise InvalidInputError("The form needs a file field image with a JPEG, PNG or WebP picture.")
+            raise InvalidInputError(f"The form needs a file field image with a picture: {FORMATS_IN_WORDS}.")
         return await image.read()
 
 

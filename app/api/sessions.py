@@ -25,6 +25,7 @@ from app.limits import limit
 from app.services.session_answer import SessionResult
 from app.services.sessions import SessionFrame
 from app.storage.sessions import Session, SessionPoint
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(
     prefix="/sessions",
@@ -216,7 +217,7 @@ def remove(state: State, session: SessionId) -> Response:
 async def frame(
     state: State,
     session: SessionId,
-    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    image: Annotated[UploadFile, File(description=FORMATS_IN_WORDS)],
     camera: Annotated[str | None, Form(description="As in /locate, in place of the session's")] = None,
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     motion: Annotated[

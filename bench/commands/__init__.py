@@ -7,6 +7,7 @@ COMMANDS = {
     "demo": "bench.commands.demo:demo",
     "evaluate": "bench.commands.evaluate:evaluate",
     "benchmark": "bench.commands.evaluate:benchmark",
+    "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
