@@ -23,6 +23,7 @@ COMMANDS = {
     "sweep": "app.commands.build:sweep",
     "calibrate": "app.commands.calibrate:calibrate",
     "import-plan": "app.commands.import_plan:import_plan",
+    "export-plan": "app.commands.export_plan:export_plan",
     "push-frames": "app.commands.push_frames:push_frames",
     "stream": "app.commands.stream:stream",
 }
