@@ -29,6 +29,7 @@ from app.api import (
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
+from app.api.guards import OtherSitesMiddleware, OverloadMiddleware
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
@@ -92,6 +93,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     install_pages(app)
     install_error_handlers(app)
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
+    app.add_middleware(OverloadMiddleware)
+    app.add_middleware(OtherSitesMiddleware, is_open=settings.open)
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)
     return app

@@ -8,7 +8,7 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidInputError
+from app.errors import MapDamagedError
 
 
 class GlobalIndex:
@@ -26,11 +26,11 @@ class GlobalIndex:
 
     @staticmethod
     def open(path: Path) -> GlobalIndex:
-        """Open an index file, memory-mapped."""
+        """Open an index file, memory-mapped; raises `MapDamagedError`."""
         try:
             return GlobalIndex(faiss.read_index(str(path), faiss.IO_FLAG_MMAP_IFC))
         except RuntimeError as error:
-            raise InvalidInputError(f"{path.name} is not an index of global descriptors.") from error
+            raise MapDamagedError(f"{path.name} is not an index of global descriptors.") from error
 
     def write(self, path: Path) -> None:
         """Write the index to a file."""

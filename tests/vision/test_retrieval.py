@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, MapDamagedError
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.vision.global_descriptor import GlobalDescriptor
 from app.vision.index import GlobalIndex
@@ -98,7 +98,7 @@ def test_the_index_gives_no_more_than_there_is() -> None:
 @pytest.mark.parametrize("content", [b"", b"IxF2", b"nonsense" * 100])
 def test_a_file_that_is_no_index_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "index").write_bytes(content)
-    with pytest.raises(InvalidInputError):
+    with pytest.raises(MapDamagedError):
         GlobalIndex.open(tmp_path / "index")
 
 

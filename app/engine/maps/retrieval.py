@@ -56,7 +56,7 @@ class Retrieval:
     def __init__(self, artifact: MapArtifact, index: GlobalIndex) -> None:
         self._index = index
         self._positions = artifact.arrays.positions
-        self._axes = np.stack([artifact.pose(i).rotation[:, 2] for i in range(artifact.keyframe_count)])
+        self._axes = artifact.axes()
         self._look_alikes: dict[tuple[int, int], list[int]] = {}
 
     def similar(
