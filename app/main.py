@@ -31,6 +31,7 @@ from app.api.access.throttle import Throttle
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
+from app.api.guards import OtherSitesMiddleware, OverloadMiddleware
 from app.api.maps import versions as map_versions
 from app.api.maps import views as map_views
 from app.api.metrics import Metrics
@@ -99,6 +100,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     if settings.open:
         app.add_middleware(OpenHostMiddleware)
+    app.add_middleware(OverloadMiddleware)
+    app.add_middleware(OtherSitesMiddleware, is_open=settings.open)
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)
     return app
