@@ -36,9 +36,9 @@ class ExamineOptions:
     """When there is enough to judge by, and when poses stand still."""
 
     first_places: int = limit(
-        8,
+        6,
         "Places along the scan at which frames are compared first.",
-        chosen="By hand: with three frames each, a tenth of the time of a build.",
+        chosen="By hand: with three frames each, less than a tenth of the time of a build.",
     )
     places: int = limit(
         16, "Places for a scan that the first ones don't confirm.", chosen="By hand: twice as many."
