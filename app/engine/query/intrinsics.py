@@ -11,7 +11,7 @@ from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
 from app.geometry.camera import Camera
-from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics
+from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
 from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
@@ -122,7 +122,8 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     if fit is None:
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
-    refined = _refined(best, camera, fit, estimate, search) if is_doubted or not is_verified else None
+    may_be_other = is_doubted or not is_verified or bool(square_pixels(camera))
+    refined = _refined(best, camera, fit, estimate, search) if may_be_other else None
     if refined is not None:
         return refined
     is_confirmed = not is_doubted and fit.focal_sigma <= OPTIONS.confirmed_sigma
@@ -214,3 +215,5 @@ def _starts(
         if searched is not None:
             zoom = float(np.log(searched.focal_px / camera.focal_px))
             yield changed_camera(camera, [zoom, 0.0, 0.0]), None
+    for square in square_pixels(camera):
+        yield square, None
