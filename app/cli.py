@@ -24,6 +24,7 @@ COMMANDS = {
     "calibrate": "app.commands.calibrate:calibrate",
     "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",
+    "export-plan": "app.commands.export_plan:export_plan",
     "push-frames": "app.commands.push_frames:push_frames",
     "stream": "app.commands.stream:stream",
 }

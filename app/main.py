@@ -19,7 +19,6 @@ from app.api import (
     floors,
     health,
     locate,
-    maps,
     plan_drawing,
     routes,
     session_stream,
@@ -32,6 +31,8 @@ from app.api.access.throttle import Throttle
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
+from app.api.maps import versions as map_versions
+from app.api.maps import views as map_views
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
@@ -88,8 +89,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         redoc_url=None,
     )
     for router in (
-        locate.router, venues.router, floors.router, features.router, maps.router, database.router,
-        routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
+        locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
+        database.router, routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
         session_stream.router, keys.router, keys.tokens, audit.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
