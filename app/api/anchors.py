@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import UploadFile
 
-from app.api.deps import ID_PATTERN, State, require
+from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.form_request import is_multipart
@@ -108,19 +108,22 @@ class FrameBody(BaseModel):
 
 @router.get("", dependencies=[Depends(require("admin"))], responses=problems(401, 422))
 def list_all(
-    state: State, venue: Annotated[str | None, Query(description="Of this venue only")] = None
+    state: State,
+    caller: CallerOf,
+    venue: Annotated[str | None, Query(description="Of this venue only")] = None,
 ) -> list[dict[str, Any]]:
     """List anchors by their id."""
     with state.services.resources.database.read() as connection:
-        found = list_anchors(connection, venue)
+        found = list_anchors(connection, caller.venue_or_own(venue))
         frames = list_frames(connection, [anchor.id for anchor in found])
     settings = state.services.resources.settings
     return [anchor_as_dict(anchor, frames.get(anchor.id), settings.anchor_max_age_s) for anchor in found]
 
 
 @router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
-def put(state: State, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
+def put(state: State, caller: CallerOf, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
     """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
+    caller.check_venue(body.venue)
     state.services.anchors.put(camera, _spec(body))
     return get(state, camera)
 

@@ -11,7 +11,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, Path, Query, Response, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.deps import ID_PATTERN, State, require
+from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.locate import LocateBody, _camera, _gravity, body_of
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
@@ -176,8 +176,9 @@ class SessionBody(BaseModel):
 
 
 @router.post("", status_code=201, responses=problems(401, 404, 422))
-def create(state: State, new: NewSession) -> SessionBody:
+def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     """Start a session."""
+    caller.check_venue(new.venue)
     service = state.services.sessions
     return SessionBody.of(
         service.create(new.venue, new.camera, new.destination, new.language), service.timeout

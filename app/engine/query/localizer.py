@@ -15,6 +15,7 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.query.accuracy import accuracy_in_map, with_map_error
 from app.engine.query.camera import fit_query_camera, lens_of_query
 from app.engine.query.contradiction import contradicted_in_map
+from app.engine.query.hints import picture_hints, view_hints
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import CheckedCamera, check_intrinsics
 from app.engine.query.localization import Localization, same_place, votes_of
@@ -170,6 +171,8 @@ class Localizer:
             result = _later(result, self._second_attempt(matcher, descriptor))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
             result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
+        if result.world_from_camera is None:
+            result = replace(result, hints=(*picture_hints(query.gray, matcher.feature_count), *result.hints))
         if result.reason == "no_match" and measure_quality(query.gray).is_poor:
             return replace(result, reason="poor_image")
         return result
@@ -318,7 +321,10 @@ class Localizer:
             candidate=best.pose,
             is_refined=checked.is_refined,
         )
-        return found if reason is None else found.refused(reason)
+        if reason is None:
+            return found
+        hints = view_hints(reason, best.inliers.points_px, query.size_px)
+        return replace(found.refused(reason), hints=hints)
 
     def _judged(
         self,
@@ -356,4 +362,10 @@ def _later(first: Localization, second: Localization) -> Localization:
 
 def _nothing(query: Query, matches: Matches, camera: Camera | None) -> Localization:
     evidence = Evidence(matches=matches.feature_count)
-    return Localization(evidence=evidence, reason="no_match", camera=camera, timings_ms=query.timings_ms)
+    return Localization(
+        evidence=evidence,
+        reason="no_match",
+        camera=camera,
+        timings_ms=query.timings_ms,
+        hints=view_hints("no_match", np.zeros((0, 2)), query.size_px),
+    )
