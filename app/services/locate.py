@@ -8,6 +8,7 @@ from app.engine.floors.floor import Floor
 from app.engine.query.camera_sources import QueryCamera, query_camera
 from app.engine.query.localization import Localization
 from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
+from app.engine.query.shown_matches import shown_matches
 from app.engine.query.upright import localize_upright
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidInputError
@@ -96,7 +97,11 @@ class LocateService:
                 gravity_checked=None if request.gravity is None else False,
             )
         found, narrowed = self._search(place, rgb, camera, request, areas)
-        return map_result(place.venue, place.version, found, narrowed, place.floors, request, camera)
+        result = map_result(place.venue, place.version, found, narrowed, place.floors, request, camera)
+        if not request.show_matches or result.reason is not None or found.inliers is None:
+            return result
+        shown = shown_matches(self._library.open(place.version).artifact, found.inliers)
+        return replace(result, shown_matches=shown)
 
     def _by_anchor(
         self,

@@ -46,6 +46,7 @@ class Localization:
     `accuracy` is one sigma, None where it isn't known; `confidence` the probability that the error is below 0.5 m and
     5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
     for it. `is_refined` says that the matches fit another camera than the stated one far better, and `camera` is it.
+    `inliers` are the matches that agree with the pose, None where the method keeps none.
     """
 
     evidence: Evidence = field(default_factory=Evidence)
@@ -58,6 +59,7 @@ class Localization:
     timings_ms: dict[str, float] = field(default_factory=dict)
     candidate: Pose | None = None
     is_refined: bool = False
+    inliers: Matches | None = None
 
     def refused(self, reason: Reason) -> Localization:
         """Return the outcome with its pose refused for a reason."""

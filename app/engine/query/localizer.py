@@ -323,6 +323,7 @@ class Localizer:
             timings_ms=query.timer.milliseconds,
             candidate=best.pose,
             is_refined=checked.is_refined,
+            inliers=best.inliers,
         )
         return found if reason is None else found.refused(reason)
 
