@@ -25,6 +25,9 @@ from app.api import (
     sessions,
     venues,
 )
+from app.api.access import audit, keys
+from app.api.access.open_host import OpenHostMiddleware
+from app.api.access.throttle import Throttle
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -64,7 +67,8 @@ def create_app(
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         services = wire_services(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
-        app.state.roomfix = AppState(services, executor, builds, metrics)
+        throttle = Throttle(settings.calls_per_minute, settings.wrong_keys_per_minute)
+        app.state.roomfix = AppState(services, executor, builds, metrics, throttle)
         with resources.database.read() as connection:
             warming = executor.run(
                 partial(services.maps.warm, [venue.id for venue in list_venues(connection)])
@@ -90,12 +94,14 @@ def create_app(
     for router in (
         locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
         database.router, routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
-        session_stream.router, health.router,
+        session_stream.router, keys.router, keys.tokens, audit.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)
     install_error_handlers(app)
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
+    if settings.open:
+        app.add_middleware(OpenHostMiddleware)
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)
     return app

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.api.deps import State, require
+from app.api.deps import CallerOf, State, public, require
 from app.api.errors import problem
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
@@ -27,13 +27,18 @@ class Readiness(BaseModel):
     checks: dict[str, str]
 
 
-@router.get("/healthz")
+@router.get("/healthz", dependencies=[Depends(public)])
 def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
 
 
-@router.get("/readyz", response_model=Readiness, responses={503: {"model": Readiness}})
+@router.get(
+    "/readyz",
+    response_model=Readiness,
+    responses={503: {"model": Readiness}},
+    dependencies=[Depends(public)],
+)
 def readyz(state: State) -> Readiness | Response:
     """Answer 200 when database, blobs and build worker are there."""
     checks: dict[str, str] = {}
@@ -60,7 +65,8 @@ def readyz(state: State) -> Readiness | Response:
     dependencies=[Depends(require("admin"))],
     responses=problems(401),
 )
-def metrics(state: State) -> Response:
-    """Return metrics in Prometheus's text format."""
+def metrics(state: State, caller: CallerOf) -> Response:
+    """Return metrics in Prometheus's text format; they are of all venues."""
+    caller.check_venue(None)
     state.metrics.pending.set(state.executor.pending)
     return Response(state.metrics.render(), media_type="text/plain; version=0.0.4; charset=utf-8")

@@ -10,6 +10,7 @@ from typing import Any
 
 import uvicorn
 
+from app.api.access.open_host import OpenHostMiddleware
 from app.commands.console import console
 from app.commands.https import print_phone_access
 from app.commands.serve import ALL_ADDRESSES, phone_access, run_server, server_options
@@ -53,7 +54,7 @@ def run_for_phones(settings: Settings, https_port: int, path: str) -> None:
     access, certificate = phone_access(for_phones)
     app = create_app(for_phones, access=access)
     print_phone_access(access, f"{path}#token={key}")
-    local = uvicorn.Server(uvicorn.Config(WithKey(app, key), **server_options(settings)))
+    local = uvicorn.Server(uvicorn.Config(OpenHostMiddleware(WithKey(app, key)), **server_options(settings)))
     phones = uvicorn.Server(uvicorn.Config(app, lifespan="off", **server_options(for_phones, certificate)))
     asyncio.run(_serve(local, phones))
 

@@ -9,6 +9,7 @@ from app.engine.tracking.settings import TrackerSettings
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
 from app.services.floor_features import FeatureLibrary
+from app.services.keys.key_service import KeyService
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.map_views.views import MapViews
@@ -29,6 +30,7 @@ class Services:
     anchors: AnchorService
     locate: LocateService
     sessions: SessionService
+    keys: KeyService
 
 
 def wire_services(resources: Resources, tracking: TrackerSettings | None = None) -> Services:
@@ -45,5 +47,6 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
         routes=routes,
         anchors=AnchorService(resources, maps, describer),
         locate=LocateService(resources, maps, features, locator),
+        keys=KeyService(resources.database, resources.settings.admin_key),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),
     )

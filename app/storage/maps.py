@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Row, delete, func, insert, select
 
 from app.errors import ConflictError, NotFoundError
 from app.storage.db import as_utc, now
-from app.storage.tables import builds, keyframe_images, map_versions
+from app.storage.tables import builds, keyframe_images, map_versions, venues
 from app.storage.venues import get_venue, set_active_map
 
 
@@ -104,10 +104,14 @@ def delete_map(connection: Connection, venue_id: str, version: int) -> None:
 
 def active_version(connection: Connection, venue_id: str) -> MapVersion | None:
     """Return the version that serves a venue, None while it has no map; raises `NotFoundError` for an unknown venue."""
-    venue = get_venue(connection, venue_id)
-    if venue.active_map_version is None:
+    serves = (venues.c.id == map_versions.c.venue_id) & (
+        venues.c.active_map_version == map_versions.c.version
+    )
+    row = connection.execute(select(map_versions).join(venues, serves).where(venues.c.id == venue_id)).first()
+    if row is None:
+        get_venue(connection, venue_id)
         return None
-    return get_map(connection, venue_id, venue.active_map_version)
+    return _map(row)
 
 
 def get_map(connection: Connection, venue_id: str, version: int) -> MapVersion:

@@ -77,8 +77,7 @@ export function openStream(session) {
   where.protocol = where.protocol.replace("http", "ws");
   const key = storedKey.get();
   // A browser can't set the header of a WebSocket.
-  if (key) where.searchParams.set("key", key);
-  return new WebSocket(where);
+  return key ? new WebSocket(where, ["roomfix", `roomfix.key.${key}`]) : new WebSocket(where);
 }
 
 function authorization() {

@@ -43,7 +43,8 @@ async function start() {
     byId("title").textContent = found.name;
     await plan.load();
     guide.hasMap = found.map_version !== null;
-    byId("start-simulated").hidden = !guide.hasMap;
+    // The pictures of the map are for those who run the venue, or anybody on an open server: no visitor sees them.
+    byId("start-simulated").hidden = !guide.hasMap || storedKey.get() !== null;
     if (fragment.has("simulated") && guide.hasMap) byId("start-simulated").click();
   } catch (error) {
     byId("start-camera").disabled = true;

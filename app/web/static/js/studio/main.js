@@ -49,8 +49,6 @@ async function showView() {
     if (link.getAttribute("href") === `#${view}`) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
-  const venue = currentVenue();
-  if (view === "share" && venue) sessionStorage.setItem(`roomfix.shared.${venue.id}`, "yes");
   if (view === "start") await showSteps(floors);
   else if (view === "scan") await scans.show();
   else if (view === "share") await showShare();
