@@ -46,7 +46,7 @@ class Server:
                 stdout=log,
                 stderr=log,
             )
-        for _ in range(150):
+        for _ in range(600):
             assert self.process.poll() is None, (self.folder / "log").read_text(encoding="utf-8")
             try:
                 if self.client.get("/readyz").status_code == 200:
@@ -107,7 +107,7 @@ def watched_tab(browser: Any, allowed: Sequence[str] = ("401",), **context_optio
     `allowed` are parts of what the browser itself notes and may: the 401 that makes a page ask for the key.
     """
     context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **context_options})
-    context.set_default_timeout(15_000)
+    context.set_default_timeout(30_000)
     tab = Tab(context.new_page())
 
     def console(message: Any) -> None:

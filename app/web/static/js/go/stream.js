@@ -5,8 +5,8 @@ import { ApiError, openStream, path, request, requestJson } from "../api.js";
 const MAX_FPS = 10;
 // Frames on the way at once: one is computed while the next one travels.
 const MAX_UNANSWERED = 2;
-// Without any answer for this time the connection counts as dead, though nobody said so.
-const SILENCE_MS = 6000;
+// Without any answer for this time the connection counts as dead, though nobody said so. A first search takes seconds.
+const SILENCE_MS = 15_000;
 const FIRST_RETRY_MS = 400;
 const LAST_RETRY_MS = 5000;
 // Frames are made smaller while this many bytes wait to be sent, and larger again when few do.
