@@ -11,12 +11,16 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
+from starlette.types import Scope
 
 from app import errors
+from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
 
+METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 # The first class that fits decides, so that special ones stand above their base.
 STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ImageTooLargeError, 413),
@@ -73,9 +77,7 @@ def problem(
     """Return a problem+json answer."""
     body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "code": code}
     body["detail"] = detail
-    return JSONResponse(
-        {**body, **more}, status_code=status, media_type="application/problem+json", headers=headers
-    )
+    return JSONResponse({**body, **more}, status_code=status, media_type=PROBLEM_MEDIA_TYPE, headers=headers)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -94,16 +96,30 @@ def install_error_handlers(app: FastAPI) -> None:
         detail = "; ".join(f"{field['field']}: {field['message']}" for field in fields)
         return problem(422, "invalid_request", detail or "The request is not valid.", fields=fields)
 
-    async def http(_: Request, error: Exception) -> JSONResponse:
+    async def http(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)  # noqa: S101 - registered for this class
-        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request"}
+        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request", 422: "invalid_request"}
         detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
         headers = dict(error.headers) if error.headers else None
+        if error.status_code == 405:
+            allowed = allowed_methods(request.app, request.scope)
+            headers = {"Allow": ", ".join(allowed)}
+            detail = f"This address takes {', '.join(allowed)}."
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
     app.add_exception_handler(errors.RoomfixError, domain)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
+
+
+def allowed_methods(app: FastAPI, scope: Scope) -> list[str]:
+    """Return the methods that the path of a request takes; several routes may have the same path."""
+    allowed = set[str]()
+    for method in METHODS:
+        matches = [route.matches({**scope, "method": method})[0] for route in app.router.routes]
+        if Match.FULL in matches:
+            allowed.add(method)
+    return sorted(allowed)
 
 
 def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Depends, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.api.deps import CallerOf, State, public, require
@@ -17,17 +17,26 @@ router = APIRouter(tags=["operation"], route_class=ContractRoute)
 class Health(BaseModel):
     """The state of the server."""
 
+    model_config = ConfigDict(json_schema_extra={"example": {"status": "ok"}})
+
     status: str
 
 
 class Readiness(BaseModel):
     """Whether queries can be answered, part by part."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {"status": "ok", "checks": {"database": "ok", "blobs": "ok", "build_worker": "ok"}}
+        }
+    )
+
     status: str
     checks: dict[str, str]
 
 
-@router.get("/healthz", dependencies=[Depends(public)])
+@router.head("/healthz", name="headHealth", dependencies=[Depends(public)], include_in_schema=False)
+@router.get("/healthz", name="getHealth", dependencies=[Depends(public)])
 def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
@@ -35,6 +44,7 @@ def healthz() -> Health:
 
 @router.get(
     "/readyz",
+    name="getReadiness",
     response_model=Readiness,
     responses={503: {"model": Readiness}},
     dependencies=[Depends(public)],
@@ -61,6 +71,7 @@ def readyz(state: State) -> Readiness | Response:
 
 @router.get(
     "/metrics",
+    name="getMetrics",
     response_class=Response,
     dependencies=[Depends(require("admin"))],
     responses=problems(401),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, File, Form, UploadFile
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
@@ -21,6 +21,46 @@ from app.services.locate_result import LocateRequest, LocateResult, Method
 from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
+
+
+EXAMPLE: dict[str, Any] = {
+    "located": True,
+    "reason": None,
+    "method": "rgbd",
+    "venue": "museum",
+    "map_version": 3,
+    "floor": "0",
+    "pose": {
+        "position": {"x": 13.912, "y": 15.635, "z": 1.67},
+        "quaternion": {"x": -0.3618, "y": -0.6083, "z": 0.6562, "w": 0.2617},
+    },
+    "plan": {"x": 14.865, "y": 17.163, "heading_deg": 307.5, "u_px": 1438.2, "v_px": 1453.8, "area": "hall"},
+    "accuracy": {"position_m": 0.017, "orientation_deg": 0.23},
+    "confidence": 0.987,
+    "inliers": 151,
+    "matches": 212,
+    "keyframes": [{"keyframe": 151, "matches": 102, "inliers": 94}],
+    "camera": {
+        "model": "PINHOLE",
+        "width": 640,
+        "height": 480,
+        "params": [498.0, 498.5, 322.4, 236.8],
+        "source": "request",
+    },
+    "narrowed": False,
+    "gravity_checked": None,
+    "timings_ms": {
+        "decode": 3.3,
+        "describe": 37.6,
+        "retrieve": 1.0,
+        "match": 15.2,
+        "pose": 9.1,
+        "total": 67.9,
+    },
+    "anchors": [],
+    "vertical": None,
+    "hints": [],
+}
 
 
 class PlanBody(BaseModel):
@@ -53,8 +93,10 @@ class KeyframeBody(BaseModel):
     inliers: int
 
 
-class LocateBody(BaseModel):
+class LocateResultBody(BaseModel):
     """Where the camera is, or the reason why that can't be said. `pose` is world_from_camera."""
+
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLE})
 
     located: bool
     reason: (
@@ -90,7 +132,7 @@ class LocateBody(BaseModel):
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
 
 
-@router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
+@router.post("/locate", name="locateImage", responses=problems(401, 404, 413, 415, 422, 503))
 async def locate(
     state: State,
     caller: CallerOf,
@@ -107,7 +149,7 @@ async def locate(
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     prior: Annotated[str | None, Form(description='JSON {"position": {x, y, z}, "radius_m"}')] = None,
     method: Annotated[Method, Form()] = "auto",
-) -> LocateBody:
+) -> LocateResultBody:
     """Locate one image."""
     request = LocateRequest(
         image=await image.read(),
@@ -124,10 +166,10 @@ async def locate(
     return body_of(result)
 
 
-def body_of(result: LocateResult) -> LocateBody:
+def body_of(result: LocateResult) -> LocateResultBody:
     """Return the body of a result."""
     pose, plan = result.world_from_camera, result.plan
-    return LocateBody(
+    return LocateResultBody(
         located=result.reason is None,
         reason=result.reason,
         method=result.method,

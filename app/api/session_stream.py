@@ -212,7 +212,10 @@ async def _answer(state: AppState, connection: Stream) -> None:
             continue
         result = answer.result
         state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
-        body = {**frame_body(answer).model_dump(mode="json"), "received": waiting.received}
+        body = {
+            **frame_body(answer).model_dump(mode="json", exclude_unset=True),
+            "received": waiting.received,
+        }
         await _send(connection.socket, json.dumps(body, separators=(",", ":")))
 
 

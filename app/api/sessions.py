@@ -11,8 +11,10 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, Path, Query, Response, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.anchor import StatedCamera
+from app.api.bodies.guidance import SessionGuidance
 from app.api.deps import ID_PATTERN, CallerOf, State, require
-from app.api.locate import LocateBody, _camera, _gravity, body_of
+from app.api.locate import EXAMPLE, LocateResultBody, _camera, _gravity, body_of
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
@@ -133,23 +135,74 @@ class TrajectoryPoint(BaseModel):
         )
 
 
-class FrameBody(LocateBody):
+POINT: dict[str, Any] = {
+    "frame": 12,
+    "time_s": 1.2,
+    "tracking": "tracking",
+    "floor": "0",
+    "x": 14.865,
+    "y": 17.163,
+    "heading_deg": 307.5,
+    "pose": EXAMPLE["pose"],
+    "position_m": 0.017,
+}
+SESSION = "4d0f6a1be1f94bd0a5d54a1f0f3c2b7e"
+
+
+class TrackedFrame(LocateResultBody):
     """The answer to a frame: that of /locate and what tracking adds to it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                **EXAMPLE,
+                "session": SESSION,
+                "frame": 12,
+                "tracking": "tracking",
+                "unaided_m": 0.0,
+                "trajectory": [POINT],
+                "guidance": None,
+            }
+        }
+    )
 
     session: str
     frame: int = Field(description="Counts the frames that were answered, from 1")
     tracking: TrackingState
     unaided_m: float = Field(description="Path since a map or an anchor last said where the camera is")
     trajectory: list[TrajectoryPoint] = Field(description="The last points; GET returns all")
-    guidance: dict[str, Any] | None
+    guidance: SessionGuidance | None
+
+
+class SessionCamera(StatedCamera):
+    """A session's camera: as it was stated, or as it was found by a search."""
+
+    source: Literal["search"] | None = Field(None, description="search, where it was found by one")
 
 
 class SessionBody(BaseModel):
     """A session, and with GET where it went."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "session": SESSION,
+                "venue": "museum",
+                "camera": [498.0, 498.5, 322.4, 236.8],
+                "destination": "entrance",
+                "language": "en",
+                "tracking": "tracking",
+                "frames": 12,
+                "created_at": "2026-03-01T09:00:00Z",
+                "expires_at": "2026-03-01T10:00:01Z",
+                "trajectory": [POINT],
+            }
+        }
+    )
+
     session: str
     venue: str
-    camera: dict[str, Any] | list[float] | None
+    camera: SessionCamera | list[float] | None
     destination: str | None
     language: str | None
     tracking: TrackingState
@@ -175,7 +228,13 @@ class SessionBody(BaseModel):
         )
 
 
-@router.post("", status_code=201, responses=problems(401, 404, 422))
+@router.post(
+    "",
+    name="createSession",
+    response_model_exclude_unset=True,
+    status_code=201,
+    responses=problems(401, 404, 422),
+)
 def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     """Start a session."""
     caller.check_venue(new.venue)
@@ -185,7 +244,9 @@ def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     )
 
 
-@router.get("/{session}", responses=problems(401, 404, 422))
+@router.get(
+    "/{session}", name="getSession", response_model_exclude_unset=True, responses=problems(401, 404, 422)
+)
 def get(
     state: State,
     session: SessionId,
@@ -199,21 +260,28 @@ def get(
     return SessionBody.of(service.get(session), service.timeout, trajectory)
 
 
-@router.patch("/{session}", responses=problems(401, 404, 422))
+@router.patch(
+    "/{session}", name="changeSession", response_model_exclude_unset=True, responses=problems(401, 404, 422)
+)
 def change(state: State, session: SessionId, change: SessionChange) -> SessionBody:
     """Change destination, language or camera."""
     values = change.model_dump(include=change.model_fields_set)
     return SessionBody.of(state.services.sessions.change(session, values), state.services.sessions.timeout)
 
 
-@router.delete("/{session}", status_code=204, responses=problems(401, 404, 422))
+@router.delete("/{session}", name="deleteSession", status_code=204, responses=problems(401, 404, 422))
 def remove(state: State, session: SessionId) -> Response:
     """End a session and delete where it went."""
     state.services.sessions.delete(session)
     return Response(status_code=204)
 
 
-@router.post("/{session}/frames", responses=problems(401, 404, 409, 413, 415, 422, 503))
+@router.post(
+    "/{session}/frames",
+    name="trackFrame",
+    response_model_exclude_unset=True,
+    responses=problems(401, 404, 409, 413, 415, 422, 503),
+)
 async def frame(
     state: State,
     session: SessionId,
@@ -227,7 +295,7 @@ async def frame(
     timestamp: Annotated[
         str | None, Form(description="When it was taken, seconds of the phone's clock")
     ] = None,
-) -> FrameBody:
+) -> TrackedFrame:
     """Answer one frame."""
     request = session_frame(await image.read(), camera, gravity, motion, timestamp)
     answer = await state.executor.run(lambda: state.services.sessions.process(session, request))
@@ -282,12 +350,12 @@ def parse_timestamp(text: str | None) -> float | None:
     return seconds
 
 
-def frame_body(answer: SessionResult) -> FrameBody:
+def frame_body(answer: SessionResult) -> TrackedFrame:
     """Return the body of an answer."""
     located = body_of(answer.result).model_dump()
     # On a floor whose plan has no place in the world there is a point on the plan and no pose.
     located["located"] = answer.result.reason is None
-    return FrameBody(
+    return TrackedFrame(
         **located,
         session=answer.session,
         frame=answer.frame,

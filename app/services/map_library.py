@@ -12,7 +12,8 @@ from app.errors import RoomfixError
 from app.limits import limit
 from app.lru import LruCache
 from app.services.resources import Resources
-from app.storage.maps import MapVersion, active_version
+from app.storage.maps import MapVersion, active_version, delete_map, list_keyframe_images
+from app.storage.sweep import discard_blobs
 from app.vision.index import GlobalIndex
 
 log = logging.getLogger("roomfix.maps")
@@ -71,6 +72,20 @@ class MapLibrary:
         """Return a version's map, opened when it is not open yet."""
         key = version.artifact_blob + version.index_blob
         return self._open.get_or_make(key, lambda: self._load(version)).opened
+
+    def remove(self, venue_id: str, version: int) -> None:
+        """Delete a map version with the blobs that nothing else needs.
+
+        While a build runs its blobs stay, since that build may need the same; the sweep deletes them later. Raises
+        `NotFoundError`, and `ConflictError` for the version that serves the venue.
+        """
+        resources = self._resources
+        with resources.database.write() as connection:
+            images = list_keyframe_images(connection, venue_id, version)
+            found = delete_map(connection, venue_id, version)
+        digests = [found.artifact_blob, found.index_blob]
+        digests += [blob for image in images for blob in (image.color_blob, image.depth_blob)]
+        discard_blobs(resources.database, resources.blobs, digests, written_by=found.build_id or "")
 
     def _load(self, version: MapVersion) -> _Entry:
         blobs = self._resources.blobs

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, func, insert, select
+from sqlalchemy import Connection, Row, delete, func, insert, select
 
-from app.errors import NotFoundError
+from app.errors import ConflictError, NotFoundError
 from app.storage.db import as_utc, now
 from app.storage.tables import keyframe_images, map_versions, venues
 from app.storage.venues import get_venue, set_active_map
@@ -103,6 +103,17 @@ def get_map(connection: Connection, venue_id: str, version: int) -> MapVersion:
     if row is None:
         raise NotFoundError(f"Venue {venue_id!r} has no map version {version}.")
     return _map(row)
+
+
+def delete_map(connection: Connection, venue_id: str, version: int) -> MapVersion:
+    """Delete a map version and return what it was; raises `NotFoundError`, and `ConflictError` for the one that serves
+    the venue."""
+    found = get_map(connection, venue_id, version)
+    if get_venue(connection, venue_id).active_map_version == version:
+        raise ConflictError(f"Map version {version} serves the venue; activate another one first.")
+    here = (map_versions.c.venue_id == venue_id) & (map_versions.c.version == version)
+    connection.execute(delete(map_versions).where(here))
+    return found
 
 
 def list_maps(connection: Connection, venue_id: str) -> list[MapVersion]:
