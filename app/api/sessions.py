@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
@@ -14,14 +13,24 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.bodies.anchor import StatedCamera
 from app.api.bodies.guidance import SessionGuidance
 from app.api.deps import ID_PATTERN, CallerOf, State, require
-from app.api.locate import EXAMPLE, LocateResultBody, _camera, _gravity, body_of
+from app.api.locate import EXAMPLE, IN_OWN_AXES, LocateResultBody, _camera, _gravity, body_of
+from app.api.requests.axes import (
+    DEVICE_POSE_IN_WORDS,
+    OPENCV,
+    Axes,
+    AxesName,
+    Frames,
+    parse_axes,
+    parse_frames,
+    parse_pose,
+)
+from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
-from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import PoseBody, problems
 from app.engine.tracking.memory import pose_from_json
-from app.errors import InvalidInputError, InvalidPoseError
+from app.errors import InvalidInputError
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.services.session_answer import SessionResult
@@ -118,8 +127,8 @@ class TrajectoryPoint(BaseModel):
     position_m: float | None = Field(description="One sigma")
 
     @staticmethod
-    def of(point: SessionPoint) -> TrajectoryPoint:
-        """Return the body of a point."""
+    def of(point: SessionPoint, axes: Axes = OPENCV) -> TrajectoryPoint:
+        """Return the body of a point, its pose in the given axes."""
         pose = pose_from_json(point.pose)
         x, y, heading_deg = point.plan or (None, None, None)
         return TrajectoryPoint(
@@ -130,7 +139,7 @@ class TrajectoryPoint(BaseModel):
             x=x,
             y=y,
             heading_deg=heading_deg,
-            pose=None if pose is None else PoseBody.of(pose),
+            pose=None if pose is None else PoseBody.of(axes.pose_out(pose)),
             position_m=point.position_m,
         )
 
@@ -212,7 +221,12 @@ class SessionBody(BaseModel):
     trajectory: list[TrajectoryPoint] = []
 
     @staticmethod
-    def of(session: Session, timeout: timedelta, points: list[SessionPoint] | None = None) -> SessionBody:
+    def of(
+        session: Session,
+        timeout: timedelta,
+        points: list[SessionPoint] | None = None,
+        axes: Axes = OPENCV,
+    ) -> SessionBody:
         """Return the body of a session."""
         return SessionBody(
             session=session.id,
@@ -224,7 +238,7 @@ class SessionBody(BaseModel):
             frames=session.frames,
             created_at=session.created_at,
             expires_at=session.active_at + timeout,
-            trajectory=[TrajectoryPoint.of(point) for point in points or []],
+            trajectory=[TrajectoryPoint.of(point, axes) for point in points or []],
         )
 
 
@@ -253,11 +267,12 @@ def get(
     points: Annotated[
         int, Query(ge=0, le=OPTIONS.max_points, description="Newest points of the trajectory")
     ] = OPTIONS.default_points,
+    axes: Annotated[AxesName, Query(description="Axes of the trajectory's poses")] = "opencv",
 ) -> SessionBody:
     """Return a session and where it went."""
     service = state.services.sessions
     trajectory = service.trajectory(session, points)
-    return SessionBody.of(service.get(session), service.timeout, trajectory)
+    return SessionBody.of(service.get(session), service.timeout, trajectory, parse_axes(axes))
 
 
 @router.patch(
@@ -295,42 +310,45 @@ async def frame(
     timestamp: Annotated[
         str | None, Form(description="When it was taken, seconds of the phone's clock")
     ] = None,
+    axes: Annotated[str | None, Form(description=AXES_IN_WORDS)] = None,
+    device_pose: Annotated[str | None, Form(description=DEVICE_POSE_IN_WORDS)] = None,
 ) -> TrackedFrame:
     """Answer one frame."""
-    request = session_frame(await image.read(), camera, gravity, motion, timestamp)
+    frames = parse_frames(axes, device_pose)
+    request = session_frame(await image.read(), camera, gravity, motion, timestamp, axes=frames.axes)
     answer = await state.executor.run(lambda: state.services.sessions.process(session, request))
     state.metrics.observe_query(
         answer.result.venue, answer.result.reason or "located", answer.result.timings_ms
     )
-    return frame_body(answer)
+    return frame_body(answer, frames)
 
 
 def session_frame(
-    image: bytes, camera: str | None, gravity: str | None, motion: str | None, timestamp: str | None
+    image: bytes,
+    camera: str | None,
+    gravity: str | None,
+    motion: str | None,
+    timestamp: str | None,
+    *,
+    axes: Axes = OPENCV,
 ) -> SessionFrame:
     """Return the frame of a request's fields; raises `InvalidInputError`."""
     return SessionFrame(
-        image, _camera(camera), parse_motion(motion), parse_timestamp(timestamp), _gravity(gravity)
+        image,
+        _camera(camera),
+        parse_motion(motion, axes),
+        parse_timestamp(timestamp),
+        _gravity(gravity, axes),
     )
 
 
-def parse_motion(text: str | None) -> Pose | None:
-    """Return the relative pose of a field; raises `InvalidInputError`."""
-    if text is None or not text.strip():
+def parse_motion(text: str | None, axes: Axes = OPENCV) -> Pose | None:
+    """Return the relative pose of a field in Roomfix's axes; raises `InvalidInputError`."""
+    given = parse_pose(text, "motion")
+    if given is None:
         return None
-    try:
-        value = json.loads(text)
-        refuse_unknown_keys(value, known_names(("position", "quaternion")), "motion")
-        refuse_unknown_keys(value["position"], known_names("xyz"), "motion.position")
-        refuse_unknown_keys(value["quaternion"], known_names("xyzw"), "motion.quaternion")
-        position = [float(value["position"][axis]) for axis in ("x", "y", "z")]
-        quaternion = [float(value["quaternion"][axis]) for axis in ("x", "y", "z", "w")]
-        motion = Pose.from_quaternion(position, quaternion)
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, InvalidPoseError):
-        raise InvalidInputError(
-            'motion must be {"position": {"x", "y", "z"}, "quaternion": {"x", "y", "z", "w"}}, all finite numbers.'
-        ) from None
-    if float(np.linalg.norm(position)) > OPTIONS.max_motion_m:
+    motion = axes.motion_in(given)
+    if float(np.linalg.norm(motion.translation)) > OPTIONS.max_motion_m:
         raise InvalidInputError(
             f"motion is longer than {OPTIONS.max_motion_m:g} m, too far between two frames."
         )
@@ -350,9 +368,9 @@ def parse_timestamp(text: str | None) -> float | None:
     return seconds
 
 
-def frame_body(answer: SessionResult) -> TrackedFrame:
-    """Return the body of an answer."""
-    located = body_of(answer.result).model_dump()
+def frame_body(answer: SessionResult, frames: Frames = IN_OWN_AXES) -> TrackedFrame:
+    """Return the body of an answer, its poses in the axes that were asked for."""
+    located = body_of(answer.result, frames).model_dump()
     # On a floor whose plan has no place in the world there is a point on the plan and no pose.
     located["located"] = answer.result.reason is None
     return TrackedFrame(
@@ -361,6 +379,6 @@ def frame_body(answer: SessionResult) -> TrackedFrame:
         frame=answer.frame,
         tracking=answer.tracking,
         unaided_m=round(answer.unaided_m, 4),
-        trajectory=[TrajectoryPoint.of(point) for point in answer.trajectory],
+        trajectory=[TrajectoryPoint.of(point, frames.axes) for point in answer.trajectory],
         guidance=answer.guidance,
     )

@@ -6,13 +6,14 @@ import base64
 import gzip
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.scenes import CAMERA_TEXT, View
+from tests.scenes import CAMERA_TEXT, View, encode
 from tests.server import Server, assert_problem, running
-from tests.synthetic import png
 
 FLOOR = {"name": "Ground", "level": 0, "z_min_m": -1, "z_max_m": 3}
 FEATURES = {
@@ -39,7 +40,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         answer = server.client.put(
             "/venues/site/floors/0/plan",
             data={"meters_per_pixel": "0.1", "origin_px": "0,10"},
-            files={"image": png(40, 30)},
+            files={"image": encode(np.zeros((60, 80, 3), np.uint8), ".png")},
         )
         assert answer.status_code == 200, answer.text
         yield server
@@ -67,7 +68,9 @@ def test_features_that_change_have_another_tag(site: Server) -> None:
 
 
 def test_json_is_compressed_and_pictures_are_not(site: Server) -> None:
-    with site.client.stream("GET", "/venues/site/floors/0/features", headers={"Accept-Encoding": "gzip"}) as answer:
+    with site.client.stream(
+        "GET", "/venues/site/floors/0/features", headers={"Accept-Encoding": "gzip"}
+    ) as answer:
         packed = b"".join(answer.iter_raw())
     assert answer.headers["content-encoding"] == "gzip"
     assert json.loads(gzip.decompress(packed))["features"][0]["properties"]["name"] == "Landmark 0"
@@ -95,9 +98,16 @@ def test_a_list_comes_in_pages(empty: Server) -> None:
 
 @pytest.mark.parametrize(
     ("path", "allowed"),
-    [("/venues", "GET, POST"), ("/venues/site", "DELETE, GET, PATCH"), ("/healthz", "GET, HEAD"), ("/locate", "POST")],
+    [
+        ("/venues", "GET, POST"),
+        ("/venues/site", "DELETE, GET, PATCH"),
+        ("/healthz", "GET, HEAD"),
+        ("/locate", "POST"),
+    ],
 )
-def test_a_method_that_a_path_lacks_is_answered_with_those_it_has(site: Server, path: str, allowed: str) -> None:
+def test_a_method_that_a_path_lacks_is_answered_with_those_it_has(
+    site: Server, path: str, allowed: str
+) -> None:
     answer = site.client.put(path)
     assert_problem(answer, 405, "method_not_allowed")
     assert answer.headers["allow"] == allowed
@@ -119,7 +129,10 @@ def test_pages_of_origins_that_are_set_may_call(site: Server) -> None:
     assert "X-Request-ID" in answer.headers["access-control-expose-headers"]
     # An error can be read too.
     missing = site.client.get("/venues/none", headers={"Origin": "https://app.example"})
-    assert (missing.status_code, missing.headers["access-control-allow-origin"]) == (404, "https://app.example")
+    assert (missing.status_code, missing.headers["access-control-allow-origin"]) == (
+        404,
+        "https://app.example",
+    )
     other = site.client.get("/venues", headers={"Origin": "https://evil.example"})
     assert other.status_code == 403
     assert "access-control-allow-origin" not in other.headers
@@ -145,7 +158,9 @@ def test_a_picture_may_be_the_body_or_base64_in_json(museum: Server, queries: li
     assert as_json["located"]
     assert as_json["narrowed"]
     session = museum.client.post("/sessions", json={"venue": "museum", "camera": camera}).json()["session"]
-    tracked = museum.client.post(f"/sessions/{session}/frames", json={"image": packed["image"], "timestamp": 1.5})
+    tracked = museum.client.post(
+        f"/sessions/{session}/frames", json={"image": packed["image"], "timestamp": 1.5}
+    )
     assert tracked.json()["tracking"] == "tracking"
 
 
@@ -185,14 +200,17 @@ def test_the_same_submission_is_the_same_build(site: Server, scan_zip: bytes) ->
     assert len(site.client.get("/database/builds?venue=site").json()) == 2
 
 
-def test_a_map_version_that_does_not_serve_can_be_deleted(empty: Server, scan_zip: bytes) -> None:
-    empty.add_venue("v")
-    assert [empty.build(scan_zip, "v")["map_version"] for _ in range(2)] == [1, 2]
-    assert "serves" in assert_problem(empty.client.delete("/venues/v/maps/2"), 409, "conflict")
-    before = empty.files()
-    assert empty.client.delete("/venues/v/maps/1").status_code == 204
-    assert [entry["version"] for entry in empty.client.get("/venues/v/maps").json()] == [2]
-    assert_problem(empty.client.delete("/venues/v/maps/1"), 404, "not_found")
-    # What the other version needs is still there.
-    assert empty.files() < before
-    assert empty.client.get("/venues/v").json()["map_version"] == 2
+def test_a_map_version_that_does_not_serve_can_be_deleted(tmp_path: Path, scan_zip: bytes) -> None:
+    with running(tmp_path) as server:
+        server.add_venue("v")
+        rule = {"rule": "interval", "every": 3}
+        assert server.build(scan_zip, "v", keyframes=rule)["map_version"] == 1
+        assert server.build(scan_zip, "v")["map_version"] == 2
+        assert "serves" in assert_problem(server.client.delete("/venues/v/maps/2"), 409, "conflict")
+        before = server.files()
+        assert server.client.delete("/venues/v/maps/1").status_code == 204
+        assert [entry["version"] for entry in server.client.get("/venues/v/maps").json()] == [2]
+        assert_problem(server.client.delete("/venues/v/maps/1"), 404, "not_found")
+        assert server.files() < before
+        # What the other version needs is still there.
+        assert server.client.post("/venues/v/maps/2/activate").status_code == 200
