@@ -21,9 +21,13 @@ COMMANDS = {
     "build": "app.commands.build:build",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",
+    "check": "app.commands.maintain:check",
+    "backup": "app.commands.maintain:backup",
+    "restore": "app.commands.maintain:restore",
     "calibrate": "app.commands.calibrate:calibrate",
     "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",
+    "export-plan": "app.commands.export_plan:export_plan",
     "push-frames": "app.commands.push_frames:push_frames",
     "stream": "app.commands.stream:stream",
 }

@@ -97,6 +97,12 @@ class DatabaseBusyError(BusyError):
     code = "database_busy"
 
 
+class MapDamagedError(RoomfixError):
+    """The file of a map, or of its index, is missing or is not what was stored; another version may still serve."""
+
+    code = "map_damaged"
+
+
 class CancelledBuildError(RoomfixError):
     """The build was cancelled while it ran."""
 

@@ -22,7 +22,6 @@ from app.api import (
     floors,
     health,
     locate,
-    maps,
     plan_drawing,
     routes,
     session_stream,
@@ -35,6 +34,9 @@ from app.api.access.throttle import Throttle
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
+from app.api.guards import OtherSitesMiddleware, OverloadMiddleware
+from app.api.maps import versions as map_versions
+from app.api.maps import views as map_views
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
@@ -115,8 +117,8 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         generate_unique_id_function=operation_id,
     )
     for router in (
-        locate.router, venues.router, floors.router, features.router, maps.router, database.router,
-        routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
+        locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
+        database.router, routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
         session_stream.router, keys.router, keys.tokens, audit.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
@@ -134,6 +136,8 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
     app.add_middleware(GZipMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
     if settings.open:
         app.add_middleware(OpenHostMiddleware, origins)
+    app.add_middleware(OverloadMiddleware)
+    app.add_middleware(OtherSitesMiddleware, is_open=settings.open, origins=origins)
     if origins:
         app.add_middleware(
             CORSMiddleware,

@@ -11,7 +11,6 @@ from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.engine.mapping.options import parse_build_options
 from app.services.calibration import calibrate_archive
 
 router = APIRouter(
@@ -112,8 +111,8 @@ async def calibrate(
     "calibrated"}}`.
     """
     caller.check_venue(venue)
-    parsed = parse_build_options(read_options(options))
+    parsed = read_options(options)
     found = await state.executor.run(
         lambda: calibrate_archive(state.services.resources, venue, parsed, archive.file)
     )
-    return CalibrationBody.model_validate(found.as_dict())
+    return CalibrationBody.model_validate(found)

@@ -12,15 +12,14 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
-from starlette.types import Scope
 
 from app import errors
 from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
+METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
-METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 # The first class that fits decides, so that special ones stand above their base.
 STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ImageTooLargeError, 413),
@@ -34,6 +33,7 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ConflictError, 409),
     (errors.RateLimitError, 429),
     (errors.BusyError, 503),
+    (errors.MapDamagedError, 503),
 )
 
 
@@ -51,6 +51,11 @@ class ErrorOptions:
         "The same where the database is locked by another process.",
         chosen="By hand: a backup takes longer than a query.",
     )
+    damage_retry_after_s: int = limit(
+        60,
+        "The same where a map is damaged on the server.",
+        chosen="By hand: an operator has to restore it.",
+    )
     max_reported_fields: int = limit(
         5,
         "Largest number of fields of a request that an answer says something about.",
@@ -63,6 +68,7 @@ OPTIONS = ErrorOptions()
 RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.DatabaseBusyError, OPTIONS.database_retry_after_s),
     (errors.BusyError, OPTIONS.retry_after_s),
+    (errors.MapDamagedError, OPTIONS.damage_retry_after_s),
 )
 
 
@@ -80,15 +86,32 @@ def problem(
     return JSONResponse({**body, **more}, status_code=status, media_type=PROBLEM_MEDIA_TYPE, headers=headers)
 
 
+def problem_of(error: errors.RoomfixError) -> JSONResponse:
+    """Return the answer of a domain error."""
+    status = status_of(error)
+    if status == 500:
+        log.error("unmapped error", exc_info=error)
+    return problem(status, error.code, str(error), headers_of(error, status))
+
+
+def allowed_methods(request: Request) -> list[str]:
+    """Return the methods that some route at a request's path takes."""
+    return [
+        method
+        for method in METHODS
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    ]
+
+
 def install_error_handlers(app: FastAPI) -> None:
     """Make every expected error a problem+json answer; `RequestIdMiddleware` answers all others."""
 
     async def domain(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, errors.RoomfixError)  # noqa: S101 - registered for this class
-        status = status_of(error)
-        if status == 500:
-            log.error("unmapped error", exc_info=error)
-        return problem(status, error.code, str(error), headers_of(error, status))
+        return problem_of(error)
 
     async def validation(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
@@ -102,7 +125,7 @@ def install_error_handlers(app: FastAPI) -> None:
         detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
         headers = dict(error.headers) if error.headers else None
         if error.status_code == 405:
-            allowed = allowed_methods(request.app, request.scope)
+            allowed = allowed_methods(request)
             headers = {"Allow": ", ".join(allowed)}
             detail = f"This address takes {', '.join(allowed)}."
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
@@ -110,16 +133,6 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(errors.RoomfixError, domain)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
-
-
-def allowed_methods(app: FastAPI, scope: Scope) -> list[str]:
-    """Return the methods that the path of a request takes; several routes may have the same path."""
-    allowed = set[str]()
-    for method in METHODS:
-        matches = [route.matches({**scope, "method": method})[0] for route in app.router.routes]
-        if Match.FULL in matches:
-            allowed.add(method)
-    return sorted(allowed)
 
 
 def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:

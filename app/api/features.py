@@ -15,7 +15,8 @@ from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.engine.navigation.network import unmet_links
-from app.services.floor_features import store_features, stored_features
+from app.services.floor_features import store_features
+from app.storage.floors import get_features
 
 router = APIRouter(
     prefix="/venues/{venue}/floors/{floor}/features", tags=["floors"], route_class=ContractRoute
@@ -88,5 +89,6 @@ async def put(state: State, venue: VenueId, floor: FloorId, request: Request) ->
 )
 def get(state: State, venue: VenueId, floor: FloorId, request: Request) -> Any:
     """Return a floor's features in plan metres, in the form that PUT takes."""
-    found = stored_features(state.services.resources, venue, floor)
+    with state.services.resources.database.read() as connection:
+        found = get_features(connection, venue, floor)
     return unless_known(request, found.sha256 or "none", lambda: GeoJsonResponse(found.collection))

@@ -9,6 +9,7 @@ import typer
 import uvicorn
 
 from app.api.access.credentials import is_loopback
+from app.commands.connections import server_options
 from app.commands.console import DataDir, log_to_stderr, settings_from
 from app.jobs.worker import run_worker
 from app.main import create_app
@@ -58,4 +59,5 @@ def run_server(settings: Settings) -> None:
         log_config=None,
         access_log=False,
         ws_max_size=settings.max_image_bytes,
+        **server_options(),
     )

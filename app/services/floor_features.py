@@ -19,7 +19,7 @@ from app.limits import limit
 from app.lru import LruCache
 from app.services.resources import Resources
 from app.storage.db import Database
-from app.storage.floors import Features, get_features, get_floor, list_floors, set_features
+from app.storage.floors import get_features, get_floor, list_floors, set_features
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,13 +54,10 @@ def store_features(
     return features
 
 
-def stored_features(resources: Resources, venue_id: str, floor_id: str) -> Features:
-    """Return a floor's features as GeoJSON with its digest, an empty collection when it has none.
-
-    Raises `NotFoundError`.
-    """
+def stored_features(resources: Resources, venue_id: str, floor_id: str) -> GeoJson:
+    """Return a floor's features as GeoJSON, an empty collection when it has none; raises `NotFoundError`."""
     with resources.database.read() as connection:
-        return get_features(connection, venue_id, floor_id)
+        return get_features(connection, venue_id, floor_id).collection
 
 
 class FeatureLibrary:

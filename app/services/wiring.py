@@ -12,6 +12,7 @@ from app.services.floor_features import FeatureLibrary
 from app.services.keys.key_service import KeyService
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
+from app.services.map_views.views import MapViews
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.sessions import SessionService
@@ -23,6 +24,7 @@ class Services:
 
     resources: Resources
     maps: MapLibrary
+    map_views: MapViews
     features: FeatureLibrary
     routes: RouteService
     anchors: AnchorService
@@ -40,6 +42,7 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
     return Services(
         resources=resources,
         maps=maps,
+        map_views=MapViews(resources, maps),
         features=features,
         routes=routes,
         anchors=AnchorService(resources, maps, describer),

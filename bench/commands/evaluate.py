@@ -68,6 +68,42 @@ class Protocol(StrEnum):
     KEYFRAMES = "keyframes"
 
 
+DatabaseRange = Annotated[
+    str | None, typer.Option(help="Frames of the map: start:stop:step, by order; 0::2 by default.")
+]
+QueriesRange = Annotated[
+    str | None, typer.Option(help="Frames to locate, those of the map left out; 1::2 by default.")
+]
+ProtocolOption = Annotated[
+    Protocol,
+    typer.Option(
+        help="ranges: --database and --queries; keyframes: the keyframes of the whole scan are the database, all "
+        "its other frames are queries (the RGB-D paper's protocol)."
+    ),
+]
+PipelineOption = Annotated[
+    list[PipelineName] | None,
+    typer.Option(
+        help="default; paper: ORB, F-RANSAC, EPnP + LM, one keyframe, 50 matches; two-images: two keyframes, no "
+        "depth; vdm, epipolar: lines on the plan; repeat it to compare."
+    ),
+]
+DegradeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help=f"Ask the same map with queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
+    ),
+]
+AbsentOption = Annotated[
+    list[str] | None,
+    typer.Option(help="A folder of other places, or synthetic: none may be located; repeat it for several."),
+]
+ServerOption = Annotated[
+    str | None,
+    typer.Option(help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."),
+]
+
+
 @dataclass(frozen=True, slots=True)
 class _Configuration:
     """One map to build and how to localize in it; `name` tells it apart from the others. `frames` is a split, or the
@@ -82,49 +118,18 @@ class _Configuration:
 
 def evaluate(
     datasets: Datasets,
-    database: Annotated[
-        str | None, typer.Option(help="Frames of the map: start:stop:step, by order; 0::2 by default.")
-    ] = None,
-    queries: Annotated[
-        str | None, typer.Option(help="Frames to locate, those of the map left out; 1::2 by default.")
-    ] = None,
-    protocol: Annotated[
-        Protocol,
-        typer.Option(
-            help="ranges: --database and --queries; keyframes: the keyframes of the whole scan are the database, all "
-            "its other frames are queries (the RGB-D paper's protocol)."
-        ),
-    ] = Protocol.RANGES,
+    database: DatabaseRange = None,
+    queries: QueriesRange = None,
+    protocol: ProtocolOption = Protocol.RANGES,
     features: Annotated[list[str] | None, typer.Option(help="Feature method; repeat it to compare.")] = None,
-    pipeline: Annotated[
-        list[PipelineName] | None,
-        typer.Option(
-            help="default; paper: ORB, F-RANSAC, EPnP + LM, one keyframe, 50 matches; two-images: two keyframes, no "
-            "depth; vdm, epipolar: lines on the plan; repeat it to compare."
-        ),
-    ] = None,
+    pipeline: PipelineOption = None,
     keyframes: Annotated[int | None, typer.Option(help="Keyframes that a query is matched with.")] = None,
-    degrade: Annotated[
-        list[str] | None,
-        typer.Option(
-            help=f"Ask the same map with queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
-        ),
-    ] = None,
+    degrade: DegradeOption = None,
     no_camera: Annotated[
         bool, typer.Option("--no-camera", help="Locate without a camera; the same as --degrade no-camera.")
     ] = False,
-    absent: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A folder of other places, or synthetic: none may be located; repeat it for several."
-        ),
-    ] = None,
-    server: Annotated[
-        str | None,
-        typer.Option(
-            help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."
-        ),
-    ] = None,
+    absent: AbsentOption = None,
+    server: ServerOption = None,
     options: Annotated[
         list[str] | None, typer.Option(help="JSON, as in POST /database/build; repeat it to compare.")
     ] = None,
@@ -138,26 +143,32 @@ def evaluate(
     check_places(absent or [])
     parsed = [json_object(each) for each in options or ["{}"]]
     page = None if report is None else Report(_title(datasets), report)
-    by_keyframes = protocol is Protocol.KEYFRAMES
-    if by_keyframes and (server is not None or database is not None or queries is not None):
-        raise InvalidInputError(
-            "--protocol keyframes chooses database and queries itself: leave out server, database and queries."
-        )
-    database, queries = database or "0::2", queries or "1::2"
-    ranges = None if by_keyframes else (database, queries)
+    ranges = _ranges(protocol, database, queries)
     if server is not None:
-        if features or pipeline or keyframes is not None or absent:
+        if features or pipeline or keyframes is not None or absent or ranges is None:
             raise InvalidInputError(
-                "--server takes its pipeline from the server: leave out features, pipeline, keyframes and absent."
+                "--server takes its pipeline from the server: leave out features, pipeline, keyframes, absent and "
+                "--protocol keyframes."
             )
-        results = list(_evaluate_there(server, datasets, database, queries, parsed, variations))
+        results = list(_evaluate_there(server, datasets, ranges, parsed, variations))
     else:
         chosen: list[Pipeline] = [name.value for name in pipeline or [PipelineName.DEFAULT]]
         settings = {name: _settings(name, keyframes) for name in chosen}
         configurations = list(_configurations(datasets, ranges, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
-    _show(results, variations, by_keyframes).write("evaluate", figures)
+    _show(results, variations, by_keyframes=ranges is None).write("evaluate", figures)
     _write(results, json_file, page)
+
+
+def _ranges(protocol: Protocol, database: str | None, queries: str | None) -> tuple[str, str] | None:
+    """Return the frames of map and queries, None where the keyframes divide the scan."""
+    if protocol is Protocol.RANGES:
+        return database or "0::2", queries or "1::2"
+    if database is not None or queries is not None:
+        raise InvalidInputError(
+            "--protocol keyframes chooses database and queries itself: leave out --database and --queries."
+        )
+    return None
 
 
 def _settings(pipeline: Pipeline, keyframes: int | None) -> LocalizerSettings:
@@ -244,8 +255,7 @@ def _evaluate_map(
 def _evaluate_there(
     server: str,
     datasets: Sequence[Path],
-    database: str,
-    queries: str,
+    ranges: tuple[str, str],
     options: Sequence[dict[str, Any]],
     variations: Sequence[Variation],
 ) -> Iterator[Evaluation]:
@@ -255,12 +265,12 @@ def _evaluate_there(
         for dataset in datasets:
             for difference, given in zip(name_by_difference(options), options, strict=True):
                 base = parse_build_options(given)
-                split = split_scan(dataset, database, queries, base.format, base.scan)
+                split = split_scan(dataset, *ranges, base.format, base.scan)
                 name = dataset.resolve().name + (f", {difference}" if difference else "")
                 yield from evaluate_over_http(client, split, name, given, variations)
 
 
-def _show(results: Sequence[Evaluation], variations: Sequence[Variation], by_keyframes: bool) -> Shown:
+def _show(results: Sequence[Evaluation], variations: Sequence[Variation], *, by_keyframes: bool) -> Shown:
     shown = Shown()
     if by_keyframes:
         for table in paper_tables([each for each in results if each.variation == variations[0].name]):

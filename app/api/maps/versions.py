@@ -1,4 +1,4 @@
-"""Map versions: what there is, and which one serves."""
+"""Map versions: which there are, which one serves, and deleting one."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from app.api.deps import State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.paging import Paged
 from app.api.schemas import problems
-from app.storage.maps import MapVersion, get_map, list_maps
+from app.storage.maps import MapVersion, delete_map, get_map, list_maps
 from app.storage.venues import get_venue, set_active_map
 
 router = APIRouter(prefix="/venues/{venue}/maps", tags=["maps"], route_class=ContractRoute)
-
-
-Version = Annotated[int, Path(ge=1, le=2**31 - 1, description="A map version")]
+Version = Annotated[int, Path(ge=1, le=2**31 - 1, description="The map version's number")]
 
 
 class MapVersionBody(BaseModel):
@@ -93,6 +91,7 @@ def activate(state: State, venue: VenueId, version: Version) -> MapVersionBody:
     responses=problems(401, 404, 409, 422),
 )
 def remove(state: State, venue: VenueId, version: Version) -> Response:
-    """Delete a map version that doesn't serve the venue, with its pictures."""
-    state.services.maps.remove(venue, version)
+    """Delete a map version with its keyframes' pictures; the one that serves can't be deleted."""
+    with state.services.resources.database.write() as connection:
+        delete_map(connection, venue, version)
     return Response(status_code=204)
