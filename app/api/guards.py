@@ -31,23 +31,30 @@ class OtherSitesMiddleware:
     has a name of this computer resolved to itself (DNS rebinding) shows by its `Origin`.
     """
 
-    def __init__(self, app: ASGIApp, *, is_open: bool) -> None:
+    def __init__(self, app: ASGIApp, *, is_open: bool, origins: tuple[str, ...] = ()) -> None:
         self._app = app
         self._is_open = is_open
+        self._origins = origins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or WebSocket."""
-        if self._is_open and scope["type"] in ("http", "websocket") and is_from_other_site(scope):
+        if (
+            self._is_open
+            and scope["type"] in ("http", "websocket")
+            and is_from_other_site(scope, self._origins)
+        ):
             await problem(403, "cross_site", OTHER_SITE)(scope, receive, send)
             return
         await self._app(scope, receive, send)
 
 
-def is_from_other_site(scope: Scope) -> bool:
-    """Whether a request that could change something, or a WebSocket, comes from a page of another site."""
+def is_from_other_site(scope: Scope, origins: tuple[str, ...] = ()) -> bool:
+    """Whether a request that could change something, or a WebSocket, comes from another site than `origins`."""
     if scope["type"] == "http" and scope["method"] in SAFE_METHODS:
         return False
     headers = Headers(scope=scope)
+    if headers.get("origin") in origins:
+        return False
     if headers.get("sec-fetch-site", "none") not in OWN_SITE:
         return True
     origin = headers.get("origin")
