@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from shutil import copyfileobj
 from typing import BinaryIO
@@ -39,6 +40,8 @@ def calibrate_archive(
         if packed.stat().st_size == 0:
             raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
         source = open_scan(
-            extract_archive(packed, Path(folder) / "scan", limits), options.format, options.scan
+            extract_archive(packed, Path(folder) / "scan", limits),
+            options.format,
+            replace(options.scan, scratch=Path(folder)),
         )
         return calibrate(source, options, resources.models, resources.executor, NoProgress())
