@@ -32,6 +32,7 @@ from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
+from app.api.scans import inspect
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.services.resources import Resources
@@ -85,7 +86,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     )
     for router in (
         locate.router, venues.router, floors.router, features.router, maps.router, database.router,
-        routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
+        routes.router, plan_drawing.router, calibrate.router, inspect.router, anchors.router, sessions.router,
         session_stream.router, health.router,
     ):  # fmt: skip
         app.include_router(router)

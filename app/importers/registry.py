@@ -75,16 +75,7 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     `format` is one of `FORMATS`; None or `auto` finds it from the files. Raises `InvalidScanError`, with a
     sentence naming the file or the frame, for a folder that holds no scan that can become a map, or several.
     """
-    if not directory.is_dir():
-        raise InvalidScanError(f"The scan's folder {directory.name!r} does not exist.")
-    name = (format or "auto").lower()
-    if name != "auto" and name not in FORMATS:
-        known = list(FORMATS)
-        raise InvalidScanError(
-            f"The scan format {format!r} is not known; use auto, {', '.join(known[:-1])} or {known[-1]}."
-        )
-    importers = FORMATS if name == "auto" else {name: FORMATS[name]}
-    folder, name = _find_scan(directory, importers)
+    folder, name = find_scan(directory, format)
     if options is not None and options.motion is not None and name != "tum":
         raise InvalidScanError(
             f"A uniform motion gives poses to scans in TUM layout without groundtruth.txt; this one is {name}."
@@ -95,6 +86,19 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     if name != "tum" and given.convention.time_offset_s:
         scan = with_time_offset(scan, given.convention.time_offset_s)
     return _read_by_convention(scan, given.convention)
+
+
+def find_scan(directory: Path, format: str | None = None) -> tuple[Path, str]:  # noqa: A002
+    """Return the folder that holds a scan, and its format; raises as `open_scan`."""
+    if not directory.is_dir():
+        raise InvalidScanError(f"The scan's folder {directory.name!r} does not exist.")
+    name = (format or "auto").lower()
+    if name != "auto" and name not in FORMATS:
+        known = list(FORMATS)
+        raise InvalidScanError(
+            f"The scan format {format!r} is not known; use auto, {', '.join(known[:-1])} or {known[-1]}."
+        )
+    return _find_scan(directory, FORMATS if name == "auto" else {name: FORMATS[name]})
 
 
 def _read_by_convention(scan: Scan, convention: PoseConvention) -> Scan:

@@ -87,6 +87,18 @@ def extract_archive(
     return _scan_folder(destination)
 
 
+def names_in_archive(archive: Path, limits: ArchiveLimits | None = None) -> list[str]:
+    """Return the paths that an archive lists, or the name of the only file for a recording; raises as
+    `extract_archive`."""
+    suffix = suffix_of_recording(archive)
+    if suffix is not None:
+        return [f"recording{suffix}"]
+    with open_reader(archive, limits or ArchiveLimits()) as reader:
+        return [
+            checked_path(entry.name).as_posix() for entry in reader.entries() if entry.kind is EntryKind.FILE
+        ]
+
+
 @dataclass(slots=True)
 class _Listing:
     """The files that an archive declares: sizes in bytes, and how often each is in it; `unread` become empty files."""
