@@ -41,6 +41,7 @@ from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
 from app.api.requests.body_reader import RequestBodyMiddleware
+from app.api.scans import inspect
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.limits import limit
@@ -121,8 +122,8 @@ def create_app(
     )
     for router in (
         locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
-        database.router, routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
-        session_stream.router, keys.router, keys.tokens, audit.router, health.router,
+        database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router, anchors.router,
+        sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)
