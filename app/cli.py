@@ -25,6 +25,7 @@ COMMANDS = {
     "backup": "app.commands.maintain:backup",
     "restore": "app.commands.maintain:restore",
     "calibrate": "app.commands.calibrate:calibrate",
+    "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",
     "push-frames": "app.commands.push_frames:push_frames",
     "stream": "app.commands.stream:stream",
@@ -56,6 +57,8 @@ class LazyCommands(TyperGroup):
             return None
         module, function = target.split(":")
         callback = getattr(importlib.import_module(module), function)
+        if isinstance(callback, typer.Typer):
+            return typer.main.get_group(callback)
         info = CommandInfo(name=cmd_name, callback=callback)
         return get_command_from_info(info, pretty_exceptions_short=True, rich_markup_mode="rich")
 

@@ -30,6 +30,7 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.PermissionDeniedError, 403),
     (errors.NotFoundError, 404),
     (errors.ConflictError, 409),
+    (errors.RateLimitError, 429),
     (errors.BusyError, 503),
     (errors.MapDamagedError, 503),
 )
@@ -91,7 +92,7 @@ def problem_of(error: errors.RoomfixError) -> JSONResponse:
     status = status_of(error)
     if status == 500:
         log.error("unmapped error", exc_info=error)
-    return problem(status, error.code, str(error), _headers_of(error, status))
+    return problem(status, error.code, str(error), headers_of(error, status))
 
 
 def allowed_methods(request: Request) -> list[str]:
@@ -133,10 +134,12 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, http)
 
 
-def _headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
+def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
     """Return the headers that a status code asks for."""
     if status == 401:
         return {"WWW-Authenticate": "Bearer"}
+    if isinstance(error, errors.RateLimitError):
+        return {"Retry-After": str(error.retry_after_s)}
     retry_s = next((seconds for kind, seconds in RETRY_AFTER_S if isinstance(error, kind)), None)
     return None if retry_s is None else {"Retry-After": str(retry_s)}
 

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.api.deps import AppState, State, require
+from app.api.deps import AppState, CallerOf, State, public, require
 from app.api.errors import problem
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
@@ -51,13 +51,18 @@ OPTIONS = ReadinessOptions()
 NEEDED = ("database", "blobs")
 
 
-@router.get("/healthz")
+@router.get("/healthz", dependencies=[Depends(public)])
 def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
 
 
-@router.get("/readyz", response_model=Readiness, responses={503: {"model": Readiness}})
+@router.get(
+    "/readyz",
+    response_model=Readiness,
+    responses={503: {"model": Readiness}},
+    dependencies=[Depends(public)],
+)
 def readyz(state: State) -> Readiness | Response:
     """Answer 200 when database and blobs are there; `status` and `checks` say what else needs an operator."""
     checks = {
@@ -116,7 +121,8 @@ def _maps(state: AppState) -> str:
     dependencies=[Depends(require("admin"))],
     responses=problems(401),
 )
-def metrics(state: State) -> Response:
-    """Return metrics in Prometheus's text format."""
+def metrics(state: State, caller: CallerOf) -> Response:
+    """Return metrics in Prometheus's text format; they are of all venues."""
+    caller.check_venue(None)
     state.metrics.pending.set(state.executor.pending)
     return Response(state.metrics.render(), media_type="text/plain; version=0.0.4; charset=utf-8")

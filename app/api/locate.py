@@ -9,14 +9,16 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, Field
 
-from app.api.deps import State, require
+from app.api.deps import CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
+from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
 
@@ -85,12 +87,14 @@ class LocateBody(BaseModel):
     vertical: Literal["gravity", "pois", "upright", "map"] | None = Field(
         description="What an anchor's answer takes as vertical; upright is an assumption"
     )
+    hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
 
 
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
 async def locate(
     state: State,
-    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    caller: CallerOf,
+    image: Annotated[UploadFile, File(description=FORMATS_IN_WORDS)],
     venue: Annotated[str | None, Form(description="May be left out when there is one venue")] = None,
     floor: Annotated[str | None, Form(description="Search this floor first")] = None,
     area: Annotated[str | None, Form(description="Search this area first: its id or name")] = None,
@@ -107,7 +111,7 @@ async def locate(
     """Locate one image."""
     request = LocateRequest(
         image=await image.read(),
-        venue=venue or None,
+        venue=caller.venue_or_own(venue or None),
         floor=floor or None,
         camera=_camera(camera),
         gravity=_gravity(gravity),
@@ -166,6 +170,7 @@ def body_of(result: LocateResult) -> LocateBody:
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
         anchors=list(result.anchors),
         vertical=result.vertical,
+        hints=list(result.hints),
     )
 
 

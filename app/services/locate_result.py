@@ -10,6 +10,7 @@ from app.engine.anchors.place_on_floor import place_on_floor
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera
+from app.engine.query.hints import Hint
 from app.engine.query.localization import KeyframeVote, Localization
 from app.engine.query.narrowing import Prior
 from app.engine.query.placed import Accuracy, Support
@@ -49,7 +50,8 @@ class LocateResult:
 
     `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
     was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
-    plan position: `up_unknown`, while the map's z axis is not known to point up.
+    plan position: `up_unknown`, while the map's z axis is not known to point up. `hints` say what would help a picture
+    that is not located.
     """
 
     venue: str
@@ -71,6 +73,7 @@ class LocateResult:
     timings_ms: dict[str, float] = field(default_factory=dict)
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
+    hints: tuple[Hint, ...] = ()
 
 
 def map_result(
@@ -112,7 +115,16 @@ def map_result(
         narrowed=narrowed,
         gravity_checked=gravity_checked,
         timings_ms=dict(found.timings_ms),
+        hints=() if located else _hints(found, reason, camera),
     )
+
+
+def _hints(found: Localization, reason: Reason | None, camera: QueryCamera) -> tuple[Hint, ...]:
+    """Return what would help: what the search says, or, where only floors or gravity refuse its pose, that."""
+    hints = found.hints
+    if found.world_from_camera is not None:
+        hints = ("go_where_it_is_mapped",) if reason == "outside_venue" else ("look_elsewhere",)
+    return hints if isinstance(camera.camera, Camera) else (*hints, "send_camera")
 
 
 def _contradicts(pose: Pose | None, gravity_in_camera: tuple[float, float, float] | None) -> bool:

@@ -113,7 +113,13 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
         placement = _place(source, options, present, resources, progress)
         placed = time.perf_counter()
         built = build_map(
-            source, options, resources.models, resources.executor, progress, placement.world_from_scan
+            source,
+            options,
+            resources.models,
+            resources.executor,
+            progress,
+            placement.world_from_scan,
+            placement.z_up,
         )
         seconds = {
             "unpack": round(unpacked - started, 3),

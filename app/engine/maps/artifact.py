@@ -29,7 +29,7 @@ class MapMetadata:
 
     `position_sigma_m` and `orientation_sigma_deg` are the error that frames of its own scan have in it: what the
     map adds to the error of any pose. `lens_sigmas` are how well the lens of each camera is known where the scan
-    didn't state it but showed it, 0 where it is as stated.
+    didn't state it but showed it, 0 where it is as stated. `z_up` says whether the world's z axis is known to point up.
     """
 
     features: str
@@ -40,6 +40,7 @@ class MapMetadata:
     position_sigma_m: float = 0.0
     orientation_sigma_deg: float = 0.0
     lens_sigmas: tuple[float, ...] = ()
+    z_up: bool = True
 
     @property
     def shown_lenses(self) -> tuple[tuple[Camera, Lens], ...]:
@@ -193,4 +194,6 @@ def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:
         position_sigma_m=values["position_sigma_m"],
         orientation_sigma_deg=values["orientation_sigma_deg"],
         lens_sigmas=tuple(values.get("lens_sigmas", [0.0] * len(cameras))),
+        # Maps that don't say it were made as if it did.
+        z_up=values.get("z_up", True),
     )

@@ -52,9 +52,11 @@ def elsewhere(
     points_in_world: NDArray[np.float32],
     offsets: NDArray[np.int64],
     poses: Sequence[Pose],
+    z_up: bool = True,
 ) -> tuple[NDArray[np.float16], NDArray[np.int32]]:
-    """Return a map's `distance_elsewhere` and `keyframe_elsewhere` (both (f,)) from its other arrays and its
-    keyframes' poses."""
-    found = find_repetition(descriptors, binary, points_in_world, rows_of_keyframes(views_of(poses), offsets))
+    """Return a map's `distance_elsewhere` and `keyframe_elsewhere` (both (f,)) from its other arrays, its keyframes'
+    poses, and whether z is known to point up."""
+    rows = rows_of_keyframes(views_of(poses), offsets)
+    found = find_repetition(descriptors, binary, points_in_world, rows, z_up)
     keyframes = np.searchsorted(offsets, found.row, side="right") - 1
     return found.distance.astype(np.float16), np.where(found.row < 0, -1, keyframes).astype(np.int32)

@@ -22,7 +22,7 @@ from bench.figures.shown import FiguresTitle, Shown
 from bench.large_maps.measure import Cost, measure
 from bench.large_maps.tiling import Tiled, tile_map
 
-MEASURE = "from bench.commands.large_maps import measure_here; measure_here()"
+MEASURE = "from bench.large_maps.command import measure_here; measure_here()"
 
 
 def large_maps(
