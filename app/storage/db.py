@@ -28,6 +28,7 @@ log = logging.getLogger("roomfix.storage")
 MIGRATIONS_DIR = Path(__file__).parent.parent.parent / "migrations"
 # Any number that nothing else in the database locks.
 BLOB_LOCK = 7_266_349
+MIGRATION_LOCK = 7_266_350
 # Result codes of SQLite for a lock that another connection holds; the higher bits say more.
 SQLITE_LOCK_CODES = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 # SQLSTATE of PostgreSQL for a lock that was not given in time, and for transactions that stood in each other's way.
@@ -112,7 +113,16 @@ class Database:
         if self._sqlite:
             with self.engine.connect() as connection:
                 _when_free(lambda: connection.exec_driver_sql("BEGIN IMMEDIATE"))
-        command.upgrade(config, "head")
+        if self._sqlite:
+            command.upgrade(config, "head")
+            return
+        with self.engine.connect() as connection:
+            # Of servers that start together one brings the tables up to date.
+            connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": MIGRATION_LOCK})
+            try:
+                command.upgrade(config, "head")
+            finally:
+                connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": MIGRATION_LOCK})
 
     def ping(self) -> None:
         """Raise if the database doesn't answer."""
