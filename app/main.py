@@ -34,12 +34,12 @@ from app.api.access.throttle import Throttle
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
-from app.api.guards import OtherSitesMiddleware, OverloadMiddleware
 from app.api.maps import versions as map_versions
 from app.api.maps import views as map_views
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
+from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect
 from app.jobs.embedded import EmbeddedRunner
@@ -138,10 +138,9 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
     app.add_middleware(GZipMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
+    app.add_middleware(OverloadMiddleware)
     if settings.open:
         app.add_middleware(OpenHostMiddleware, origins)
-    app.add_middleware(OverloadMiddleware)
-    app.add_middleware(OtherSitesMiddleware, is_open=settings.open, origins=origins)
     if origins:
         app.add_middleware(
             CORSMiddleware,

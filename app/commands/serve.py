@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from typing import Annotated, Any
 
@@ -46,7 +47,10 @@ def worker(data_dir: DataDir = None) -> None:
     """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
     settings = settings_from(data_dir=data_dir)
     log_to_stderr(settings.log_level)
-    run_worker(settings, threading.Event(), threading.Event())
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    run_worker(settings, threading.Event(), stop)
 
 
 def check_access(settings: Settings) -> None:

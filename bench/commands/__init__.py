@@ -27,6 +27,6 @@ COMMANDS = {
     "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
     "capacity": "bench.capacity.command:capacity",
     "trace-query": "bench.commands.trace_query:trace_query",
-    "large-maps": "bench.commands.large_maps:large_maps",
+    "large-maps": "bench.large_maps.command:large_maps",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
 }
