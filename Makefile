@@ -14,8 +14,8 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,surf]'
 	touch $(STAMP)
 
-run: $(STAMP)  ## Build the demonstration venue and serve it on 127.0.0.1:8000
-	$(BIN)/roomfix demo
+run: $(STAMP)  ## Build the demonstration venue, serve it on 127.0.0.1:8000, and phones by https with a QR code
+	$(BIN)/roomfix demo --phones
 
 test: $(STAMP)  ## Run the whole test suite
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

@@ -44,14 +44,17 @@ from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.venues import list_venues
 from app.web.pages import install_pages
+from app.web.phones import PhoneAccess
 
 DESCRIPTION = (
     "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
 )
 
 
-def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI:
-    """Return the app; `runner` replaces the build runner that the settings ask for."""
+def create_app(
+    settings: Settings, runner: BuildRunner | None = None, access: PhoneAccess | None = None
+) -> FastAPI:
+    """Return the app; `runner` replaces the build runner that the settings ask for, `access` is how phones reach it."""
     metrics = Metrics()
 
     @asynccontextmanager
@@ -95,7 +98,7 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
         session_stream.router, keys.router, keys.tokens, audit.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
-    install_pages(app)
+    install_pages(app, access)
     install_error_handlers(app)
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     if settings.open:

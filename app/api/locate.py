@@ -15,6 +15,7 @@ from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
+from app.engine.query.shown_matches import ShownMatches
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
@@ -53,6 +54,19 @@ class KeyframeBody(BaseModel):
     inliers: int
 
 
+class ShownMatchesBody(BaseModel):
+    """Matches that agree with the pose, with the keyframe that shares most of them."""
+
+    keyframe: int
+    pairs: list[list[float]] = Field(description="u, v of the image, then u, v of the keyframe's picture")
+
+    @staticmethod
+    def of(shown: ShownMatches) -> ShownMatchesBody:
+        """Return the body of matches, to a tenth of a pixel."""
+        pairs = np.column_stack([shown.query_px, shown.keyframe_px]).round(1)
+        return ShownMatchesBody(keyframe=shown.keyframe, pairs=pairs.tolist())
+
+
 class LocateBody(BaseModel):
     """Where the camera is, or the reason why that can't be said. `pose` is world_from_camera."""
 
@@ -88,6 +102,7 @@ class LocateBody(BaseModel):
         description="What an anchor's answer takes as vertical; upright is an assumption"
     )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
+    shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
 
 
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
@@ -107,6 +122,9 @@ async def locate(
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     prior: Annotated[str | None, Form(description='JSON {"position": {x, y, z}, "radius_m"}')] = None,
     method: Annotated[Method, Form()] = "auto",
+    matches: Annotated[
+        bool, Form(description="Answer with the matches that agree with the pose too")
+    ] = False,
 ) -> LocateBody:
     """Locate one image."""
     request = LocateRequest(
@@ -118,6 +136,7 @@ async def locate(
         prior=_prior(prior),
         method=method,
         area=area or None,
+        show_matches=matches,
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
@@ -171,6 +190,7 @@ def body_of(result: LocateResult) -> LocateBody:
         anchors=list(result.anchors),
         vertical=result.vertical,
         hints=list(result.hints),
+        shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
     )
 
 
