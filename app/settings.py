@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -22,9 +23,29 @@ class Settings(BaseSettings):
         None,
         description="Where blobs live, for example s3://bucket/prefix; default: a folder in the data folder.",
     )
-    admin_key: SecretStr | None = Field(None, description="The key that is asked on every call but health.")
+    admin_key: SecretStr | None = Field(
+        None, description="A key with all rights, to make the first other keys with; see docs/keys.md."
+    )
     open: bool = Field(False, description="Serve without a key; allowed on a loopback address only.")
+    calls_per_minute: int = Field(
+        3000, ge=0, description="Calls that one key may make in a minute from one address; 0 is no limit."
+    )
+    wrong_keys_per_minute: int = Field(
+        30,
+        ge=0,
+        description="Wrong keys in a minute after which an address is refused for a while; 0 is no limit.",
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="What goes to the log: debug, info, warning or error."
+    )
+    cors_origins: str = Field(
+        "", description="Origins of web pages that may call, separated by commas; * for all of them."
+    )
     host: str = Field("127.0.0.1", description="Address to listen on.")
+    https: bool = Field(
+        False,
+        description="Serve https with a certificate of the data folder's own authority, on all addresses.",
+    )
     port: int = Field(8000, ge=1, le=65535, description="Port to listen on.")
     workers: int = Field(
         2, ge=1, le=64, description="Threads that compute, in the server and in the build worker."
@@ -75,6 +96,11 @@ class Settings(BaseSettings):
         le=100,
         description="Largest standard deviation of an answer's position in metres; default: see docs/limits.md.",
     )
+
+    @property
+    def allowed_origins(self) -> tuple[str, ...]:
+        """The origins whose pages may call."""
+        return tuple(origin.strip() for origin in self.cors_origins.split(",") if origin.strip())
 
     @property
     def resolved_database_url(self) -> str:

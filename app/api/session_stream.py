@@ -6,14 +6,17 @@ import asyncio
 import json
 import logging
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Any
 from weakref import WeakValueDictionary
 
-from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from starlette.websockets import WebSocketState
 
-from app.api.deps import AppState, check_key
-from app.api.errors import problem, status_of
+from app.api.access.credentials import SUBPROTOCOL
+from app.api.access.gate import admit
+from app.api.deps import AppState
+from app.api.errors import headers_of, problem, status_of
+from app.api.requests.axes import Axes, parse_axes, parse_frames
 from app.api.requests.contract_route import refuse_unknown_query
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.sessions import frame_body, parse_motion, session_frame
@@ -28,11 +31,14 @@ from app.errors import (
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.services.sessions import SessionFrame
+from app.storage.keys import Scope
 
 log = logging.getLogger("roomfix.api")
 UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
-HINTS = ("camera", "gravity", "motion", "timestamp")
+# What a key of the stream needs.
+SCOPES: tuple[Scope, ...] = ("locate",)
+HINTS = ("camera", "gravity", "motion", "timestamp", "axes", "device_pose")
 # Close code: another connection has taken the session over.
 CLOSE_REPLACED = 4000
 # Close code of RFC 6455: a message is too large.
@@ -86,7 +92,7 @@ class Stream:
         """Let a frame wait in place of the one that does; the way between the two is not forgotten."""
         self.received += 1
         hints, self.hints = self.hints, {}
-        motion = parse_motion(hints.pop("motion", None))
+        motion = parse_motion(hints.pop("motion", None), parse_axes(hints.get("axes")))
         if self.waiting is not None:
             skipped = self.waiting.motion
             motion = None if motion is None or skipped is None else skipped @ motion
@@ -125,22 +131,22 @@ _streams: WeakValueDictionary[str, Stream] = WeakValueDictionary()
 
 
 @router.websocket("/sessions/{session}/stream")
-async def stream(
-    socket: WebSocket,
-    session: str,
-    key: Annotated[str, Query(description="The key of the server, where no header can be set")] = "",
-) -> None:
-    """Binary messages are frames; a text message before one holds its hints; each answer is one text message."""
+async def stream(socket: WebSocket, session: str) -> None:
+    """Binary messages are frames; a text message before one holds its hints; each answer is one text message.
+
+    The key is in the header `Authorization`, or in the subprotocol `roomfix.key.KEY` offered beside `roomfix`.
+    """
     state = socket.app.state.roomfix
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
     try:
-        check_key(state, _key(socket, key), "locate")
+        await admit(socket, SCOPES)
         refuse_unknown_query(socket)
         await asyncio.to_thread(state.services.sessions.get, session)
     except RoomfixError as error:
-        await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
+        status = status_of(error)
+        await socket.send_denial_response(problem(status, error.code, str(error), headers_of(error, status)))
         return
-    await socket.accept()
+    await socket.accept(SUBPROTOCOL if SUBPROTOCOL in socket.scope.get("subprotocols", []) else None)
     connection = Stream(socket=socket, session=session)
     # A phone that comes back may do so before its old connection is known to be dead.
     older, _streams[session] = _streams.get(session), connection
@@ -152,12 +158,6 @@ async def stream(
     finally:
         answering.cancel()
         await asyncio.gather(answering, return_exceptions=True)
-
-
-def _key(socket: WebSocket, in_query: str) -> str:
-    scheme, _, credentials = socket.headers.get("authorization", "").partition(" ")
-    # A browser can't set headers on a WebSocket.
-    return credentials.strip() if scheme.lower() == "bearer" else in_query
 
 
 async def _receive(connection: Stream, max_bytes: int) -> None:
@@ -191,7 +191,8 @@ async def _answer(state: AppState, connection: Stream) -> None:
     while True:
         waiting = await connection.take()
         try:
-            frame = _frame(waiting)
+            frames = parse_frames(waiting.hints.get("axes"), waiting.hints.get("device_pose"))
+            frame = _frame(waiting, frames.axes)
             answer = await state.executor.run(
                 lambda frame=frame: state.services.sessions.process(connection.session, frame)  # type: ignore[misc]
             )
@@ -213,7 +214,10 @@ async def _answer(state: AppState, connection: Stream) -> None:
             continue
         result = answer.result
         state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
-        body = {**frame_body(answer).model_dump(mode="json"), "received": waiting.received}
+        body = {
+            **frame_body(answer, frames).model_dump(mode="json", exclude_unset=True),
+            "received": waiting.received,
+        }
         await _send(connection.socket, json.dumps(body, separators=(",", ":")))
 
 
@@ -224,10 +228,10 @@ def _put_back(connection: Stream, waiting: Waiting) -> None:
         connection.arrived.set()
 
 
-def _frame(waiting: Waiting) -> SessionFrame:
+def _frame(waiting: Waiting, axes: Axes) -> SessionFrame:
     hints = waiting.hints
     frame = session_frame(
-        waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp")
+        waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp"), axes=axes
     )
     return replace(frame, motion=waiting.motion)
 

@@ -33,6 +33,7 @@ from app.services.wiring import wire_services
 from app.storage.builds import Build
 from app.storage.sweep import GRACE, sweep_blobs
 from app.storage.venues import create_venue
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 
 def build(
@@ -87,7 +88,7 @@ def zip_folder(folder: Path, target: Path) -> Path:
 
 
 def locate(
-    image: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="JPEG, PNG or WebP.")],
+    image: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help=f"{FORMATS_IN_WORDS}.")],
     venue: Annotated[str | None, typer.Option(help="May be left out when there is one venue.")] = None,
     floor: Annotated[str | None, typer.Option(help="Search this floor first.")] = None,
     area: Annotated[str | None, typer.Option(help="Search this area first: its id or name.")] = None,

@@ -10,9 +10,11 @@ from app.engine.anchors.place_on_floor import place_on_floor
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera
+from app.engine.query.hints import Hint
 from app.engine.query.localization import KeyframeVote, Localization
 from app.engine.query.narrowing import Prior
 from app.engine.query.placed import Accuracy, Support
+from app.engine.query.shown_matches import ShownMatches
 from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
@@ -31,7 +33,7 @@ GRAVITY_LIMIT_DEG = 20.0
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
     image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
-    of down in camera axes, `area` an area's id or name."""
+    of down in camera axes, `area` an area's id or name. `show_matches` asks for matches to draw."""
 
     image: bytes
     venue: str | None = None
@@ -41,6 +43,7 @@ class LocateRequest:
     prior: Prior | None = None
     method: Method = "auto"
     area: str | None = None
+    show_matches: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +52,8 @@ class LocateResult:
 
     `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
     was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
-    plan position: `up_unknown`, while the map's z axis is not known to point up.
+    plan position: `up_unknown`, while the map's z axis is not known to point up. `hints` say what would help a picture
+    that is not located.
     """
 
     venue: str
@@ -71,6 +75,8 @@ class LocateResult:
     timings_ms: dict[str, float] = field(default_factory=dict)
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
+    hints: tuple[Hint, ...] = ()
+    shown_matches: ShownMatches | None = None
 
 
 def map_result(
@@ -112,7 +118,16 @@ def map_result(
         narrowed=narrowed,
         gravity_checked=gravity_checked,
         timings_ms=dict(found.timings_ms),
+        hints=() if located else _hints(found, reason, camera),
     )
+
+
+def _hints(found: Localization, reason: Reason | None, camera: QueryCamera) -> tuple[Hint, ...]:
+    """Return what would help: what the search says, or, where only floors or gravity refuse its pose, that."""
+    hints = found.hints
+    if found.world_from_camera is not None:
+        hints = ("go_where_it_is_mapped",) if reason == "outside_venue" else ("look_elsewhere",)
+    return hints if isinstance(camera.camera, Camera) else (*hints, "send_camera")
 
 
 def _contradicts(pose: Pose | None, gravity_in_camera: tuple[float, float, float] | None) -> bool:

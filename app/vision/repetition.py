@@ -24,9 +24,14 @@ class PlaceOptions:
     )
     height_weight: float = limit(
         3.0,
-        "Weight of a difference of height in this distance, relative to a difference along the floor.",
+        "Weight of a difference of height in this distance, relative to a difference along the floor. It is 1 in a map "
+        "whose z axis is not known to point up.",
         chosen="By hand: a storey of 3 m is beyond the radius, so that the next floor is another place.",
     )
+
+    def axis_weights(self, z_up: bool) -> NDArray[np.float32]:
+        """Return the weights (3,) of x, y and z in this distance; `z_up`: whether z is known to point up."""
+        return np.array([1.0, 1.0, self.height_weight if z_up else 1.0], np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,18 +93,19 @@ def find_repetition(
     binary: bool,
     points_in_world: NDArray[np.float32],
     among: NDArray[np.int64],
+    z_up: bool = True,
 ) -> Repetition:
     """Return the most similar feature at another place for features (n, d) at world points (n, 3).
 
-    Only the features in the rows `among` (m,) are searched. The search is approximate: an inverted file finds nearly
-    all neighbours. When all of the nearest `OPTIONS.neighbours` are at the same place, the distance is that of the last
-    of them, a lower bound of the true one.
+    Only the features in the rows `among` (m,) are searched; `z_up` says whether z is known to point up. The search is
+    approximate: an inverted file finds nearly all neighbours. When all of the nearest `OPTIONS.neighbours` are at the
+    same place, the distance is that of the last of them, a lower bound of the true one.
     """
     if len(descriptors) < 2 or len(among) == 0:
         return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
     unit = to_unit_vectors(descriptors, binary)
     index = _inverted_file(unit[among])
-    scaled = points_in_world * np.array([1.0, 1.0, PLACE.height_weight], np.float32)
+    scaled = points_in_world * PLACE.axis_weights(z_up)
     size = OPTIONS.chunk_features
     parts = [
         _search(index, unit[i : i + size], scaled[i : i + size], scaled[among])

@@ -7,6 +7,7 @@ COMMANDS = {
     "demo": "bench.commands.demo:demo",
     "evaluate": "bench.commands.evaluate:evaluate",
     "benchmark": "bench.commands.evaluate:benchmark",
+    "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-formats": "bench.formats.command:evaluate_formats_command",
@@ -24,6 +25,8 @@ COMMANDS = {
     "limits": "bench.commands.limits:limits",
     "simulate": "bench.commands.simulate:simulate",
     "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
+    "capacity": "bench.capacity.command:capacity",
     "trace-query": "bench.commands.trace_query:trace_query",
+    "large-maps": "bench.large_maps.command:large_maps",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
 }

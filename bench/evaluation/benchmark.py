@@ -22,7 +22,7 @@ from app.geometry.camera import Camera
 from app.vision.images import Rgb, decode_image, shrink, to_gray
 from app.vision.local_features import SIFT_FEATURES, SIFT_SIDE_PX
 from app.vision.matching import to_unit_vectors
-from bench.baselines.plain_sift import PlainSift
+from bench.baselines.plain import PlainPipeline
 from bench.evaluation.dataset import Split
 from bench.evaluation.run import median_stages
 
@@ -30,7 +30,7 @@ from bench.evaluation.run import median_stages
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Benchmark:
     """Medians in milliseconds on one thread. `kernels_ms` are the bare library calls of the same query, one by
-    one; `plain_sift_ms` is the plain pipeline of `plain_sift` in the same run, interleaved query by query."""
+    one; `plain_sift_ms` is the plain pipeline `sift` (`bench/baselines/plain.py`) in the same run, query by query."""
 
     queries: int
     located: int
@@ -60,7 +60,11 @@ def run_benchmark(
     """Build the map, then time every query `repeats` times, taking each query's median."""
     built = build_map(split.database, options, models, executor, progress)
     localizer = Localizer.of(built.artifact, built.index, models)
-    plain = PlainSift(split.database, built.keyframes, built.world_from_scan, models) if compare else None
+    plain = (
+        PlainPipeline("sift", split.database, built.keyframes, built.world_from_scan, models)
+        if compare
+        else None
+    )
     camera = split.database.camera
     results, totals, plain_totals, decodes = [], [], [], []
     kernels: dict[str, list[float]] = {}

@@ -21,6 +21,12 @@ from app.vision.images import Rgb, decode_image
 DARK_FACTOR = 0.4
 JPEG_QUALITY = 40
 BLUR_PX = 15
+BRIGHT_FACTOR = 1.9
+# Gains of red, green and blue under a warmer light than the camera is set for.
+WARM_GAINS = (1.25, 1.0, 0.7)
+OTHER_CAMERA_FOCAL_RATIO = 1.15
+OTHER_CAMERA_SIZE_RATIO = 0.75
+OTHER_CAMERA_K1 = -0.12
 OCCLUDED_SHARE = 0.3
 CROP_SHARE = 0.7
 # Turned clockwise the picture's new x axis is the old -y axis, its new y axis the old x axis.
@@ -63,6 +69,29 @@ def _half(rgb: Rgb, camera: Camera, _: np.random.Generator) -> Degraded:
 def _dark(rgb: Rgb, camera: Camera, _: np.random.Generator) -> Degraded:
     """Brightness times 0.4, rounded to whole grey levels as a camera would."""
     return Degraded(_bytes(np.rint(DARK_FACTOR * rgb)), camera)
+
+
+def _bright(rgb: Rgb, camera: Camera, _: np.random.Generator) -> Degraded:
+    """Too long an exposure: brightness times 1.9, what is above white is cut off."""
+    return Degraded(_bytes(np.minimum(np.rint(BRIGHT_FACTOR * rgb), 255)), camera)
+
+
+def _warm(rgb: Rgb, camera: Camera, _: np.random.Generator) -> Degraded:
+    """Another white balance: more red and less blue."""
+    return Degraded(_bytes(np.minimum(np.rint(rgb * np.array(WARM_GAINS)), 255)), camera)
+
+
+def _other_camera(rgb: Rgb, camera: Camera, _: np.random.Generator) -> Degraded:
+    """The picture of a camera with three quarters of the pixels each way, a longer lens and its distortion."""
+    width, height = (round(OTHER_CAMERA_SIZE_RATIO * side) for side in (camera.width, camera.height))
+    focal_px = OTHER_CAMERA_FOCAL_RATIO * OTHER_CAMERA_SIZE_RATIO * camera.focal_px
+    lens = (OTHER_CAMERA_K1, 0.0, 0.0, 0.0)
+    other = Camera("OPENCV", width, height, (focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, *lens))
+    v, u = np.mgrid[:height, :width].astype(np.float64)
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    source = camera.project(other.unproject(pixels, np.ones(len(pixels)))).astype(np.float32)
+    x, y = (source[:, axis].reshape(height, width) for axis in (0, 1))
+    return Degraded(_bytes(cv2.remap(rgb, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)), other)
 
 
 def _jpeg40(rgb: Rgb, camera: Camera, _: np.random.Generator) -> Degraded:
@@ -115,6 +144,9 @@ DEGRADATIONS: dict[str, Degradation] = {
     "none": _none,
     "half": _half,
     "dark": _dark,
+    "bright": _bright,
+    "warm": _warm,
+    "other-camera": _other_camera,
     "jpeg40": _jpeg40,
     "blur": _blur,
     "occluded": _occluded,

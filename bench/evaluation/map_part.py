@@ -27,7 +27,8 @@ def part_of_map(
     offsets = np.cumsum([0, *(rows.stop - rows.start for rows in slices)]).astype(np.int64)
     points, descriptors = arrays.points_in_world[rows], arrays.descriptors[rows]
     poses = [artifact.pose(int(keyframe)) for keyframe in keyframes]
-    distances, others = elsewhere(descriptors, extractor.binary, points, offsets, poses)
+    z_up = artifact.metadata.z_up
+    distances, others = elsewhere(descriptors, extractor.binary, points, offsets, poses, z_up)
     part = replace(
         arrays,
         positions=arrays.positions[keyframes],

@@ -42,6 +42,8 @@ def test_the_next_floor_is_elsewhere() -> None:
     every = np.arange(len(twice))
     assert np.median(find_repetition(twice, False, above, every).distance) < 0.01
     assert np.median(find_repetition(twice, False, beside, every).distance) > 0.1
+    # Where nobody knows which axis points up, z is an axis like the others.
+    assert np.median(find_repetition(twice, False, above, every, z_up=False).distance) > 0.1
     assert PLACE.radius_m > 3.0
 
 

@@ -86,10 +86,12 @@ def build_map(
     executor: Executor,
     progress: Progress,
     world_from_scan: Pose | None = None,
+    z_up: bool | None = None,
 ) -> BuiltMap:
     """Build a map from a scan; raises `InvalidScanError` when nothing in it can become a keyframe.
 
-    `world_from_scan` overrides that of the options (a registration against the present map).
+    `world_from_scan` overrides that of the options (a registration against the present map); `z_up` says whether its
+    z axis is known to point up, by default whether the options or the scan state it.
     """
     clock = StageTimer()
     extractor = models.extractor(options.features)
@@ -122,7 +124,8 @@ def build_map(
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
     camera = refined.camera, refined.lens_sigma
-    artifact, index, kept = _pack(described, usable, points, camera, options, models, progress)
+    upright = states_up(options, source) if z_up is None else z_up
+    artifact, index, kept = _pack(described, usable, points, camera, upright, options, models, progress)
     clock.lap("pack")
     frames = tuple(described[row].frame for row in kept)
     discarded = {**dict(source.discarded), **left_out}
@@ -147,6 +150,12 @@ def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
     if source.gravity is not None:
         return world_from_scan_by_gravity(source.gravity)
     return Pose.identity()
+
+
+def states_up(options: BuildOptions, source: FrameSource) -> bool:
+    """Return whether the options or the scan state which way is up, so that z points up in `scan_placement`'s world."""
+    stated = options.world_from_scan, options.gravity, source.gravity
+    return any(each is not None for each in stated)
 
 
 def supporting_rows(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
@@ -242,6 +251,7 @@ def _pack(
     usable: Sequence[int],
     points: Sequence[MapPoints],
     camera: tuple[Camera, float],
+    z_up: bool,
     options: BuildOptions,
     models: VisionModels,
     progress: Progress,
@@ -260,7 +270,7 @@ def _pack(
     points_in_world = np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32)
     progress.report("distinguish", 0, 1)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses)
+    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses, z_up)
     progress.report("distinguish", 1, 1)
     arrays = MapArrays(
         positions=np.stack([pose.translation for pose in poses]),
@@ -283,6 +293,7 @@ def _pack(
         cameras=(camera[0],),
         keyframe_names=tuple(described[row].frame.name for row, _ in kept),
         lens_sigmas=(camera[1],),
+        z_up=z_up,
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
     return MapArtifact(metadata, arrays), index, [row for row, _ in kept]

@@ -30,7 +30,8 @@ def join_maps(
     offsets = np.concatenate([a.offsets, a.offsets[-1] + b.offsets[1:]])
     # A feature that is distinct in one map may have a similar one in the other.
     poses = [part.pose(row) for part in (old, new) for row in range(part.keyframe_count)]
-    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses)
+    z_up = old.metadata.z_up or new.metadata.z_up
+    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses, z_up)
     arrays = MapArrays(
         positions=np.concatenate([a.positions, b.positions]),
         quaternions=np.concatenate([a.quaternions, b.quaternions]),
@@ -52,6 +53,7 @@ def join_maps(
         position_sigma_m=max(old.metadata.position_sigma_m, new.metadata.position_sigma_m),
         orientation_sigma_deg=max(old.metadata.orientation_sigma_deg, new.metadata.orientation_sigma_deg),
         lens_sigmas=old.metadata.lens_sigmas + new.metadata.lens_sigmas,
+        z_up=z_up,
     )
     global_descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
     return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(global_descriptors)

@@ -56,7 +56,8 @@ class Retrieval:
     def __init__(self, artifact: MapArtifact, index: GlobalIndex) -> None:
         self._index = index
         self._positions = artifact.arrays.positions
-        self._axes = np.stack([artifact.pose(i).rotation[:, 2] for i in range(artifact.keyframe_count)])
+        self._axis_weights = PLACE.axis_weights(artifact.metadata.z_up)
+        self._axes = artifact.axes()
         self._look_alikes: dict[tuple[int, int], list[int]] = {}
 
     def similar(
@@ -110,7 +111,7 @@ class Retrieval:
         return twins if allowed is None else [twin for twin in twins if twin in set(allowed.tolist())]
 
     def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE.radius_m) -> bool:
-        offsets = (self._positions[chosen] - self._positions[row]) * [1.0, 1.0, PLACE.height_weight]
+        offsets = (self._positions[chosen] - self._positions[row]) * self._axis_weights
         near = np.linalg.norm(offsets, axis=1) < radius_m
         alike = self._axes[chosen] @ self._axes[row] > OPTIONS.place_cosine
         return bool(np.any(near & alike))

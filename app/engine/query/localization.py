@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from app.engine.query.hints import Hint
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
 from app.engine.query.verification import Evidence, Reason
@@ -46,6 +47,8 @@ class Localization:
     `accuracy` is one sigma, None where it isn't known; `confidence` the probability that the error is below 0.5 m and
     5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
     for it. `is_refined` says that the matches fit another camera than the stated one far better, and `camera` is it.
+    `hints` say what would help a frame that is not located.
+    `inliers` are the matches that agree with the pose, None where the method keeps none.
     """
 
     evidence: Evidence = field(default_factory=Evidence)
@@ -58,6 +61,8 @@ class Localization:
     timings_ms: dict[str, float] = field(default_factory=dict)
     candidate: Pose | None = None
     is_refined: bool = False
+    hints: tuple[Hint, ...] = ()
+    inliers: Matches | None = None
 
     def refused(self, reason: Reason) -> Localization:
         """Return the outcome with its pose refused for a reason."""

@@ -20,6 +20,11 @@ ALONG_X = rotation_from_vector([0.0, np.pi / 2, 0.0])
 
 @pytest.fixture
 def retrieval() -> Retrieval:
+    """The corridors' retrieval, with z known to point up."""
+    return retrieval_of(z_up=True)
+
+
+def retrieval_of(z_up: bool) -> Retrieval:
     """Three corridors of eight keyframes each whose descriptors are nearly the same at the same place along them."""
     rng = np.random.default_rng(5)
     spots = rng.normal(size=(SPOTS, 64))
@@ -47,6 +52,7 @@ def retrieval() -> Retrieval:
             descriptor_size=64,
             cameras=(CAMERA,),
             keyframe_names=names,
+            z_up=z_up,
         ),
         arrays,
     )
@@ -60,6 +66,14 @@ def corridor(keyframe: int) -> int:
 def test_look_alikes_are_the_same_spot_of_the_other_corridors(retrieval: Retrieval) -> None:
     assert set(retrieval.look_alikes(3, 2)) == {3 + SPOTS, 3 + 2 * SPOTS}
     assert all(corridor(other) != 0 or abs(other - 3) >= 4 for other in retrieval.look_alikes(3, 6))
+
+
+def test_what_is_above_is_another_place_only_where_up_is_known(retrieval: Retrieval) -> None:
+    unknown = retrieval_of(z_up=False)
+    # The next floor is 3.5 m above: within the radius of a place, unless height counts more.
+    assert 3 + 2 * SPOTS in retrieval.look_alikes(3, 2)
+    assert 3 + 2 * SPOTS not in unknown.look_alikes(3, 2)
+    assert 3 + SPOTS in unknown.look_alikes(3, 2)
 
 
 def test_other_places_are_added_to_the_nearest_keyframes(retrieval: Retrieval) -> None:

@@ -1,0 +1,1 @@
+"""Real rooms: several ways of localization on every room and split, and what is fitted to them."""

@@ -1,0 +1,172 @@
+"""Every pipeline on every split of a room, with the queries as they are and made worse."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.options import parse_build_options
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
+from app.vision.images import decode_image
+from bench.baselines.plain import PLAIN_NAMES, PlainName, PlainPipeline
+from bench.evaluation.dataset import Split
+from bench.evaluation.outcome import outcome_of
+from bench.evaluation.pose_errors import GROSS_M, RIGHT_DEG, RIGHT_M, QueryOutcome, pose_error
+from bench.evaluation.variations import Variation
+from bench.rooms.rooms import Room, RoomSplit, open_split
+
+OURS = "roomfix"
+PIPELINES = (OURS, *(f"plain {name}" for name in PLAIN_NAMES))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomResult:
+    """What one pipeline made of one variation of a split's queries."""
+
+    room: str
+    kind: str
+    split: str
+    pipeline: str
+    variation: str
+    keyframes: int
+    outcomes: tuple[QueryOutcome, ...]
+
+    @property
+    def right(self) -> int:
+        """Queries located within 0.5 m and 5 degrees."""
+        return sum(outcome.right for outcome in self.outcomes)
+
+    @property
+    def wrong(self) -> int:
+        """Queries located more than 0.5 m off."""
+        return sum(outcome.located and outcome.position_m > GROSS_M for outcome in self.outcomes)
+
+    @property
+    def within_5cm(self) -> int:
+        """Queries located within 5 cm and 5 degrees."""
+        return sum(o.located and o.position_m < 0.05 and o.orientation_deg < RIGHT_DEG for o in self.outcomes)
+
+    @property
+    def refused(self) -> int:
+        """Queries that were not located."""
+        return sum(not outcome.located for outcome in self.outcomes)
+
+    @property
+    def right_refused(self) -> int:
+        """Queries that were not located though the pose that was judged was right."""
+        return sum(not o.located and candidate_is_right(o) for o in self.outcomes)
+
+    @property
+    def median_cm(self) -> float | None:
+        """The median error of the located queries in centimetres."""
+        errors = [outcome.position_m for outcome in self.outcomes if outcome.located]
+        return round(100 * float(np.median(errors)), 2) if errors else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result for JSON, as the commands that read evaluations take it."""
+        return {
+            "name": f"{self.room} {self.split} {self.pipeline}",
+            "features": self.pipeline,
+            "room": self.room,
+            "kind": self.kind,
+            "variation": self.variation,
+            "keyframes": self.keyframes,
+            "outcomes": [outcome.as_dict() for outcome in self.outcomes],
+        }
+
+
+def candidate_is_right(outcome: QueryOutcome) -> bool:
+    """Return whether the pose that was judged, trusted or not, is within 0.5 m and 5 degrees."""
+    if outcome.candidate_m is None or outcome.candidate_deg is None:
+        return False
+    return outcome.candidate_m < RIGHT_M and outcome.candidate_deg < RIGHT_DEG
+
+
+def compare_room(
+    data: Path,
+    room: Room,
+    pipelines: Sequence[str],
+    variations: Sequence[Variation],
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[RoomResult]:
+    """Yield the results of every split, variation and pipeline; the map of a split is built once."""
+    for split in room.splits:
+        yield from _compare_split(data, room, split, pipelines, variations, models, executor, progress)
+
+
+def _compare_split(
+    data: Path,
+    room: Room,
+    split: RoomSplit,
+    pipelines: Sequence[str],
+    variations: Sequence[Variation],
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[RoomResult]:
+    frames = open_split(data, room, split)
+    built = build_map(frames.database, parse_build_options(dict(room.options)), models, executor, progress)
+    for pipeline in pipelines:
+        locate = _locator(pipeline, frames, built, models)
+        for variation in variations:
+            yield RoomResult(
+                room=room.folder,
+                kind=split.kind,
+                split=split.name,
+                pipeline=pipeline,
+                variation=variation.name,
+                keyframes=built.artifact.keyframe_count,
+                outcomes=tuple(_outcomes(frames, built, variation, locate, progress)),
+            )
+
+
+def _locator(
+    pipeline: str, frames: Split, built: BuiltMap, models: VisionModels
+) -> Localizer | PlainPipeline:
+    if pipeline == OURS:
+        return Localizer.of(built.artifact, built.index, models)
+    name: PlainName = next(each for each in PLAIN_NAMES if pipeline == f"plain {each}")
+    return PlainPipeline(name, frames.database, built.keyframes, built.world_from_scan, models)
+
+
+def _outcomes(
+    frames: Split,
+    built: BuiltMap,
+    variation: Variation,
+    locate: Localizer | PlainPipeline,
+    progress: Progress,
+) -> Iterator[QueryOutcome]:
+    for number, frame in enumerate(frames.queries):
+        progress.report(f"locate {variation.name}", number, len(frames.queries))
+        rgb = decode_image(frames.database.color_bytes(frame))
+        asked = variation.apply(number, frame.name, rgb, frames.database.camera)
+        truth = built.world_from_scan @ frame.scan_from_camera @ asked.original_from_degraded
+        started = time.perf_counter()
+        if isinstance(locate, Localizer):
+            found = locate.localize(asked.rgb, asked.camera if variation.camera_given else None)
+            yield outcome_of(frame.name, found, truth, 1e3 * (time.perf_counter() - started))
+            continue
+        pose = locate.localize(asked.rgb, asked.camera)
+        milliseconds = 1e3 * (time.perf_counter() - started)
+        position_m, orientation_deg = (float("inf"), 180.0) if pose is None else pose_error(pose, truth)
+        yield QueryOutcome(
+            name=frame.name,
+            located=pose is not None,
+            position_m=position_m,
+            orientation_deg=orientation_deg,
+            reason=None if pose is not None else "too_few_inliers",
+            inliers=0,
+            confidence=0.0,
+            milliseconds=milliseconds,
+        )

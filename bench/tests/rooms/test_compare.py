@@ -1,0 +1,99 @@
+"""Pipelines compared in rooms: every split, variation and pipeline has its figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.engine.progress import NoProgress
+from app.errors import InvalidInputError
+from bench.baselines.plain import PLAIN_NAMES, plain_features
+from bench.evaluation.pose_errors import QueryOutcome
+from bench.evaluation.variations import VARIATIONS
+from bench.rooms.compare import OURS, PIPELINES, RoomResult, compare_room
+from bench.rooms.rooms import ROOMS, Room, RoomSplit, rooms_in
+from tests.rendered_maps import models
+from tests.scenes import CAMERA, View, scan_files
+
+
+@pytest.fixture(scope="module")
+def data(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one room: fourteen rendered views."""
+    folder = tmp_path_factory.mktemp("data")
+    for path, content in scan_files(views).items():
+        target = folder / "hall" / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(data: Path) -> list[RoomResult]:
+    fx, fy, cx, cy = CAMERA.params[:4]
+    room = Room("hall", (RoomSplit("between", "0::2", "1::4"),), {"camera": [fx, fy, cx, cy]})
+    variations = [VARIATIONS["none"], VARIATIONS["other-camera"]]
+    with ThreadPoolExecutor(1) as executor:
+        return list(compare_room(data, room, PIPELINES, variations, models(), executor, NoProgress()))
+
+
+def of(results: Sequence[RoomResult], pipeline: str, variation: str) -> RoomResult:
+    (found,) = [each for each in results if (each.pipeline, each.variation) == (pipeline, variation)]
+    return found
+
+
+@pytest.mark.parametrize("variation", ["none", "other-camera"])
+@pytest.mark.parametrize("pipeline", PIPELINES)
+def test_every_pipeline_locates_a_clear_view(
+    results: list[RoomResult], pipeline: str, variation: str
+) -> None:
+    found = of(results, pipeline, variation)
+    assert (found.room, found.kind, found.split) == ("hall", "between", "between 0::2 / 1::4")
+    assert len(found.outcomes) >= 3
+    assert found.right == len(found.outcomes)
+    assert (found.wrong, found.refused) == (0, 0)
+    assert found.median_cm is not None
+    assert found.median_cm < 5.0
+
+
+def test_results_are_read_as_evaluations(results: list[RoomResult]) -> None:
+    ours = json.loads(json.dumps(of(results, OURS, "none").as_dict()))
+    assert (ours["room"], ours["kind"], ours["variation"]) == ("hall", "between", "none")
+    assert [QueryOutcome.from_dict(each).right for each in ours["outcomes"]] == [True] * len(ours["outcomes"])
+
+
+def test_counts_are_of_right_wrong_and_refused(results: list[RoomResult]) -> None:
+    ours = of(results, OURS, "none")
+    good = ours.outcomes[0]
+    wrong = replace(good, position_m=0.6, candidate_m=0.6)
+    turned = replace(good, orientation_deg=8.0, candidate_deg=8.0)
+    refused = replace(good, located=False, candidate_m=0.1)
+    lost = replace(good, located=False, candidate_m=None, candidate_deg=None)
+    mixed = replace(ours, outcomes=(good, wrong, turned, refused, lost))
+    assert (mixed.right, mixed.wrong, mixed.within_5cm) == (1, 1, 1)
+    assert (mixed.refused, mixed.right_refused) == (2, 1)
+    assert replace(ours, outcomes=(refused, lost)).median_cm is None
+
+
+def test_rooms_are_those_that_the_folder_holds(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="holds none"):
+        rooms_in(tmp_path, [])
+    (tmp_path / "desk_rs").mkdir()
+    assert [room.folder for room in rooms_in(tmp_path, [])] == ["desk_rs"]
+    with pytest.raises(InvalidInputError, match="no room 'redkitchen'"):
+        rooms_in(tmp_path, ["redkitchen"])
+    assert {split.kind for room in ROOMS for split in room.splits} == {"between", "unseen", "few"}
+
+
+@pytest.mark.parametrize("name", PLAIN_NAMES)
+def test_a_picture_matches_itself(name: str, views: list[View]) -> None:
+    features = plain_features(name)  # type: ignore[arg-type]
+    points_px, descriptors = features.extract(views[3].rgb)
+    a, b = features.match(descriptors, descriptors)
+    assert points_px.shape == (len(descriptors), 2)
+    assert len(a) > 0.8 * len(descriptors)
+    assert (points_px[a] == points_px[b]).mean() > 0.95
