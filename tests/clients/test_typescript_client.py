@@ -1,4 +1,4 @@
-"""The TypeScript client: compiles strictly, its README's samples run as printed, its types name what the server says."""
+"""The TypeScript client: compiles strictly, its README's samples run as printed, its types match the server's."""
 
 from __future__ import annotations
 
