@@ -34,13 +34,14 @@ from app.api.access.throttle import Throttle
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
-from app.api.guards import OtherSitesMiddleware, OverloadMiddleware
 from app.api.maps import versions as map_versions
 from app.api.maps import views as map_views
 from app.api.metrics import Metrics
 from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
+from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
+from app.api.scans import inspect
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.limits import limit
@@ -49,6 +50,7 @@ from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.venues import list_venues
 from app.web.pages import install_pages
+from app.web.phones import PhoneAccess
 
 DESCRIPTION = (
     "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
@@ -76,8 +78,10 @@ class CompressionOptions:
 OPTIONS = CompressionOptions()
 
 
-def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI:
-    """Return the app; `runner` replaces the build runner that the settings ask for."""
+def create_app(
+    settings: Settings, runner: BuildRunner | None = None, access: PhoneAccess | None = None
+) -> FastAPI:
+    """Return the app; `runner` replaces the build runner that the settings ask for, `access` is how phones reach it."""
     metrics = Metrics()
 
     @asynccontextmanager
@@ -118,11 +122,11 @@ def create_app(settings: Settings, runner: BuildRunner | None = None) -> FastAPI
     )
     for router in (
         locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
-        database.router, routes.router, plan_drawing.router, calibrate.router, anchors.router, sessions.router,
-        session_stream.router, keys.router, keys.tokens, audit.router, health.router,
+        database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router, anchors.router,
+        sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
     ):  # fmt: skip
         app.include_router(router)
-    install_pages(app)
+    install_pages(app, access)
     install_openapi(app)
     install_error_handlers(app)
     install_middleware(app, settings, metrics)
@@ -134,10 +138,9 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
     app.add_middleware(GZipMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
+    app.add_middleware(OverloadMiddleware)
     if settings.open:
         app.add_middleware(OpenHostMiddleware, origins)
-    app.add_middleware(OverloadMiddleware)
-    app.add_middleware(OtherSitesMiddleware, is_open=settings.open, origins=origins)
     if origins:
         app.add_middleware(
             CORSMiddleware,

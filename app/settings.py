@@ -42,6 +42,10 @@ class Settings(BaseSettings):
         "", description="Origins of web pages that may call, separated by commas; * for all of them."
     )
     host: str = Field("127.0.0.1", description="Address to listen on.")
+    https: bool = Field(
+        False,
+        description="Serve https with a certificate of the data folder's own authority, on all addresses.",
+    )
     port: int = Field(8000, ge=1, le=65535, description="Port to listen on.")
     workers: int = Field(
         2, ge=1, le=64, description="Threads that compute, in the server and in the build worker."

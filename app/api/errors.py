@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -34,6 +35,8 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.RateLimitError, 429),
     (errors.BusyError, 503),
     (errors.MapDamagedError, 503),
+    (errors.StorageFullError, 507),
+    (errors.StorageError, 503),
 )
 
 
@@ -53,8 +56,8 @@ class ErrorOptions:
     )
     damage_retry_after_s: int = limit(
         60,
-        "The same where a map is damaged on the server.",
-        chosen="By hand: an operator has to restore it.",
+        "The same where a map is damaged on the server, or its disk can't be used.",
+        chosen="By hand: an operator has to act.",
     )
     max_reported_fields: int = limit(
         5,
@@ -69,6 +72,7 @@ RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.DatabaseBusyError, OPTIONS.database_retry_after_s),
     (errors.BusyError, OPTIONS.retry_after_s),
     (errors.MapDamagedError, OPTIONS.damage_retry_after_s),
+    (errors.StorageError, OPTIONS.damage_retry_after_s),
 )
 
 
@@ -130,7 +134,21 @@ def install_error_handlers(app: FastAPI) -> None:
             detail = f"This address takes {', '.join(allowed)}."
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
+    async def disk(_: Request, error: Exception) -> JSONResponse:
+        number = getattr(error, "errno", None)
+        if number in (errno.ENOSPC, errno.EDQUOT):
+            return problem_of(
+                errors.StorageFullError("No space is left on the server's disk; nothing was stored.")
+            )
+        if number in (errno.EROFS, errno.EACCES, errno.EIO):
+            log.error("the disk can't be used", exc_info=error)
+            return problem_of(
+                errors.StorageError("The server's disk can't be used; an operator has to look at it.")
+            )
+        raise error
+
     app.add_exception_handler(errors.RoomfixError, domain)
+    app.add_exception_handler(OSError, disk)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
 

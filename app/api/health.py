@@ -14,7 +14,7 @@ from app.api.deps import AppState, CallerOf, State, public, require
 from app.api.errors import problem
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.errors import DatabaseBusyError
+from app.errors import RoomfixError
 from app.limits import limit
 
 router = APIRouter(tags=["operation"], route_class=ContractRoute)
@@ -95,8 +95,10 @@ def readyz(state: State) -> Readiness | Response:
 def _database(state: AppState) -> str:
     try:
         state.services.resources.database.ping()
-    except (SQLAlchemyError, DatabaseBusyError) as error:
+    except SQLAlchemyError as error:
         return type(error).__name__
+    except RoomfixError as error:
+        return str(error)
     return "ok"
 
 

@@ -24,6 +24,7 @@ from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
+from app.engine.query.shown_matches import ShownMatches
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
@@ -103,6 +104,19 @@ class KeyframeBody(BaseModel):
     inliers: int
 
 
+class ShownMatchesBody(BaseModel):
+    """Matches that agree with the pose, with the keyframe that shares most of them."""
+
+    keyframe: int
+    pairs: list[list[float]] = Field(description="u, v of the image, then u, v of the keyframe's picture")
+
+    @staticmethod
+    def of(shown: ShownMatches) -> ShownMatchesBody:
+        """Return the body of matches, to a tenth of a pixel."""
+        pairs = np.column_stack([shown.query_px, shown.keyframe_px]).round(1)
+        return ShownMatchesBody(keyframe=shown.keyframe, pairs=pairs.tolist())
+
+
 class LocateResultBody(BaseModel):
     """Where the camera is, or the reason why that can't be said. `pose` is world_from_camera."""
 
@@ -144,6 +158,7 @@ class LocateResultBody(BaseModel):
         None, description="Moves points of the world into the app's own frame; with device_pose only"
     )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
+    shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
 
 
 @router.post("/locate", name="locateImage", responses=problems(401, 404, 413, 415, 422, 503))
@@ -165,6 +180,9 @@ async def locate(
     method: Annotated[Method, Form(description="auto asks the map, then the monitoring cameras")] = "auto",
     axes: Annotated[str | None, Form(description=AXES_IN_WORDS)] = None,
     device_pose: Annotated[str | None, Form(description=DEVICE_POSE_IN_WORDS)] = None,
+    matches: Annotated[
+        bool, Form(description="Answer with the matches that agree with the pose too")
+    ] = False,
 ) -> LocateResultBody:
     """Locate one image."""
     frames = parse_frames(axes, device_pose)
@@ -177,6 +195,7 @@ async def locate(
         prior=_prior(prior, frames.axes),
         method=method,
         area=area or None,
+        show_matches=matches,
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
@@ -233,6 +252,7 @@ def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultB
         axes=frames.axes.name,
         session_from_world=None if session_from_world is None else PoseBody.of(session_from_world),
         hints=list(result.hints),
+        shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
     )
 
 

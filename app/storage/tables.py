@@ -76,6 +76,9 @@ builds = Table(
     Column("report", JSON),
     Column("map_version", Integer),
     Column("idempotency_key", String(64)),
+    # While it runs: the worker that it belongs to, and how often its heart has beaten.
+    Column("worker", String(200)),
+    Column("heartbeat", Integer, nullable=False, server_default="0"),
     Column("created_at", DateTime(timezone=True), nullable=False),
     Column("started_at", DateTime(timezone=True)),
     Column("finished_at", DateTime(timezone=True)),

@@ -20,7 +20,7 @@ router = APIRouter(
     prefix="/venues/{venue}/maps/{version}",
     tags=["maps"],
     route_class=ContractRoute,
-    dependencies=[Depends(require("locate"))],
+    dependencies=[Depends(require("admin"))],
 )
 PLY = "application/ply"
 BINARY = "application/octet-stream"
