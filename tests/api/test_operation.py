@@ -13,8 +13,9 @@ from fastapi.routing import APIRoute
 from fastapi.testclient import TestClient
 from pydantic import BaseModel, SecretStr
 
-from app.api import database, floors, health, locate, maps, venues
+from app.api import database, floors, health, locate, venues
 from app.api.executor import BoundedExecutor
+from app.api.maps import versions
 from app.errors import BusyError
 from app.services.locate import LocateService
 from tests.scenes import View
@@ -23,7 +24,7 @@ from tests.server import Server, assert_problem, running, wait_for
 KEY = "the-right-key"
 # What may be asked without a key: orchestrators and browsers have none.
 PUBLIC = {"/healthz", "/readyz"}
-ROUTERS = (database.router, floors.router, health.router, locate.router, maps.router, venues.router)
+ROUTERS = (database.router, floors.router, health.router, locate.router, versions.router, venues.router)
 
 
 @pytest.fixture(scope="module")
