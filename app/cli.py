@@ -18,9 +18,13 @@ from app.errors import RoomfixError
 COMMANDS = {
     "serve": "app.commands.serve:serve",
     "worker": "app.commands.serve:worker",
+    "inspect": "app.commands.inspect:inspect",
     "build": "app.commands.build:build",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",
+    "check": "app.commands.maintain:check",
+    "backup": "app.commands.maintain:backup",
+    "restore": "app.commands.maintain:restore",
     "calibrate": "app.commands.calibrate:calibrate",
     "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -11,11 +12,14 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from app import errors
+from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
+METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 # The first class that fits decides, so that special ones stand above their base.
 STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
@@ -30,6 +34,9 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ConflictError, 409),
     (errors.RateLimitError, 429),
     (errors.BusyError, 503),
+    (errors.MapDamagedError, 503),
+    (errors.StorageFullError, 507),
+    (errors.StorageError, 503),
 )
 
 
@@ -47,6 +54,11 @@ class ErrorOptions:
         "The same where the database is locked by another process.",
         chosen="By hand: a backup takes longer than a query.",
     )
+    damage_retry_after_s: int = limit(
+        60,
+        "The same where a map is damaged on the server, or its disk can't be used.",
+        chosen="By hand: an operator has to act.",
+    )
     max_reported_fields: int = limit(
         5,
         "Largest number of fields of a request that an answer says something about.",
@@ -59,6 +71,8 @@ OPTIONS = ErrorOptions()
 RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.DatabaseBusyError, OPTIONS.database_retry_after_s),
     (errors.BusyError, OPTIONS.retry_after_s),
+    (errors.MapDamagedError, OPTIONS.damage_retry_after_s),
+    (errors.StorageError, OPTIONS.damage_retry_after_s),
 )
 
 
@@ -73,9 +87,27 @@ def problem(
     """Return a problem+json answer."""
     body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "code": code}
     body["detail"] = detail
-    return JSONResponse(
-        {**body, **more}, status_code=status, media_type="application/problem+json", headers=headers
-    )
+    return JSONResponse({**body, **more}, status_code=status, media_type=PROBLEM_MEDIA_TYPE, headers=headers)
+
+
+def problem_of(error: errors.RoomfixError) -> JSONResponse:
+    """Return the answer of a domain error."""
+    status = status_of(error)
+    if status == 500:
+        log.error("unmapped error", exc_info=error)
+    return problem(status, error.code, str(error), headers_of(error, status))
+
+
+def allowed_methods(request: Request) -> list[str]:
+    """Return the methods that some route at a request's path takes."""
+    return [
+        method
+        for method in METHODS
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    ]
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -83,10 +115,7 @@ def install_error_handlers(app: FastAPI) -> None:
 
     async def domain(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, errors.RoomfixError)  # noqa: S101 - registered for this class
-        status = status_of(error)
-        if status == 500:
-            log.error("unmapped error", exc_info=error)
-        return problem(status, error.code, str(error), headers_of(error, status))
+        return problem_of(error)
 
     async def validation(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
@@ -94,14 +123,32 @@ def install_error_handlers(app: FastAPI) -> None:
         detail = "; ".join(f"{field['field']}: {field['message']}" for field in fields)
         return problem(422, "invalid_request", detail or "The request is not valid.", fields=fields)
 
-    async def http(_: Request, error: Exception) -> JSONResponse:
+    async def http(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)  # noqa: S101 - registered for this class
-        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request"}
+        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request", 422: "invalid_request"}
         detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
         headers = dict(error.headers) if error.headers else None
+        if error.status_code == 405:
+            allowed = allowed_methods(request)
+            headers = {"Allow": ", ".join(allowed)}
+            detail = f"This address takes {', '.join(allowed)}."
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
+    async def disk(_: Request, error: Exception) -> JSONResponse:
+        number = getattr(error, "errno", None)
+        if number in (errno.ENOSPC, errno.EDQUOT):
+            return problem_of(
+                errors.StorageFullError("No space is left on the server's disk; nothing was stored.")
+            )
+        if number in (errno.EROFS, errno.EACCES, errno.EIO):
+            log.error("the disk can't be used", exc_info=error)
+            return problem_of(
+                errors.StorageError("The server's disk can't be used; an operator has to look at it.")
+            )
+        raise error
+
     app.add_exception_handler(errors.RoomfixError, domain)
+    app.add_exception_handler(OSError, disk)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
 

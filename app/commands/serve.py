@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from typing import Annotated, Any
 
@@ -9,6 +10,7 @@ import typer
 import uvicorn
 
 from app.api.access.credentials import is_loopback
+from app.commands.connections import connection_options
 from app.commands.console import DataDir, log_to_stderr, settings_from
 from app.commands.https import Certificate, make_certificate, own_names, print_phone_access
 from app.jobs.worker import run_worker
@@ -45,7 +47,10 @@ def worker(data_dir: DataDir = None) -> None:
     """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
     settings = settings_from(data_dir=data_dir)
     log_to_stderr(settings.log_level)
-    run_worker(settings, threading.Event(), threading.Event())
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    run_worker(settings, threading.Event(), stop)
 
 
 def check_access(settings: Settings) -> None:
@@ -85,5 +90,6 @@ def server_options(settings: Settings, certificate: Certificate | None = None) -
         "log_config": None,
         "access_log": False,
         "ws_max_size": settings.max_image_bytes,
+        **connection_options(),
         **tls,
     }

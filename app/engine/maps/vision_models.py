@@ -39,6 +39,11 @@ class VisionModels:
                 self._descriptor = GlobalDescriptor(self._descriptor_path, *self._input_size, self._threads)
             return self._descriptor
 
+    @property
+    def descriptor_path(self) -> Path:
+        """The file of the global descriptor's model."""
+        return self._descriptor_path
+
     def check_descriptor(self, sha256: str) -> None:
         """Raise `ConflictError` unless a map with this model's checksum can be searched with ours."""
         if sha256 != self.global_descriptor.sha256:

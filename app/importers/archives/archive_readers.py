@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, BinaryIO, Protocol, cast
 
 from app.errors import InvalidScanError
+from app.importers.archives.xz_stream import XzStream, check_zip_dictionary
 from app.importers.archives.zip_names import zip_name
 from app.limits import limit
 
@@ -104,6 +105,11 @@ class ArchiveLimits:
         "Bytes of one file, unpacked.",
         chosen="By hand: 50 megapixels of colour without compression are 150 MB.",
     )
+    max_recording_bytes: int = limit(
+        16 * 1024 * MIB,
+        "Bytes of one recording, such as a video, a bag or a database, unpacked.",
+        chosen="By hand: ten minutes of colour and depth without compression at 640 x 480 and 30 Hz.",
+    )
     max_ratio: float = limit(
         200.0,
         "How many times its size an archive, or an entry of it, may unpack to.",
@@ -120,14 +126,15 @@ class ArchiveLimits:
                 f"The archive has more than {self.max_entries} entries, which is the limit."
             )
 
-    def check_entry(self, entry: Entry) -> None:
+    def check_entry(self, entry: Entry, *, is_recording: bool = False) -> None:
         """Raise `InvalidScanError` if the entry declares too much, alone or against its compressed size."""
+        largest = self.max_recording_bytes if is_recording else self.max_entry_bytes
         if entry.size < 0:
             raise InvalidScanError(f"The archive is damaged: {entry.name[:200]!r} has a negative size.")
-        if entry.size > self.max_entry_bytes:
+        if entry.size > largest:
             raise InvalidScanError(
                 f"The archive's entry {entry.name[:200]!r} has {entry.size / MIB:.0f} MB unpacked; the limit "
-                f"for one file is {self.max_entry_bytes / MIB:.0f} MB."
+                f"for one file is {largest / MIB:.0f} MB."
             )
         if entry.compressed_size is not None and self._is_bomb(entry.size, entry.compressed_size):
             raise InvalidScanError(
@@ -193,7 +200,7 @@ def _reader(file: BinaryIO, archive_bytes: int, limits: ArchiveLimits) -> Archiv
     for magic, opener in (
         (b"\x1f\x8b", gzip.open),
         (b"BZh", bz2.open),
-        (b"\xfd7zXZ\x00", lzma.open),
+        (b"\xfd7zXZ\x00", XzStream),
     ):
         if head.startswith(magic):
             return _TarReader(cast(IO[bytes], opener(file)), archive_bytes, limits)
@@ -216,6 +223,7 @@ def _has_tar_checksum(header: bytes) -> bool:
 class _ZipReader:
     def __init__(self, file: BinaryIO, limits: ArchiveLimits) -> None:
         longest = MIB + _HEADERS.directory_bytes_per_entry * limits.max_entries
+        self._file = file
         self._zip = zipfile.ZipFile(cast(IO[bytes], _BoundedReads(file, longest)))
         self._limits = limits
 
@@ -229,6 +237,7 @@ class _ZipReader:
             entry = _entry_of_zip(info)
             if entry.kind is EntryKind.FILE and wanted(entry):
                 with damage_reported():
+                    check_zip_dictionary(self._file, info)
                     stream = self._zip.open(info)
                 with stream:
                     yield entry, cast(BinaryIO, stream)

@@ -61,7 +61,7 @@ class DrawnPoints:
 
 def thinned_rows(artifact: MapArtifact, max_points: int) -> NDArray[np.intp]:
     """Return the rows of at most `max_points` features of a map, spread evenly over its space, in their order."""
-    usable = np.flatnonzero(artifact.arrays.point_sigma_m <= OPTIONS.max_sigma_m)
+    usable = np.flatnonzero(np.asarray(artifact.arrays.point_sigma_m) <= OPTIONS.max_sigma_m)
     points = np.asarray(artifact.arrays.points_in_world)[usable].astype(np.float64)
     finite = np.isfinite(points).all(axis=1)
     usable, points = usable[finite], points[finite]
@@ -101,4 +101,4 @@ def drawn_points(
         limits = np.array([picture.shape[1] - 1, picture.shape[0] - 1])
         u, v = np.clip(pixels, 0, limits).T
         rgb[mine] = picture[v, u]
-    return DrawnPoints(np.asarray(artifact.arrays.points_in_world)[rows].astype(np.float32), rgb)
+    return DrawnPoints(artifact.arrays.points_in_world[rows].astype(np.float32), rgb)
