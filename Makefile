@@ -11,11 +11,11 @@ help:  ## Show the targets
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Roomfix needs Python 3.11 or later; set PYTHON=python3.x") if sys.version_info < (3, 11) else None'
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,surf]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,scans,surf]'
 	touch $(STAMP)
 
-run: $(STAMP)  ## Build the demonstration venue and serve it on 127.0.0.1:8000
-	$(BIN)/roomfix demo
+run: $(STAMP)  ## Build the demonstration venue, serve it on 127.0.0.1:8000, and phones by https with a QR code
+	$(BIN)/roomfix demo --phones
 
 test: $(STAMP)  ## Run the whole test suite
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

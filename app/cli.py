@@ -18,6 +18,7 @@ from app.errors import RoomfixError
 COMMANDS = {
     "serve": "app.commands.serve:serve",
     "worker": "app.commands.serve:worker",
+    "inspect": "app.commands.inspect:inspect",
     "build": "app.commands.build:build",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",
@@ -27,6 +28,7 @@ COMMANDS = {
     "calibrate": "app.commands.calibrate:calibrate",
     "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",
+    "export-plan": "app.commands.export_plan:export_plan",
     "push-frames": "app.commands.push_frames:push_frames",
     "stream": "app.commands.stream:stream",
 }

@@ -15,10 +15,11 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app import errors
+from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
-METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
+METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 # The first class that fits decides, so that special ones stand above their base.
 STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
@@ -86,9 +87,7 @@ def problem(
     """Return a problem+json answer."""
     body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "code": code}
     body["detail"] = detail
-    return JSONResponse(
-        {**body, **more}, status_code=status, media_type="application/problem+json", headers=headers
-    )
+    return JSONResponse({**body, **more}, status_code=status, media_type=PROBLEM_MEDIA_TYPE, headers=headers)
 
 
 def problem_of(error: errors.RoomfixError) -> JSONResponse:
@@ -126,11 +125,13 @@ def install_error_handlers(app: FastAPI) -> None:
 
     async def http(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)  # noqa: S101 - registered for this class
-        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request"}
+        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request", 422: "invalid_request"}
         detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
         headers = dict(error.headers) if error.headers else None
         if error.status_code == 405:
-            headers = {"Allow": ", ".join(allowed_methods(request))}
+            allowed = allowed_methods(request)
+            headers = {"Allow": ", ".join(allowed)}
+            detail = f"This address takes {', '.join(allowed)}."
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
     async def disk(_: Request, error: Exception) -> JSONResponse:

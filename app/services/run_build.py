@@ -7,7 +7,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -101,12 +101,18 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
     with _scratch(resources.scratch_dir / f"{build.id}-{build.attempts}") as folder:
         root = _unpack(build, resources, folder, progress)
         progress.report("read", 0, 1)
-        source = open_scan(root, options.format, options.scan)
+        source = open_scan(root, options.format, replace(options.scan, scratch=folder))
         unpacked = time.perf_counter()
         present = _present_map(build, options, library)
         z_is_up = present is not None and present[1].z_up
         examined = examined_scan(
-            root, source, build.options, resources.executor, progress, up_is_known=z_is_up
+            root,
+            source,
+            build.options,
+            resources.executor,
+            progress,
+            up_is_known=z_is_up,
+            scratch=folder,
         )
         source, options = examined.scan, examined.options
         seen = time.perf_counter()

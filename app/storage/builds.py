@@ -62,7 +62,13 @@ class Build:
         return self.state in ENDED
 
 
-def create_build(connection: Connection, venue_id: str, options: dict[str, Any], archive_blob: str) -> str:
+def create_build(
+    connection: Connection,
+    venue_id: str,
+    options: dict[str, Any],
+    archive_blob: str,
+    idempotency_key: str | None = None,
+) -> str:
     """Queue a build and return its id."""
     build_id = uuid.uuid4().hex
     connection.execute(
@@ -77,9 +83,19 @@ def create_build(connection: Connection, venue_id: str, options: dict[str, Any],
             attempts=0,
             cancel_requested=False,
             created_at=now(),
+            idempotency_key=idempotency_key,
         )
     )
     return build_id
+
+
+def find_submission(connection: Connection, venue_id: str, idempotency_key: str | None) -> Build | None:
+    """Return the build of a venue that was submitted with a key, None where there is none."""
+    if idempotency_key is None:
+        return None
+    here = (builds.c.venue_id == venue_id) & (builds.c.idempotency_key == idempotency_key)
+    row = connection.execute(select(builds).where(here)).first()
+    return None if row is None else _build(row)
 
 
 def get_build(connection: Connection, build_id: str) -> Build:

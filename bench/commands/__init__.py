@@ -10,6 +10,7 @@ COMMANDS = {
     "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
+    "evaluate-formats": "bench.formats.command:evaluate_formats_command",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
     "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",

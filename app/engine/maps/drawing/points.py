@@ -62,7 +62,7 @@ class DrawnPoints:
 def thinned_rows(artifact: MapArtifact, max_points: int) -> NDArray[np.intp]:
     """Return the rows of at most `max_points` features of a map, spread evenly over its space, in their order."""
     usable = np.flatnonzero(np.asarray(artifact.arrays.point_sigma_m) <= OPTIONS.max_sigma_m)
-    points = artifact.arrays.points_in_world[usable].astype(np.float64)
+    points = np.asarray(artifact.arrays.points_in_world)[usable].astype(np.float64)
     finite = np.isfinite(points).all(axis=1)
     usable, points = usable[finite], points[finite]
     voxel_m = OPTIONS.first_voxel_m
