@@ -15,7 +15,10 @@ from bench.large_maps.tiling import SPACING_M, tile_map
 from tests.maps import map_of
 from tests.scenes import pose_at
 
-KEYFRAMES, FEATURES, COPIES, SIZE = 6, 20, 3, 256
+KEYFRAMES = 6
+FEATURES = 20
+COPIES = 3
+SIZE = 256
 
 
 @pytest.fixture
