@@ -24,7 +24,7 @@ SCHEMAS = DOCUMENT["components"]["schemas"]
 # What a client may put there is its own.
 FREE = {
     ("FeatureProperties", None), ("AnchorCalibration", None), ("BuildReport", "replaced"),
-    ("BuildReport", "examination"), ("BuildReport", "calibration"),
+    ("BuildReport", "examination"), ("BuildReport", "calibration"), ("Inspection", "examination"),
 }  # fmt: skip
 
 

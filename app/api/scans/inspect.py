@@ -14,6 +14,35 @@ from app.api.schemas import problems
 from app.engine.mapping.options import parse_build_options
 from app.services.inspection.inspect_archive import inspect_archive
 
+EXAMPLE: dict[str, Any] = {
+    "recognised": [{"format": "tum", "folder": "", "missing": []}],
+    "format": "tum",
+    "frames": 500,
+    "discarded": {},
+    "sensors": {
+        "color": {
+            "model": "PINHOLE",
+            "width": 640,
+            "height": 480,
+            "params": [525.505, 525.505, 320.0, 240.0],
+        },
+        "depth": {"width": 640, "height": 480, "share_of_pixels": 0.714, "percentiles_m": [0.89, 1.81, 2.87]},
+    },
+    "duration_s": 33.27,
+    "rate_hz": 15.0,
+    "trajectory": {"path_m": 7.44, "extent_m": [1.89, 1.12, 0.38], "z_up": True},
+    "examination": {"verdict": "confirmed", "pairs_tried": 12, "pairs": 11, "findings": []},
+    "build": {
+        "would": "build",
+        "keyframes": 47,
+        "supporting_frames": 89,
+        "points": "from depth",
+        "plan_positions": True,
+    },
+    "notes": [],
+    "path_svg": '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 640 640"/>',
+}
+
 router = APIRouter(
     prefix="/database", tags=["maps"], dependencies=[Depends(require("admin"))], route_class=ContractRoute
 )
@@ -25,6 +54,31 @@ class RecognisedBody(BaseModel):
     format: str
     folder: str
     missing: list[str] = Field(description="What a scan of this format needs and the archive lacks")
+
+
+class ColorSensorBody(BaseModel):
+    """The camera of the colour images."""
+
+    model: str
+    width: int
+    height: int
+    params: list[float]
+
+
+class DepthSensorBody(BaseModel):
+    """The depth images."""
+
+    width: int
+    height: int
+    share_of_pixels: float = Field(description="Pixels that have a depth, over all")
+    percentiles_m: list[float] = Field(description="The 5th, 50th and 95th percentile of the depths")
+
+
+class SensorsBody(BaseModel):
+    """What the scan was taken with; `depth` is null for a scan of colour images alone."""
+
+    color: ColorSensorBody
+    depth: DepthSensorBody | None
 
 
 class TrajectoryBody(BaseModel):
@@ -48,13 +102,13 @@ class PlannedBuildBody(BaseModel):
 class InspectionBody(BaseModel):
     """What a scan holds."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": EXAMPLE})
 
     recognised: list[RecognisedBody]
     format: str
     frames: int
     discarded: dict[str, int] = Field(description="Frames left out, by reason")
-    sensors: dict[str, dict[str, Any] | None]
+    sensors: SensorsBody
     duration_s: float
     rate_hz: float | None
     trajectory: TrajectoryBody
@@ -64,7 +118,7 @@ class InspectionBody(BaseModel):
     path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")
 
 
-@router.post("/inspect", responses=problems(401, 413, 422, 503))
+@router.post("/inspect", name="inspectScan", responses=problems(401, 413, 422, 503))
 async def inspect(
     state: State,
     archive: Annotated[UploadFile, File(description="The scan: zip, tar or recording")],
