@@ -25,6 +25,7 @@ SCHEMAS = DOCUMENT["components"]["schemas"]
 FREE = {
     ("FeatureProperties", None), ("AnchorCalibration", None), ("BuildReport", "replaced"),
     ("BuildReport", "examination"), ("BuildReport", "calibration"),
+    ("Inspection", "sensors"), ("Inspection", "examination"),
 }  # fmt: skip
 
 

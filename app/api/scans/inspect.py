@@ -48,7 +48,31 @@ class PlannedBuildBody(BaseModel):
 class InspectionBody(BaseModel):
     """What a scan holds."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "recognised": [{"format": "tum", "folder": "", "missing": []}],
+                "format": "tum",
+                "frames": 480,
+                "discarded": {},
+                "sensors": {"color": {"width": 640, "height": 480}, "imu": None},
+                "duration_s": 48.0,
+                "rate_hz": 10.0,
+                "trajectory": {"path_m": 21.5, "extent_m": [6.2, 4.1, 0.3], "z_up": True},
+                "examination": None,
+                "build": {
+                    "would": "build",
+                    "keyframes": 120,
+                    "supporting_frames": 360,
+                    "points": "from depth",
+                    "plan_positions": True,
+                },
+                "notes": [],
+                "path_svg": "<svg xmlns='http://www.w3.org/2000/svg'/>",
+            }
+        },
+    )
 
     recognised: list[RecognisedBody]
     format: str
@@ -64,7 +88,7 @@ class InspectionBody(BaseModel):
     path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")
 
 
-@router.post("/inspect", responses=problems(401, 413, 422, 503))
+@router.post("/inspect", name="inspectScan", responses=problems(401, 413, 422, 503))
 async def inspect(
     state: State,
     archive: Annotated[UploadFile, File(description="The scan: zip, tar or recording")],
