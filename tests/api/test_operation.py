@@ -199,6 +199,10 @@ def test_metrics_count_requests_by_route_and_queries_by_outcome(museum: Server, 
     assert 'route="/venues/{venue}",status="404"' in text
     assert "/venues/none" not in text
     assert 'roomfix_locate_stage_seconds_count{stage="match"}' in text
+    assert 'roomfix_builds{stage="",state="succeeded"}' in text
+    assert "roomfix_build_worker_alive 1.0" in text
+    assert "roomfix_venues_with_map_problem 0.0" in text
+    assert "process_resident_memory_bytes" in text
 
 
 def test_the_openapi_document_describes_every_call(museum: Server) -> None:
