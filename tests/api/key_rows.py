@@ -47,7 +47,7 @@ BODIES: dict[str, dict[str, Any]] = {
         "files": {"archive": b"no archive"},
     },
     "POST /database/calibrate": {"data": {"venue": VENUE}, "files": {"archive": b"no archive"}},
-    "POST /database/inspect": {"data": {"venue": VENUE}, "files": {"archive": b"no archive"}},
+    "POST /database/inspect": {"files": {"archive": b"no archive"}},
     "POST /sessions": {"json": {"venue": VENUE}},
     "POST /keys": {"json": {"name": "another", "scope": "locate", "venue": VENUE}},
     "POST /tokens": {"json": {"venue": VENUE}},
