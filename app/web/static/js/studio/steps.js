@@ -1,6 +1,6 @@
 // The first minutes: what there is to do, in order, with what is done ticked off.
 
-import { requestJson } from "../api.js";
+import { address, requestJson } from "../api.js";
 import { byId, el, showError } from "../dom.js";
 import { currentVenue, openVenueDialog, venuePath } from "../venues.js";
 
@@ -13,10 +13,19 @@ export async function showSteps(floors) {
     byId("steps").replaceChildren(...steps(venue).map((step, i) => entry(step, done[i], i === next)));
     const links = [];
     if (done[1]) links.push(el("a", { class: "button", href: `go/${encodeURIComponent(venue.id)}` }, "Open the phone page"));
-    byId("start-links").replaceChildren(...links);
+    byId("start-links").replaceChildren(...links, ...(await phoneCode()));
   } catch (error) {
     showError(byId("page-error"), error);
   }
+}
+
+/** Return the code of the server's address for phones, where it serves https. */
+async function phoneCode() {
+  const { https } = await requestJson("assets/addresses");
+  if (!https) return [];
+  const code = el("img", { src: address(`assets/qr.svg?text=${encodeURIComponent(https)}`), alt: `QR code of ${https}`, class: "code" });
+  const trust = el("a", { href: address("ca.crt") }, "the certificate that phones have to trust");
+  return [el("figure", { class: "card share" }, code, el("figcaption", {}, `This server for phones: ${https} (`, trust, ")"))];
 }
 
 function steps(venue) {
