@@ -15,10 +15,13 @@ from app.importers.assembly import Discarded, Intrinsics, ScanSource, assemble_s
 from app.importers.association import Trajectory, associate
 from app.importers.folder import ScanFolder
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
+from app.importers.layouts import icl_nuim
 from app.importers.rows.image_rows import ImageRows, parse_associations, parse_image_list
 from app.importers.rows.times import UNITS_PER_S, Times, check_distinct, range_in_words
 from app.importers.rows.trajectory_rows import TrajectoryRows, parse_trajectory
 from app.importers.scan_files import optional_file, read_camera_file, read_gravity, read_text
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.limits import limit
 
 DEFAULT_DEPTH_SCALE = 5000.0
@@ -28,7 +31,10 @@ ASSOCIATIONS = (
 )  # fmt: skip
 # What holds no trajectory, whatever its numbers are.
 NO_TRAJECTORIES = frozenset({"rgb.txt", "depth.txt", "camera.txt", "gravity.txt", TRUTH, *ASSOCIATIONS})
-TRAJECTORY_SUFFIXES = frozenset({".txt", ".csv", ".tum", ".traj", ".log"})
+TRAJECTORY_SUFFIXES = frozenset({".txt", ".csv", ".tum", ".traj", ".log", ".freiburg"})
+# ORB-SLAM writes the poses of all frames, and those of its keyframes beside them.
+ALL_FRAMES = "cameratrajectory.txt"
+KEYFRAMES = "keyframetrajectory.txt"
 
 WITHOUT_POSES = (
     "; add it or, for a walk straight on at an even speed, give start, speed_m_s, direction_deg and fps"
@@ -97,6 +103,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     Raises `InvalidScanError` for missing or malformed lists, unknown intrinsics, or no usable frame.
     """
     folder = ScanFolder(directory)
+    if _is_without_depth(directory):
+        return _open_without_depth(folder, options)
     color_rows, depth_rows = _image_rows(directory)
     tolerance_s = options.max_time_difference_s
     poses = _poses(directory, color_rows, depth_rows, options)
@@ -104,7 +112,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     camera_file = read_camera_file(directory)
     notes = dict.fromkeys([*color_rows.notes, *depth_rows.notes, *poses.notes])
     source = ScanSource(
-        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses.text)),
+        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses)),
         depth_scale=camera_file.depth_scale if camera_file else None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         # A stated walk stands upright in its own frame.
@@ -115,6 +123,40 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     color = _existing(_found(folder, color_rows), folder, discarded)
     poses = _moved(poses, options.convention.time_offset_s)
     frames = _frames(folder, color, _found(folder, depth_rows), poses, discarded, tolerance_s)
+    scan = assemble_scan(frames, discarded, source, options)
+    if icl_nuim.is_trajectory(poses.name):
+        return icl_nuim.with_right_hand(scan, options.convention)
+    return replace(scan, trajectory=poses.trajectory)
+
+
+def _is_without_depth(directory: Path) -> bool:
+    """Whether the scan lists colour images alone and has no depth images that a list may be missing for."""
+    listed = optional_file(directory, "rgb.txt") is not None and optional_file(directory, "depth.txt") is None
+    if not listed or ScanFolder(directory).subfolder("depth") is not None:
+        return False
+    return parse_associations(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt") is None
+
+
+def _open_without_depth(folder: ScanFolder, options: ScanOptions) -> Scan:
+    """Return the scan of colour images and poses; its depth images are blank."""
+    directory, files, discarded = folder.path, FrameFiles(options.scratch), Discarded()
+    rows = parse_image_list(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt", "colour")
+    poses = _poses(directory, rows, rows, options)
+    camera_file = read_camera_file(directory)
+    source = ScanSource(
+        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses)),
+        depth_scale=None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+        gravity=read_gravity(directory),
+        notes=(*dict.fromkeys([*rows.notes, *poses.notes]), WITHOUT_DEPTH),
+        has_depth=False,
+        keeps=files,
+    )
+    color = _existing(_found(folder, rows), folder, discarded)
+    poses = _moved(poses, options.convention.time_offset_s)
+    size = next(filter(None, (color_size(path) for path in color.paths if path is not None)), (1, 1))
+    blank = _ImageList(color.times_s, (files.blank_depth(*size),) * len(color.times_s), rows)
+    frames = _frames(folder, color, blank, poses, discarded, options.max_time_difference_s)
     return replace(assemble_scan(frames, discarded, source, options), trajectory=poses.trajectory)
 
 
@@ -195,6 +237,8 @@ def _other_trajectory(directory: Path, color: ImageRows) -> Path:
     """Return the only file that holds a trajectory; raises `InvalidScanError` that names those there are."""
     files = sorted(path for path in directory.iterdir() if path.suffix.lower() in TRAJECTORY_SUFFIXES)
     found = [path for path in files if path.name.lower() not in NO_TRAJECTORIES and _holds_poses(path, color)]
+    if any(path.name.lower() == ALL_FRAMES for path in found):
+        found = [path for path in found if path.name.lower() != KEYFRAMES]
     if len(found) == 1:
         return found[0]
     if not found:
@@ -255,8 +299,10 @@ def _matched_ratio(times_s: Times, others_s: Times, tolerance_s: float) -> float
     return float((near <= tolerance_s).mean())
 
 
-def _published_camera(truth: str) -> Intrinsics:
-    sensor = _SENSOR.search(truth)
+def _published_camera(poses: _Poses) -> Intrinsics:
+    if icl_nuim.is_trajectory(poses.name):
+        return icl_nuim.CAMERA
+    sensor = _SENSOR.search(poses.text)
     if sensor is None:
         raise InvalidScanError(
             "The scan's camera is not known: give `camera` in the options, or add camera.txt with one row "

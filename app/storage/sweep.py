@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
@@ -15,7 +15,7 @@ from app.limits import limit
 from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
 from app.storage.db import Database, hold_blobs, now
-from app.storage.tables import anchor_frames, builds, floors, keyframe_images, map_versions
+from app.storage.tables import anchor_frames, anchors, builds, floors, keyframe_images, map_versions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +48,22 @@ def referenced_blobs(connection: Connection) -> set[str]:
     return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
 
 
+def venue_blobs(connection: Connection, venue_id: str) -> set[str]:
+    """Return the SHA-256 of every blob that a venue's rows refer to, the archives of ended builds among them."""
+    columns = (
+        select(floors.c.plan_blob).where((floors.c.venue_id == venue_id) & floors.c.plan_blob.is_not(None)),
+        select(builds.c.archive_blob).where(builds.c.venue_id == venue_id),
+        select(map_versions.c.artifact_blob).where(map_versions.c.venue_id == venue_id),
+        select(map_versions.c.index_blob).where(map_versions.c.venue_id == venue_id),
+        select(keyframe_images.c.color_blob).where(keyframe_images.c.venue_id == venue_id),
+        select(keyframe_images.c.depth_blob).where(keyframe_images.c.venue_id == venue_id),
+        select(anchor_frames.c.image_blob)
+        .join(anchors, anchors.c.id == anchor_frames.c.anchor_id)
+        .where((anchors.c.venue_id == venue_id) & anchor_frames.c.image_blob.is_not(None)),
+    )
+    return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
+
+
 def discard_blobs(
     database: Database, blobs: BlobStore, digests: Iterable[str], written_by: str | None = None
 ) -> int:
@@ -73,14 +89,17 @@ def _others_run(connection: Connection, build_id: str) -> bool:
     return connection.execute(others.limit(1)).first() is not None
 
 
-def sweep_scratch(folder: Path, age: timedelta) -> int:
-    """Delete what killed processes left in the scratch folder and is older than `age`; return the number of entries."""
+def sweep_scratch(folder: Path, age: timedelta, running: Set[str] = frozenset()) -> int:
+    """Delete what killed processes left in the scratch folder and is older than `age`; return the number of entries.
+
+    Folders of the builds `running` are kept.
+    """
     limit = (now() - age).timestamp()
     count = 0
     for path in folder.iterdir():
         # An upload may end, and remove its file, at any moment.
         with suppress(FileNotFoundError):
-            if path.stat().st_mtime > limit:
+            if path.stat().st_mtime > limit or path.name.split("-")[0] in running:
                 continue
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
