@@ -54,6 +54,9 @@ class Settings(BaseSettings):
     run_worker: bool = Field(True, description="Start the embedded build worker with the server.")
     max_image_bytes: int = Field(25_000_000, ge=1000, description="Largest image that is accepted.")
     max_image_pixels: int = Field(50_000_000, ge=10_000, description="Most pixels that are decoded.")
+    max_plan_pixels: int = Field(
+        400_000_000, ge=10_000, description="Most pixels of a plan; one of more than are decoded is reduced."
+    )
     max_archive_bytes: int = Field(
         8_000_000_000, ge=1000, description="Largest scan archive that is accepted."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, File, Form, Request, Response, UploadFile
 from pydantic import ConfigDict, Field, model_validator
@@ -17,11 +17,17 @@ from app.api.requests.json_body import RequestBody
 from app.api.schemas import problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.errors import InvalidInputError, NotFoundError
-from app.services.floor_plans import as_dict, store_plan_image
+from app.services.floor_plans import PLAN_FORMATS_IN_WORDS, PlanFile, as_dict, store_plan_image
 from app.storage.floors import delete_floor, get_floor, list_floors, put_floor
 from app.storage.venues import get_venue
 
 router = APIRouter(prefix="/venues/{venue}/floors", tags=["floors"], route_class=ContractRoute)
+
+Units = Literal["mm", "cm", "m", "in", "ft"]
+ORIGIN_HELP = (
+    "u,v of plan (0, 0) in the picture, e.g. 100,820; default: its lower left pixel, of a DXF its own (0, 0)"
+)
+DPI_HELP = "Dots an inch that a PDF or SVG is drawn with (150 if not given), or a picture was scanned with"
 
 
 class NewFloor(RequestBody):
@@ -135,16 +141,29 @@ def put_plan(
     state: State,
     venue: VenueId,
     floor: FloorId,
-    image: Annotated[UploadFile, File(description="PNG or JPEG")],
-    meters_per_pixel: Annotated[float, Form(description="Metres that one pixel shows")],
-    origin_px: Annotated[str, Form(description="u,v of plan (0, 0) in the image, e.g. 100,820")],
+    image: Annotated[UploadFile, File(description=PLAN_FORMATS_IN_WORDS)],
+    meters_per_pixel: Annotated[float | None, Form(description="Metres that one pixel shows")] = None,
+    origin_px: Annotated[str | None, Form(description=ORIGIN_HELP)] = None,
+    page: Annotated[int, Form(description="Page of a PDF or TIFF, from 1", ge=1, le=10_000)] = 1,
+    dpi: Annotated[float | None, Form(description=DPI_HELP, ge=10, le=1200)] = None,
+    scale: Annotated[
+        str | None, Form(description="Of the drawing on paper, such as 1:100", max_length=20)
+    ] = None,
+    units: Annotated[Units | None, Form(description="Of a DXF that states none")] = None,
 ) -> Any:
-    """Store a floor's plan image."""
+    """Store a floor's plan: a picture as it is, a drawing as the picture that is drawn from it."""
     with state.services.resources.database.read() as connection:
         get_floor(connection, venue, floor)
-    stored = store_plan_image(
-        state.services.resources, venue, floor, image.file.read(), meters_per_pixel, _pixel(origin_px)
+    file = PlanFile(
+        data=image.file.read(),
+        meters_per_pixel=meters_per_pixel,
+        origin_px=None if origin_px is None else _pixel(origin_px),
+        page=page,
+        dpi=dpi,
+        scale=scale,
+        units=units,
     )
+    stored = store_plan_image(state.services.resources, venue, floor, file)
     return as_dict(stored)
 
 

@@ -2,51 +2,137 @@
 
 from __future__ import annotations
 
+import io
+import re
+import sys
+import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from PIL import Image, UnidentifiedImageError
 
 from app.engine.floors.floor import Floor, PlanImage
 from app.errors import InvalidInputError
+from app.importers.plan_images.order import INCH_M, Drawn, DrawOrder, kind_of
+from app.services.plans.draw_plan import draw_plan
 from app.services.resources import Resources
 from app.storage.db import hold_blobs
 from app.storage.floors import set_plan_image
+from app.vision.image_files.formats import DAMAGE
 from app.vision.images import decode_image
 
-PLAN_MEDIA_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+PLAN_FORMATS_IN_WORDS = "PNG, JPEG, TIFF, PDF, SVG or DXF"
+# What is stored and shown as it was sent; everything else is drawn.
+SHOWN_KINDS = {"png": "image/png", "jpeg": "image/jpeg"}
+SCALE = re.compile(r"(?:1\s*:)?\s*(\d+(?:\.\d+)?)")
 
 
-def store_plan_image(
-    resources: Resources,
-    venue_id: str,
-    floor_id: str,
-    data: bytes,
-    meters_per_pixel: float,
-    origin_px: tuple[float, float],
-) -> Floor:
-    """Check and store a floor's plan image; raises `InvalidImageError`, `InvalidInputError`, `NotFoundError`."""
-    if not (np.isfinite(meters_per_pixel) and 1e-5 <= meters_per_pixel <= 10):
-        raise InvalidInputError("meters_per_pixel must be between 0.00001 and 10.")
-    if not np.isfinite(origin_px).all():
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanFile:
+    """A plan as it was sent, and what its sender says of it.
+
+    `meters_per_pixel` and `origin_px` are of the picture as it is, or as it is drawn at `dpi`. `scale` is `1:100` or
+    100; `page` counts from 1; `units` are those of a DXF.
+    """
+
+    data: bytes
+    meters_per_pixel: float | None = None
+    origin_px: tuple[float, float] | None = None
+    page: int = 1
+    dpi: float | None = None
+    scale: str | None = None
+    units: str | None = None
+
+
+def store_plan_image(resources: Resources, venue_id: str, floor_id: str, file: PlanFile) -> Floor:
+    """Check and store a floor's plan, drawn as PNG where it is no picture that can be shown.
+
+    Raises `InvalidImageError`, `InvalidInputError`, `NotFoundError`.
+    """
+    meters_per_pixel = _meters_per_pixel(file)
+    if file.origin_px is not None and not np.isfinite(file.origin_px).all():
         raise InvalidInputError("origin_px must be two finite numbers: the pixel of plan (0, 0).")
-    media_type = next((kind for magic, kind in PLAN_MEDIA_TYPES.items() if data.startswith(magic)), None)
-    if data and media_type is None:
-        raise InvalidInputError("A plan image must be a PNG or JPEG file.")
+    data, media_type, drawn = _picture(resources, file)
+    meters_per_pixel = meters_per_pixel or drawn.meters_per_pixel
+    if meters_per_pixel is None:
+        raise InvalidInputError("Give meters_per_pixel, or scale (such as 1:100) and dpi.")
+    _check_scale(meters_per_pixel)
     height, width = decode_image(data, resources.settings.max_image_pixels).shape[:2]
-    assert media_type is not None  # noqa: S101 - empty data was refused by decode_image
+    origin = file.origin_px or drawn.origin_px or (0.0, drawn.height_px - 1.0)
+    # A pixel of a reduced picture is the middle of the pixels that it was made from.
+    factor, shift = drawn.reduced_by, (drawn.reduced_by - 1) / 2
     plan = PlanImage(
         blob=resources.blobs.put(data),
         media_type=media_type,
         width_px=width,
         height_px=height,
-        meters_per_pixel=meters_per_pixel,
-        origin_px=origin_px,
+        meters_per_pixel=meters_per_pixel * factor,
+        origin_px=((origin[0] - shift) / factor, (origin[1] - shift) / factor),
     )
     with resources.database.write() as connection:
         hold_blobs(connection)
         if not resources.blobs.contains(plan.blob):
             resources.blobs.put(data)
         return set_plan_image(connection, venue_id, floor_id, plan)
+
+
+def _meters_per_pixel(file: PlanFile) -> float | None:
+    """Return what one pixel shows, by `meters_per_pixel`, or by `scale` and `dpi`; None when neither is given."""
+    if file.meters_per_pixel is not None:
+        _check_scale(file.meters_per_pixel)
+        return file.meters_per_pixel
+    if file.scale is None:
+        return None
+    stated = SCALE.fullmatch(file.scale.strip())
+    if stated is None or float(stated[1]) < 1:
+        raise InvalidInputError("scale must be such as 1:100 or 100.")
+    kind = kind_of(file.data)
+    if kind in SHOWN_KINDS or kind == "tiff":
+        if file.dpi is None:
+            raise InvalidInputError("scale of a picture needs dpi, the dots an inch that it was scanned at.")
+        return INCH_M / file.dpi * float(stated[1])
+    return INCH_M / (file.dpi or DrawOrder(kind="pdf").dpi) * float(stated[1])
+
+
+def _check_scale(meters_per_pixel: float) -> None:
+    if not (np.isfinite(meters_per_pixel) and 1e-5 <= meters_per_pixel <= 10):
+        raise InvalidInputError("meters_per_pixel must be between 0.00001 and 10.")
+
+
+def _picture(resources: Resources, file: PlanFile) -> tuple[bytes, str, Drawn]:
+    """Return the picture that is stored, its media type, and its size before it was reduced."""
+    kind = kind_of(file.data)
+    if kind is None and file.data:
+        raise InvalidInputError(f"A plan must be a {PLAN_FORMATS_IN_WORDS} file.")
+    shown_pixels = resources.settings.max_image_pixels
+    if kind is None or (kind in SHOWN_KINDS and _pixels(file.data) <= shown_pixels):
+        height, width = decode_image(file.data, shown_pixels).shape[:2]
+        return file.data, SHOWN_KINDS[kind or "png"], Drawn(width_px=width, height_px=height)
+    order = DrawOrder(
+        kind=kind,
+        page=file.page,
+        dpi=file.dpi or DrawOrder(kind=kind).dpi,
+        meters_per_pixel=file.meters_per_pixel,
+        units=file.units,
+        max_pixels=max(resources.settings.max_plan_pixels, shown_pixels),
+        shown_pixels=shown_pixels,
+    )
+    data, drawn = draw_plan(file.data, order, resources.scratch_dir)
+    return data, SHOWN_KINDS["png"], drawn
+
+
+def _pixels(data: bytes) -> int:
+    """Return the number of pixels in a picture's header, 0 where it can't be read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data), formats=["PNG", "JPEG"]) as image:
+                return image.width * image.height
+    except (*DAMAGE, UnidentifiedImageError):
+        return 0
+    except Image.DecompressionBombError:
+        return sys.maxsize
 
 
 def as_dict(floor: Floor) -> dict[str, Any]:

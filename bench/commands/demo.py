@@ -18,7 +18,7 @@ from app.errors import RoomfixError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
 from app.services.floor_features import store_features
-from app.services.floor_plans import store_plan_image
+from app.services.floor_plans import PlanFile, store_plan_image
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
@@ -140,7 +140,8 @@ def _put_floor(resources: Resources, venue: str, floor: DemoFloor) -> None:
             plan_residual_m=None,
         )
     u, v = floor.origin_px
-    store_plan_image(resources, venue, floor.id, floor.plan_png, floor.meters_per_pixel, (u, v))
+    plan = PlanFile(data=floor.plan_png, meters_per_pixel=floor.meters_per_pixel, origin_px=(u, v))
+    store_plan_image(resources, venue, floor.id, plan)
 
 
 def _print_what_to_try(settings: Settings, query: DemoQuery) -> None:
