@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.maps.second_features import SecondFeatures
 from app.errors import RoomfixError
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
@@ -22,6 +23,8 @@ from app.geometry.se3 import Pose
 
 MAGIC = b"RFMAP002"
 ALIGNMENT = 64
+# Before the names of the arrays of `SecondFeatures`.
+SECOND = "second."
 
 
 class MapArtifactError(RoomfixError):
@@ -81,10 +84,11 @@ class MapArrays:
 
 @dataclass(frozen=True, slots=True)
 class MapArtifact:
-    """A map in memory or memory-mapped; immutable."""
+    """A map in memory or memory-mapped; immutable. `second` are None for a map that was built without them."""
 
     metadata: MapMetadata
     arrays: MapArrays
+    second: SecondFeatures | None = None
 
     @property
     def keyframe_count(self) -> int:
@@ -121,6 +125,9 @@ class MapArtifact:
     def write(self, path: Path) -> None:
         """Write the map to a file."""
         arrays = {name: np.ascontiguousarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
+        if self.second is not None:
+            second = {SECOND + name: getattr(self.second, name) for name in SecondFeatures.__slots__}
+            arrays |= {name: np.ascontiguousarray(array) for name, array in second.items()}
         header = {"metadata": _metadata_to_json(self.metadata), "arrays": _table(arrays)}
         text = json.dumps(header, separators=(",", ":")).encode()
         start = _aligned(len(MAGIC) + 8 + len(text))
@@ -142,7 +149,14 @@ class MapArtifact:
             header = json.loads(bytes(data[16 : 16 + length]))
             start = _aligned(16 + length)
             arrays = {name: _view(data, start, entry) for name, entry in header["arrays"].items()}
-            return MapArtifact(_metadata_from_json(header["metadata"]), MapArrays(**arrays))
+            second = {
+                name.removeprefix(SECOND): arrays.pop(name) for name in [*arrays] if name.startswith(SECOND)
+            }
+            return MapArtifact(
+                _metadata_from_json(header["metadata"]),
+                MapArrays(**arrays),
+                SecondFeatures(**second) if second else None,
+            )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise MapArtifactError(f"{path.name} is not a map artefact ({error}).") from error
 

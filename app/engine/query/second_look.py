@@ -1,0 +1,103 @@
+"""Matches by XFeat and LighterGlue, for a frame in which the map's own features find too little."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Set
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.maps.open_map import OpenMap, SecondLook
+from app.engine.query.matches import Matches, QueryMatcher
+from app.engine.query.query import Query
+from app.limits import limit
+from app.vision.lighterglue import PictureFeatures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecondLookOptions:
+    """How much of a frame is matched with how much of the map."""
+
+    max_features: int = limit(
+        512, "Features of the frame that are matched.", chosen="By hand: bounds the time of the network."
+    )
+    min_inliers: int = limit(40, "Fewest inliers of a pose.", chosen="By hand: to be measured.")
+    keyframes: int = limit(
+        6, "Most similar keyframes that the frame is matched with.", chosen="By hand: bounds the time."
+    )
+    covisible: int = limit(
+        4, "Keyframes that see what the first pose sees, which are matched too.", chosen="By hand, as above."
+    )
+    look_alikes: int = limit(
+        2,
+        "Keyframes of other places that look like one of the best two, which are matched too.",
+        chosen="By hand, as above.",
+    )
+
+
+OPTIONS = SecondLookOptions()
+
+
+class SecondMatcher:
+    """Matches one query with keyframes by LighterGlue, each keyframe once; otherwise as `QueryMatcher`.
+
+    What speaks against a pose is still looked for with the map's own features, those of `first`.
+    """
+
+    def __init__(
+        self,
+        query: Query,
+        opened: OpenMap,
+        first: QueryMatcher,
+        look: SecondLook,
+    ) -> None:
+        self.query = query
+        self._map, self._first, self._network = opened, first, look.network
+        found = look.extractor.extract(query.gray)
+        count = OPTIONS.max_features
+        descriptors = np.asarray(found.descriptors[:count], np.float32)
+        self._own = PictureFeatures(found.keypoints_px[:count], descriptors, query.size_px)
+        self._matches: dict[int, Matches] = {}
+
+    @property
+    def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """The pixels (n, 2) and unit descriptors (n, d) of the query's features of the map's own kind."""
+        return self._first.features
+
+    @property
+    def matched(self) -> Set[int]:
+        """The keyframes that were matched so far."""
+        return self._matches.keys()
+
+    def match(self, keyframes: Iterable[int]) -> Matches:
+        """Return the merged matches with the keyframes among these that were not matched before."""
+        new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
+        self._matches.update((keyframe, self._match(keyframe)) for keyframe in new)
+        return Matches.merge([self._matches[keyframe] for keyframe in new])
+
+    def unrepeated_count(self, matches: Matches) -> None:  # noqa: ARG002 - as `QueryMatcher` has it
+        """Return None: single features are not looked for at other places."""
+        return
+
+    def _match(self, keyframe: int) -> Matches:
+        artifact = self._map.artifact
+        second = artifact.second
+        if second is None:
+            return Matches.none()
+        span = second.span(keyframe)
+        camera = artifact.camera(keyframe)
+        theirs = PictureFeatures(
+            second.keypoints_px[span], second.descriptors[span], (camera.width, camera.height)
+        )
+        a, b, probability = self._network.match(self._own, theirs)
+        return Matches(
+            points_px=self._own.keypoints_px[a].astype(np.float64),
+            points_in_world=second.points_in_world[span][b].astype(np.float64),
+            sigma_m=second.point_sigma_m[span][b].astype(np.float64),
+            query_rows=a,
+            keyframes=np.full(len(a), keyframe, dtype=np.intp),
+            distances=(1.0 - probability).astype(np.float32),
+            # Places that look alike are matched too: a rival speaks against a pose, not a single feature.
+            distinct=np.ones(len(a), dtype=bool),
+        )
