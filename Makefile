@@ -18,7 +18,7 @@ run: $(STAMP)  ## Build the demonstration venue and serve it on 127.0.0.1:8000
 	$(BIN)/roomfix demo
 
 test: $(STAMP)  ## Run the whole test suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 check: $(STAMP)  ## Lint, format check, types
 	$(BIN)/ruff check .

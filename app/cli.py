@@ -21,8 +21,13 @@ COMMANDS = {
     "build": "app.commands.build:build",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",
+    "check": "app.commands.maintain:check",
+    "backup": "app.commands.maintain:backup",
+    "restore": "app.commands.maintain:restore",
     "calibrate": "app.commands.calibrate:calibrate",
+    "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",
+    "export-plan": "app.commands.export_plan:export_plan",
     "push-frames": "app.commands.push_frames:push_frames",
     "stream": "app.commands.stream:stream",
 }
@@ -53,6 +58,8 @@ class LazyCommands(TyperGroup):
             return None
         module, function = target.split(":")
         callback = getattr(importlib.import_module(module), function)
+        if isinstance(callback, typer.Typer):
+            return typer.main.get_group(callback)
         info = CommandInfo(name=cmd_name, callback=callback)
         return get_command_from_info(info, pretty_exceptions_short=True, rich_markup_mode="rich")
 

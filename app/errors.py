@@ -97,6 +97,12 @@ class DatabaseBusyError(BusyError):
     code = "database_busy"
 
 
+class MapDamagedError(RoomfixError):
+    """The file of a map, or of its index, is missing or is not what was stored; another version may still serve."""
+
+    code = "map_damaged"
+
+
 class CancelledBuildError(RoomfixError):
     """The build was cancelled while it ran."""
 
@@ -109,7 +115,35 @@ class AuthenticationError(RoomfixError):
     code = "unauthenticated"
 
 
+class ExpiredKeyError(AuthenticationError):
+    """The key was right until it expired."""
+
+    code = "key_expired"
+
+
+class RevokedKeyError(AuthenticationError):
+    """The key was right until it was revoked."""
+
+    code = "key_revoked"
+
+
 class PermissionDeniedError(RoomfixError):
-    """The key is known but lacks the scope."""
+    """The key is known but lacks the scope, or is limited to another venue or camera."""
 
     code = "forbidden"
+
+
+class ForeignCallerError(PermissionDeniedError):
+    """A call to an open server that comes from another machine's web page, or names another host."""
+
+    code = "foreign_caller"
+
+
+class RateLimitError(RoomfixError):
+    """Too many calls, or too many wrong keys; `retry_after_s` is when the next one is taken."""
+
+    code = "too_many_requests"
+
+    def __init__(self, message: str, retry_after_s: int) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s

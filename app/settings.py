@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -22,8 +23,21 @@ class Settings(BaseSettings):
         None,
         description="Where blobs live, for example s3://bucket/prefix; default: a folder in the data folder.",
     )
-    admin_key: SecretStr | None = Field(None, description="The key that is asked on every call but health.")
+    admin_key: SecretStr | None = Field(
+        None, description="A key with all rights, to make the first other keys with; see docs/keys.md."
+    )
     open: bool = Field(False, description="Serve without a key; allowed on a loopback address only.")
+    calls_per_minute: int = Field(
+        3000, ge=0, description="Calls that one key may make in a minute from one address; 0 is no limit."
+    )
+    wrong_keys_per_minute: int = Field(
+        30,
+        ge=0,
+        description="Wrong keys in a minute after which an address is refused for a while; 0 is no limit.",
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="What goes to the log: debug, info, warning or error."
+    )
     host: str = Field("127.0.0.1", description="Address to listen on.")
     port: int = Field(8000, ge=1, le=65535, description="Port to listen on.")
     workers: int = Field(

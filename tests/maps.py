@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,3 +52,20 @@ def map_of(
         ),
         arrays,
     )
+
+
+def write_without_checksums(artifact: MapArtifact, path: Path) -> None:
+    """Write a map in the form before the present one, `RFMAP002`."""
+    arrays = {name: np.asarray(getattr(artifact.arrays, name)) for name in MapArrays.__slots__}
+    table, offset = {}, 0
+    for name, array in arrays.items():
+        table[name] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
+        offset = -(-(offset + array.nbytes) // 64) * 64
+    text = json.dumps({"metadata": asdict(artifact.metadata), "arrays": table}).encode()
+    start = -(-(16 + len(text)) // 64) * 64
+    data = bytearray(start + offset)
+    data[: 16 + len(text)] = b"RFMAP002" + len(text).to_bytes(8, "little") + text
+    for name, array in arrays.items():
+        first = start + int(table[name]["offset"])
+        data[first : first + array.nbytes] = array.tobytes()
+    path.write_bytes(bytes(data))

@@ -120,7 +120,7 @@ class Server:
 def running(data_dir: Path, runner: BuildRunner | None = None, **values: Any) -> Iterator[Server]:
     """Serve in this process, open unless an `admin_key` is given; the build worker is a process of its own."""
     settings = Settings(_env_file=None, data_dir=data_dir, open="admin_key" not in values, **values)
-    with TestClient(create_app(settings, runner)) as client:
+    with TestClient(create_app(settings, runner), base_url="http://127.0.0.1") as client:
         yield Server(client, data_dir)
 
 

@@ -112,6 +112,8 @@ def problems_of(words: list[str]) -> list[str]:
     """Return what is wrong with a use of the command line: the command's name, or options that it doesn't have."""
     group = command_group()
     command = group.get_command(None, words[0])
+    if isinstance(command, typer.main.TyperGroup) and len(words) > 1:
+        command = command.get_command(None, words[1])
     if command is None:
         return [f"roomfix {words[0]}"]
     known = {"--help", *(name for each in command.params for name in [*each.opts, *each.secondary_opts])}
@@ -130,7 +132,13 @@ def test_options_that_pages_explain_in_words_exist() -> None:
     known = {"--help"}
     for name in group.list_commands(None):
         command = group.get_command(None, name)
-        known |= {option for each in command.params for option in [*each.opts, *each.secondary_opts]}
+        below = [command.get_command(None, each) for each in getattr(command, "commands", ())]
+        known |= {
+            option
+            for one in [command, *below]
+            for each in one.params
+            for option in [*each.opts, *each.secondary_opts]
+        }
     # Of pytest.
     known.add("--junit-xml")
     named = {

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import UploadFile
 
-from app.api.deps import ID_PATTERN, State, require
+from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.form_request import is_multipart
@@ -21,6 +21,7 @@ from app.errors import InvalidInputError
 from app.geometry.camera_hint import parse_camera_hint
 from app.services.anchors import anchor_as_dict
 from app.storage.anchors import delete_anchor, get_anchor, list_anchors, list_frames
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(prefix="/anchors", tags=["anchors"], route_class=ContractRoute)
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
@@ -107,19 +108,22 @@ class FrameBody(BaseModel):
 
 @router.get("", dependencies=[Depends(require("admin"))], responses=problems(401, 422))
 def list_all(
-    state: State, venue: Annotated[str | None, Query(description="Of this venue only")] = None
+    state: State,
+    caller: CallerOf,
+    venue: Annotated[str | None, Query(description="Of this venue only")] = None,
 ) -> list[dict[str, Any]]:
     """List anchors by their id."""
     with state.services.resources.database.read() as connection:
-        found = list_anchors(connection, venue)
+        found = list_anchors(connection, caller.venue_or_own(venue))
         frames = list_frames(connection, [anchor.id for anchor in found])
     settings = state.services.resources.settings
     return [anchor_as_dict(anchor, frames.get(anchor.id), settings.anchor_max_age_s) for anchor in found]
 
 
 @router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
-def put(state: State, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
+def put(state: State, caller: CallerOf, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
     """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
+    caller.check_venue(body.venue)
     state.services.anchors.put(camera, _spec(body))
     return get(state, camera)
 
@@ -183,7 +187,7 @@ async def image_of(request: Request) -> bytes:
     async with request.form() as form:
         image = form.get("image")
         if not isinstance(image, UploadFile):
-            raise InvalidInputError("The form needs a file field image with a JPEG, PNG or WebP picture.")
+            raise InvalidInputError(f"The form needs a file field image with a picture: {FORMATS_IN_WORDS}.")
         return await image.read()
 
 

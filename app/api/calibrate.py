@@ -7,11 +7,10 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, Field
 
-from app.api.deps import State, require
+from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.engine.mapping.options import parse_build_options
 from app.services.calibration import calibrate_archive
 
 router = APIRouter(
@@ -70,6 +69,7 @@ class CalibrationBody(BaseModel):
 @router.post("/calibrate", responses=problems(401, 404, 413, 422, 503))
 async def calibrate(
     state: State,
+    caller: CallerOf,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(description="The venue that the scan is of")],
     options: OptionsField = "{}",
@@ -80,8 +80,9 @@ async def calibrate(
     share with its nearest keyframe. A build does the same by itself with `{"keyframes": {"thresholds":
     "calibrated"}}`.
     """
-    parsed = parse_build_options(read_options(options))
+    caller.check_venue(venue)
+    parsed = read_options(options)
     found = await state.executor.run(
         lambda: calibrate_archive(state.services.resources, venue, parsed, archive.file)
     )
-    return CalibrationBody.model_validate(found.as_dict())
+    return CalibrationBody.model_validate(found)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from sse_starlette.sse import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
-from app.api.deps import AppState, State, require
+from app.api.deps import AppState, CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
@@ -92,11 +92,13 @@ class BuildBody(BaseModel):
 @router.post("/build", status_code=202, responses=problems(401, 404, 413, 422))
 def build(
     state: State,
+    caller: CallerOf,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(description="The venue that the map is for")],
     options: OptionsField = "{}",
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
+    caller.check_venue(venue)
     build_id = submit_build(state.services.resources, venue, read_options(options), archive.file)
     state.runner.wake()
     url = f"/database/builds/{build_id}"
@@ -104,10 +106,10 @@ def build(
 
 
 @router.get("/builds", responses=problems(401, 422))
-def list_all(state: State, venue: str | None = None) -> list[BuildBody]:
+def list_all(state: State, caller: CallerOf, venue: str | None = None) -> list[BuildBody]:
     """List builds, newest first."""
     with state.services.resources.database.read() as connection:
-        return [BuildBody.of(item) for item in list_builds(connection, venue)]
+        return [BuildBody.of(item) for item in list_builds(connection, caller.venue_or_own(venue))]
 
 
 @router.get("/builds/{build}", responses=problems(401, 404, 422))

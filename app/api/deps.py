@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-import hmac
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import Depends, Path, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from starlette.requests import HTTPConnection
 
+from app.api.access.throttle import Throttle
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
 from app.jobs.runner import BuildRunner
+from app.services.keys.caller import Caller
 from app.services.wiring import Services
+from app.storage.keys import Scope
 
-Scope = Literal["locate", "anchor", "admin"]
 ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+# Where a request's scope holds who calls, and the headers that its answer gets.
+CALLER = "roomfix.caller"
+EXTRA_HEADERS = "roomfix.headers"
 bearer = HTTPBearer(
-    auto_error=False, description="The key of the server; none is asked when it was started open."
+    auto_error=False,
+    scheme_name="key",
+    description="A key or token of the server; none is asked when it was started open.",
 )
 
 
@@ -31,6 +37,7 @@ class AppState:
     executor: BoundedExecutor
     runner: BuildRunner
     metrics: Metrics
+    throttle: Throttle
 
 
 def get_state(request: Request) -> AppState:
@@ -45,28 +52,41 @@ VenueId = Annotated[str, Path(pattern=ID_PATTERN, description="The venue's id")]
 FloorId = Annotated[str, Path(pattern=ID_PATTERN, description="The floor's id")]
 
 
-def require(scope: Scope) -> Callable[..., None]:
-    """Return a dependency that lets a call pass when its key has the scope.
+def caller_of(connection: HTTPConnection) -> Caller:
+    """Return who makes a call; raises `AuthenticationError` for one that was not let in by its headers."""
+    caller = connection.scope.get(CALLER)
+    if not isinstance(caller, Caller):
+        raise AuthenticationError("This call needs a key, as 'Authorization: Bearer KEY'.")
+    return caller
 
-    There is one key for now, which has every scope; keys with scopes and venues of their own will be looked up
-    here.
+
+def _caller(request: Request) -> Caller:
+    return caller_of(request)
+
+
+CallerOf = Annotated[Caller, Depends(_caller)]
+
+
+@dataclass(frozen=True, slots=True)
+class Require:
+    """A dependency that asks for a key with a scope.
+
+    `ContractRoute` checks it before the body is read; the call here repeats that, and describes it in OpenAPI.
     """
 
-    def check(
-        state: State, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)]
+    scope: Scope
+
+    def __call__(
+        self, request: Request, _key: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)]
     ) -> None:
-        check_key(state, credentials.credentials if credentials is not None else "", scope)
+        """Raise `AuthenticationError` or `PermissionDeniedError` unless the caller has the scope."""
+        caller_of(request).check_scope(self.scope)
 
-    return check
+
+def require(scope: Scope) -> Require:
+    """Return a dependency that lets a call pass when its key has the scope."""
+    return Require(scope)
 
 
-def check_key(state: AppState, given: str, scope: Scope) -> None:
-    """Raise `AuthenticationError` unless a key has the scope."""
-    settings = state.services.resources.settings
-    if settings.open:
-        return
-    expected = settings.admin_key.get_secret_value() if settings.admin_key is not None else ""
-    if not expected or not hmac.compare_digest(given.encode(), expected.encode()):
-        raise AuthenticationError(
-            f"This call needs a key with the scope {scope}, as 'Authorization: Bearer KEY'."
-        )
+def public() -> None:
+    """Mark a route that asks for no key; one without this or `require` asks for the scope admin."""

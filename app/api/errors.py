@@ -11,11 +11,13 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from app import errors
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
+METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 
 # The first class that fits decides, so that special ones stand above their base.
 STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
@@ -28,7 +30,9 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.PermissionDeniedError, 403),
     (errors.NotFoundError, 404),
     (errors.ConflictError, 409),
+    (errors.RateLimitError, 429),
     (errors.BusyError, 503),
+    (errors.MapDamagedError, 503),
 )
 
 
@@ -46,6 +50,11 @@ class ErrorOptions:
         "The same where the database is locked by another process.",
         chosen="By hand: a backup takes longer than a query.",
     )
+    damage_retry_after_s: int = limit(
+        60,
+        "The same where a map is damaged on the server.",
+        chosen="By hand: an operator has to restore it.",
+    )
     max_reported_fields: int = limit(
         5,
         "Largest number of fields of a request that an answer says something about.",
@@ -58,6 +67,7 @@ OPTIONS = ErrorOptions()
 RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.DatabaseBusyError, OPTIONS.database_retry_after_s),
     (errors.BusyError, OPTIONS.retry_after_s),
+    (errors.MapDamagedError, OPTIONS.damage_retry_after_s),
 )
 
 
@@ -77,15 +87,32 @@ def problem(
     )
 
 
+def problem_of(error: errors.RoomfixError) -> JSONResponse:
+    """Return the answer of a domain error."""
+    status = status_of(error)
+    if status == 500:
+        log.error("unmapped error", exc_info=error)
+    return problem(status, error.code, str(error), headers_of(error, status))
+
+
+def allowed_methods(request: Request) -> list[str]:
+    """Return the methods that some route at a request's path takes."""
+    return [
+        method
+        for method in METHODS
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    ]
+
+
 def install_error_handlers(app: FastAPI) -> None:
     """Make every expected error a problem+json answer; `RequestIdMiddleware` answers all others."""
 
     async def domain(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, errors.RoomfixError)  # noqa: S101 - registered for this class
-        status = status_of(error)
-        if status == 500:
-            log.error("unmapped error", exc_info=error)
-        return problem(status, error.code, str(error), _headers_of(error, status))
+        return problem_of(error)
 
     async def validation(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for this class
@@ -93,11 +120,13 @@ def install_error_handlers(app: FastAPI) -> None:
         detail = "; ".join(f"{field['field']}: {field['message']}" for field in fields)
         return problem(422, "invalid_request", detail or "The request is not valid.", fields=fields)
 
-    async def http(_: Request, error: Exception) -> JSONResponse:
+    async def http(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)  # noqa: S101 - registered for this class
         codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request"}
         detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
         headers = dict(error.headers) if error.headers else None
+        if error.status_code == 405:
+            headers = {"Allow": ", ".join(allowed_methods(request))}
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
     app.add_exception_handler(errors.RoomfixError, domain)
@@ -105,10 +134,12 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, http)
 
 
-def _headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
+def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
     """Return the headers that a status code asks for."""
     if status == 401:
         return {"WWW-Authenticate": "Bearer"}
+    if isinstance(error, errors.RateLimitError):
+        return {"Retry-After": str(error.retry_after_s)}
     retry_s = next((seconds for kind, seconds in RETRY_AFTER_S if isinstance(error, kind)), None)
     return None if retry_s is None else {"Retry-After": str(retry_s)}
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from app.errors import BusyError
 
 Result = TypeVar("Result")
+FULL = "The server is busy: all workers are occupied and the queue is full."
 
 
 class BoundedExecutor:
@@ -27,11 +28,15 @@ class BoundedExecutor:
         """How many calls run or wait."""
         return self._pending
 
+    def check_room(self) -> None:
+        """Raise `BusyError` when the queue is full."""
+        if self._pending >= self._capacity:
+            raise BusyError(FULL)
+
     async def run(self, function: Callable[[], Result]) -> Result:
         """Run a call on a worker thread; raises `BusyError` at once when the queue is full."""
         with self._lock:
-            if self._pending >= self._capacity:
-                raise BusyError("The server is busy: all workers are occupied and the queue is full.")
+            self.check_room()
             self._pending += 1
         future = self._pool.submit(function)
         # Counted down when the work ends or is cancelled while it waits: a client that goes away doesn't free the

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import dataclass
+from typing import Literal
+
 from fastapi import APIRouter, Depends, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.api.deps import State, require
+from app.api.deps import AppState, CallerOf, State, public, require
 from app.api.errors import problem
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
+from app.errors import DatabaseBusyError
+from app.limits import limit
 
 router = APIRouter(tags=["operation"], route_class=ContractRoute)
 
@@ -23,35 +29,90 @@ class Health(BaseModel):
 class Readiness(BaseModel):
     """Whether queries can be answered, part by part."""
 
-    status: str
-    checks: dict[str, str]
+    status: Literal["ok", "degraded"] = Field(
+        description="degraded: queries are answered, but a part needs an operator"
+    )
+    checks: dict[str, str] = Field(description="By part: ok, or what is wrong with it")
 
 
-@router.get("/healthz")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadinessOptions:
+    """When a part of the server counts as ready."""
+
+    min_free_bytes: int = limit(
+        2_000_000_000,
+        "A disk with less free space than this is nearly full.",
+        chosen="By hand: a scan of some minutes and the map that is built from it still fit.",
+    )
+
+
+OPTIONS = ReadinessOptions()
+# Parts without which no query is answered.
+NEEDED = ("database", "blobs")
+
+
+@router.get("/healthz", dependencies=[Depends(public)])
 def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
 
 
-@router.get("/readyz", response_model=Readiness, responses={503: {"model": Readiness}})
+@router.get(
+    "/readyz",
+    response_model=Readiness,
+    responses={503: {"model": Readiness}},
+    dependencies=[Depends(public)],
+)
 def readyz(state: State) -> Readiness | Response:
-    """Answer 200 when database, blobs and build worker are there."""
-    checks: dict[str, str] = {}
+    """Answer 200 when database and blobs are there; `status` and `checks` say what else needs an operator."""
+    checks = {
+        "database": _database(state),
+        "blobs": _blobs(state),
+        "disk": _disk(state),
+        "models": _models(state),
+        # Without the worker builds wait, but queries are answered: that is no reason to take the server out.
+        "build_worker": "ok"
+        if state.runner.alive()
+        else "The build worker is not running; it is being restarted.",
+        "maps": _maps(state),
+    }
+    if any(checks[part] != "ok" for part in NEEDED):
+        return problem(503, "not_ready", "A part of the server doesn't answer.", checks=checks)
+    is_ok = all(check == "ok" for check in checks.values())
+    return Readiness(status="ok" if is_ok else "degraded", checks=checks)
+
+
+def _database(state: AppState) -> str:
     try:
         state.services.resources.database.ping()
-        checks["database"] = "ok"
-    except SQLAlchemyError as error:
-        checks["database"] = type(error).__name__
+    except (SQLAlchemyError, DatabaseBusyError) as error:
+        return type(error).__name__
+    return "ok"
+
+
+def _blobs(state: AppState) -> str:
     try:
         state.services.resources.blobs.check_writable()
-        checks["blobs"] = "ok"
     except OSError as error:
-        checks["blobs"] = str(error)
-    # Without the worker builds wait, but queries are answered: that is no reason to take the server out.
-    checks["build_worker"] = "ok" if state.runner.alive() else "restarting"
-    if checks["database"] != "ok" or checks["blobs"] != "ok":
-        return problem(503, "not_ready", "A part of the server doesn't answer.", checks=checks)
-    return Readiness(status="ok", checks=checks)
+        return str(error)
+    return "ok"
+
+
+def _disk(state: AppState) -> str:
+    free = shutil.disk_usage(state.services.resources.settings.data_dir).free
+    if free < OPTIONS.min_free_bytes:
+        return f"The disk of the data folder is nearly full: {free / 1e6:,.0f} MB are free."
+    return "ok"
+
+
+def _models(state: AppState) -> str:
+    path = state.services.resources.models.descriptor_path
+    return "ok" if path.is_file() else f"The model {path.name} is missing; the server can't be started again."
+
+
+def _maps(state: AppState) -> str:
+    problems = state.services.maps.problems
+    return " ".join(f"Venue {venue}: {problem}" for venue, problem in sorted(problems.items())) or "ok"
 
 
 @router.get(
@@ -60,7 +121,8 @@ def readyz(state: State) -> Readiness | Response:
     dependencies=[Depends(require("admin"))],
     responses=problems(401),
 )
-def metrics(state: State) -> Response:
-    """Return metrics in Prometheus's text format."""
+def metrics(state: State, caller: CallerOf) -> Response:
+    """Return metrics in Prometheus's text format; they are of all venues."""
+    caller.check_venue(None)
     state.metrics.pending.set(state.executor.pending)
     return Response(state.metrics.render(), media_type="text/plain; version=0.0.4; charset=utf-8")

@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, Field
 
-from app.api.deps import State, require
+from app.api.deps import CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
@@ -18,6 +18,7 @@ from app.engine.query.narrowing import Prior
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
 
@@ -92,7 +93,8 @@ class LocateBody(BaseModel):
 @router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
 async def locate(
     state: State,
-    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    caller: CallerOf,
+    image: Annotated[UploadFile, File(description=FORMATS_IN_WORDS)],
     venue: Annotated[str | None, Form(description="May be left out when there is one venue")] = None,
     floor: Annotated[str | None, Form(description="Search this floor first")] = None,
     area: Annotated[str | None, Form(description="Search this area first: its id or name")] = None,
@@ -109,7 +111,7 @@ async def locate(
     """Locate one image."""
     request = LocateRequest(
         image=await image.read(),
-        venue=venue or None,
+        venue=caller.venue_or_own(venue or None),
         floor=floor or None,
         camera=_camera(camera),
         gravity=_gravity(gravity),

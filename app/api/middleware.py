@@ -10,6 +10,7 @@ import uuid
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.api.deps import EXTRA_HEADERS
 from app.api.errors import problem
 from app.api.metrics import Metrics
 
@@ -19,7 +20,8 @@ REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class RequestIdMiddleware:
-    """Gives every answer an `X-Request-ID`: the caller's own if it is a sane one, else a new one.
+    """Gives every answer an `X-Request-ID`: the caller's own if it is a sane one, else a new one; and the headers that
+    were put aside for it meanwhile, such as those of a rate limit.
 
     Answers unexpected errors too: Starlette's own handler for them stands outside of all middleware.
     """
@@ -36,12 +38,16 @@ class RequestIdMiddleware:
         request_id = given if REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
 
         started = False
+        more: dict[str, str] = {}
+        scope[EXTRA_HEADERS] = more
 
         async def send_with_id(message: Message) -> None:
             nonlocal started
             if message["type"] == "http.response.start":
                 started = True
-                MutableHeaders(scope=message)["X-Request-ID"] = request_id
+                headers = MutableHeaders(scope=message)
+                headers["X-Request-ID"] = request_id
+                headers.update(more)
             await send(message)
 
         try:

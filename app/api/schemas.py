@@ -71,8 +71,12 @@ class Problem(BaseModel):
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
-    """Return the OpenAPI description of a route's errors; each may be a 503, since the database may be locked."""
+    """Return the OpenAPI description of a route's errors.
+
+    Each may be a 503, since the database may be locked; one that needs a key may be a 403 and 429 too.
+    """
+    with_key = {403, 429} if 401 in statuses else set[int]()
     return {
         status: {"model": Problem, "content": {"application/problem+json": {}}}
-        for status in sorted({*statuses, 503})
+        for status in sorted({*statuses, *with_key, 503})
     }

@@ -6,14 +6,16 @@ import asyncio
 import json
 import logging
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Any
 from weakref import WeakValueDictionary
 
-from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from starlette.websockets import WebSocketState
 
-from app.api.deps import AppState, check_key
-from app.api.errors import problem, status_of
+from app.api.access.credentials import SUBPROTOCOL
+from app.api.access.gate import admit
+from app.api.deps import AppState
+from app.api.errors import headers_of, problem, status_of
 from app.api.requests.contract_route import refuse_unknown_query
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.sessions import frame_body, parse_motion, session_frame
@@ -28,10 +30,13 @@ from app.errors import (
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.services.sessions import SessionFrame
+from app.storage.keys import Scope
 
 log = logging.getLogger("roomfix.api")
 UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
+# What a key of the stream needs.
+SCOPES: tuple[Scope, ...] = ("locate",)
 HINTS = ("camera", "gravity", "motion", "timestamp")
 # Close code: another connection has taken the session over.
 CLOSE_REPLACED = 4000
@@ -125,22 +130,22 @@ _streams: WeakValueDictionary[str, Stream] = WeakValueDictionary()
 
 
 @router.websocket("/sessions/{session}/stream")
-async def stream(
-    socket: WebSocket,
-    session: str,
-    key: Annotated[str, Query(description="The key of the server, where no header can be set")] = "",
-) -> None:
-    """Binary messages are frames; a text message before one holds its hints; each answer is one text message."""
+async def stream(socket: WebSocket, session: str) -> None:
+    """Binary messages are frames; a text message before one holds its hints; each answer is one text message.
+
+    The key is in the header `Authorization`, or in the subprotocol `roomfix.key.KEY` offered beside `roomfix`.
+    """
     state = socket.app.state.roomfix
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
     try:
-        check_key(state, _key(socket, key), "locate")
+        await admit(socket, SCOPES)
         refuse_unknown_query(socket)
         await asyncio.to_thread(state.services.sessions.get, session)
     except RoomfixError as error:
-        await socket.send_denial_response(problem(status_of(error), error.code, str(error)))
+        status = status_of(error)
+        await socket.send_denial_response(problem(status, error.code, str(error), headers_of(error, status)))
         return
-    await socket.accept()
+    await socket.accept(SUBPROTOCOL if SUBPROTOCOL in socket.scope.get("subprotocols", []) else None)
     connection = Stream(socket=socket, session=session)
     # A phone that comes back may do so before its old connection is known to be dead.
     older, _streams[session] = _streams.get(session), connection
@@ -152,12 +157,6 @@ async def stream(
     finally:
         answering.cancel()
         await asyncio.gather(answering, return_exceptions=True)
-
-
-def _key(socket: WebSocket, in_query: str) -> str:
-    scheme, _, credentials = socket.headers.get("authorization", "").partition(" ")
-    # A browser can't set headers on a WebSocket.
-    return credentials.strip() if scheme.lower() == "bearer" else in_query
 
 
 async def _receive(connection: Stream, max_bytes: int) -> None:

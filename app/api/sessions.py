@@ -11,7 +11,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, Path, Query, Response, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.deps import ID_PATTERN, State, require
+from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.locate import LocateBody, _camera, _gravity, body_of
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
@@ -25,6 +25,7 @@ from app.limits import limit
 from app.services.session_answer import SessionResult
 from app.services.sessions import SessionFrame
 from app.storage.sessions import Session, SessionPoint
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(
     prefix="/sessions",
@@ -175,8 +176,9 @@ class SessionBody(BaseModel):
 
 
 @router.post("", status_code=201, responses=problems(401, 404, 422))
-def create(state: State, new: NewSession) -> SessionBody:
+def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     """Start a session."""
+    caller.check_venue(new.venue)
     service = state.services.sessions
     return SessionBody.of(
         service.create(new.venue, new.camera, new.destination, new.language), service.timeout
@@ -215,7 +217,7 @@ def remove(state: State, session: SessionId) -> Response:
 async def frame(
     state: State,
     session: SessionId,
-    image: Annotated[UploadFile, File(description="JPEG, PNG or WebP")],
+    image: Annotated[UploadFile, File(description=FORMATS_IN_WORDS)],
     camera: Annotated[str | None, Form(description="As in /locate, in place of the session's")] = None,
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     motion: Annotated[

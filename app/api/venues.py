@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.deps import ID_PATTERN, State, VenueId, require
+from app.api.deps import ID_PATTERN, CallerOf, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
@@ -52,17 +52,19 @@ def _body(venue: Venue) -> VenueBody:
 
 
 @router.post("", status_code=201, dependencies=[Depends(require("admin"))], responses=problems(401, 409, 422))
-def create(state: State, venue: NewVenue) -> VenueBody:
+def create(state: State, caller: CallerOf, venue: NewVenue) -> VenueBody:
     """Add a venue."""
+    caller.check_venue(None)
     with state.services.resources.database.write() as connection:
         return _body(create_venue(connection, venue.id, venue.name))
 
 
 @router.get("", dependencies=[Depends(require("locate"))], responses=problems(401))
-def list_all(state: State) -> list[VenueBody]:
-    """List the venues."""
+def list_all(state: State, caller: CallerOf) -> list[VenueBody]:
+    """List the venues that the key may use."""
     with state.services.resources.database.read() as connection:
-        return [_body(venue) for venue in list_venues(connection)]
+        venues = list_venues(connection)
+    return [_body(venue) for venue in venues if caller.venue_id in (None, venue.id)]
 
 
 @router.get("/{venue}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))

@@ -24,6 +24,7 @@ from app.commands.console import (
 )
 from app.errors import ConflictError, RoomfixError
 from app.geometry.camera_hint import parse_camera_hint
+from app.importers.archives.archive import NEEDED_SUFFIXES
 from app.jobs.local import finish_build_here
 from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
@@ -32,8 +33,7 @@ from app.services.wiring import wire_services
 from app.storage.builds import Build
 from app.storage.sweep import GRACE, sweep_blobs
 from app.storage.venues import create_venue
-
-SCAN_SUFFIXES = (".txt", ".csv", ".json", ".png", ".jpg", ".jpeg")
+from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 
 def build(
@@ -82,13 +82,13 @@ def zip_folder(folder: Path, target: Path) -> Path:
     """Write the files of a scan's folder to a zip, stored as they are: images don't shrink."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
         for path in sorted(folder.rglob("*")):
-            if path.is_file() and path.suffix.lower() in SCAN_SUFFIXES:
+            if path.is_file() and path.suffix.lower() in NEEDED_SUFFIXES:
                 archive.write(path, path.relative_to(folder))
     return target
 
 
 def locate(
-    image: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="JPEG, PNG or WebP.")],
+    image: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help=f"{FORMATS_IN_WORDS}.")],
     venue: Annotated[str | None, typer.Option(help="May be left out when there is one venue.")] = None,
     floor: Annotated[str | None, typer.Option(help="Search this floor first.")] = None,
     area: Annotated[str | None, typer.Option(help="Search this area first: its id or name.")] = None,

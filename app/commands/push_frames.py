@@ -18,8 +18,8 @@ from app.commands.console import console, errors
 from app.commands.live_capture import LiveCapture
 from app.errors import InvalidInputError
 from app.limits import limit
+from app.vision.image_files.formats import FORMATS_IN_WORDS, PICTURE_SUFFIXES
 
-PICTURES = {".jpg", ".jpeg", ".png", ".webp"}
 # Status codes of answers that stay the same however often the frame is sent.
 LASTING = {400, 401, 403, 404, 413, 415, 422}
 
@@ -108,11 +108,11 @@ def open_frames(source: str, quality: int = 92) -> Iterator[bytes]:
     """
     path = Path(source)
     if path.is_dir():
-        pictures = sorted(entry for entry in path.iterdir() if entry.suffix.lower() in PICTURES)
+        pictures = sorted(entry for entry in path.iterdir() if entry.suffix.lower() in PICTURE_SUFFIXES)
         if not pictures:
-            raise InvalidInputError(f"{source} holds no JPEG, PNG or WebP pictures.")
+            raise InvalidInputError(f"{source} holds no pictures: {FORMATS_IN_WORDS}.")
         return (picture.read_bytes() for picture in pictures)
-    if path.is_file() and path.suffix.lower() in PICTURES:
+    if path.is_file() and path.suffix.lower() in PICTURE_SUFFIXES:
         return _again(path)
     return _captured(source, quality)
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import ipaddress
 import threading
 from typing import Annotated
 
 import typer
 import uvicorn
 
+from app.api.access.credentials import is_loopback
+from app.commands.connections import server_options
 from app.commands.console import DataDir, log_to_stderr, settings_from
 from app.jobs.worker import run_worker
 from app.main import create_app
+from app.services.keys.key_service import any_key
 from app.settings import Settings
 
 
@@ -24,24 +26,28 @@ def serve(
     """Start the server."""
     settings = settings_from(host=host, port=port, data_dir=data_dir, open=open_ or None)
     check_access(settings)
-    log_to_stderr()
+    log_to_stderr(settings.log_level)
     run_server(settings)
 
 
 def worker(data_dir: DataDir = None) -> None:
     """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
-    log_to_stderr()
-    run_worker(settings_from(data_dir=data_dir), threading.Event(), threading.Event())
+    settings = settings_from(data_dir=data_dir)
+    log_to_stderr(settings.log_level)
+    run_worker(settings, threading.Event(), threading.Event())
 
 
 def check_access(settings: Settings) -> None:
-    """Refuse to serve without a key anywhere but on loopback."""
-    if settings.open and not _is_loopback(settings.host):
+    """Refuse to serve without a key anywhere but on loopback, and with keys where there is none."""
+    if settings.open and not is_loopback(settings.host):
         raise typer.BadParameter(
             f"--open serves without a key, so on a loopback address only, not {settings.host}."
         )
-    if not settings.open and settings.admin_key is None:
-        raise typer.BadParameter("Set ROOMFIX_ADMIN_KEY, or use --open to serve without a key on loopback.")
+    if not settings.open and not any_key(settings):
+        raise typer.BadParameter(
+            "There is no key yet: make one with roomfix keys create --scope admin --name NAME, or set "
+            "ROOMFIX_ADMIN_KEY; or use --open to serve without a key on loopback."
+        )
 
 
 def run_server(settings: Settings) -> None:
@@ -53,13 +59,5 @@ def run_server(settings: Settings) -> None:
         log_config=None,
         access_log=False,
         ws_max_size=settings.max_image_bytes,
+        **server_options(),
     )
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

@@ -18,8 +18,8 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from app.errors import InvalidInputError, RoomfixError
 from app.limits import limit
+from app.vision.image_files.formats import FORMATS_IN_WORDS, PICTURE_SUFFIXES
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 OnAnswer = Callable[["Answer"], None]
 
 
@@ -87,12 +87,14 @@ def read_frames(source: Path, max_frames: int | None = None) -> list[bytes]:
     Raises `InvalidInputError` for a source without frames.
     """
     if source.is_dir():
-        files = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)[:max_frames]
+        files = sorted(path for path in source.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)[
+            :max_frames
+        ]
         frames = [path.read_bytes() for path in files]
     else:
         frames = _video_frames(source, max_frames)
     if not frames:
-        raise InvalidInputError(f"{source} holds no frames: give a folder of JPEG, PNG or WebP, or a video.")
+        raise InvalidInputError(f"{source} holds no frames: give a video or a folder of {FORMATS_IN_WORDS}.")
     return frames
 
 

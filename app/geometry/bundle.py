@@ -223,7 +223,7 @@ class _Problem:
         """Return residuals (m, 2), points in camera axes (m, 3), derivatives by pose (m, 2, 6) and by point (m, 2, 3),
         and weights (m,)."""
         residuals, in_camera, rotations, offsets = self._residuals(poses, points)
-        by_point = self.bundle.camera.projection_jacobian(in_camera)
+        _, by_point = self.bundle.camera.projection_jacobian(in_camera)
         by_point = by_point @ rotations.transpose(0, 2, 1) / PIXEL_NOISE.sigma_px
         by_point[~np.isfinite(by_point).all(axis=(1, 2))] = 0.0
         by_pose = np.concatenate([np.cross(by_point, offsets[:, None, :]), -by_point], axis=2)

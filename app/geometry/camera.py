@@ -241,17 +241,18 @@ class Camera:
             out[in_view] = seen[:, :2] / seen[:, 2:] * [fx, fy] + [cx, cy]
         return out
 
-    def projection_jacobian(self, points_in_camera: ArrayLike) -> Array:
-        """Return the derivatives (n, 2, 3) of the pixels of camera-frame points (n, 3) by the points, in px/m.
+    def projection_jacobian(self, points_in_camera: ArrayLike) -> tuple[Array, Array]:
+        """Return the pixels (n, 2) of camera-frame points (n, 3), and their derivatives (n, 2, 3) by them.
 
-        NaN for points not in view.
+        The derivatives are in px/m. NaN for points not in view.
         """
         points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
-        out = np.full((len(points), 2, 3), np.nan)
+        pixels, by_point = np.full((len(points), 2), np.nan), np.full((len(points), 2, 3), np.nan)
         in_view = self._in_view(points)
         if in_view.any():
-            out[in_view] = self._opencv_projection(points[in_view])[1].reshape(-1, 2, 3)
-        return out
+            pixels[in_view], flat = self._opencv_projection(points[in_view])
+            by_point[in_view] = flat.reshape(-1, 2, 3)
+        return pixels, by_point
 
     def _opencv_projection(self, points: Array) -> tuple[Array, Array]:
         """Return the pixels (n, 2) of points (n, 3) in view, and their derivatives (2n, 3) by the points."""

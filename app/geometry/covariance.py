@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.camera import Camera
-from app.geometry.reprojection import project_from_world, reprojection_jacobian
+from app.geometry.reprojection import reprojection_jacobian
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs
 from app.limits import limit
@@ -63,20 +63,20 @@ def pose_covariance(
     Source: first-order error propagation.
     """
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
-    jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
+    centre_px, focal_px = camera.principal_point_px, camera.focal_px
+    projected, jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
     seen = np.isfinite(jacobian).all(axis=(1, 2))
     if np.count_nonzero(seen) < 3:
         raise DegenerateGeometryError("A pose covariance needs at least three points in front of the camera.")
-    jacobian, by_point = jacobian[seen], by_point[seen]
+    projected, jacobian, by_point = projected[seen], jacobian[seen], by_point[seen]
     point_variance = _variances(point_sigma_m, len(points), "point_sigma_m")[seen]
     noise = point_variance[:, None, None] * (by_point @ by_point.transpose(0, 2, 1))
-    projected = project_from_world(points[seen], camera, world_from_camera)
     if sigma_px is None:
         sigma_px = _sigma_of_pixels(projected - pixels[seen], noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
     noise = noise + pixel_variance * np.eye(2)
-    by_log_focal = projected - camera.principal_point_px
-    by_lens = by_log_focal * np.sum((by_log_focal / camera.focal_px) ** 2, axis=1)[:, None]
+    by_log_focal = projected - centre_px
+    by_lens = by_log_focal * np.sum((by_log_focal / focal_px) ** 2, axis=1)[:, None]
     for by_one, sigma in (by_log_focal, focal_sigma), (by_lens, lens_sigma):
         if sigma > 0:
             jacobian, noise = _with_unknown(jacobian, noise, by_one, sigma)

@@ -1,4 +1,4 @@
-"""Conversion of longitude and latitude to metres east and north of an origin."""
+"""Conversion between longitude and latitude and metres east and north of an origin."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ Array = NDArray[np.float64]
 # The ellipsoid of WGS 84: its semi-major axis and the square of its first eccentricity.
 SEMI_MAJOR_AXIS_M = 6_378_137.0
 ECCENTRICITY_SQUARED = 6.694379990141e-3
+# Each step of the inverse divides the error by more than a thousand within 10 km.
+INVERSE_STEPS = 6
 
 
 def east_north_from_geodetic(points_deg: ArrayLike, origin_deg: ArrayLike) -> Array:
@@ -31,6 +33,24 @@ def east_north_from_geodetic(points_deg: ArrayLike, origin_deg: ArrayLike) -> Ar
         ]
     )
     return np.asarray(np.column_stack([moved @ east, moved @ north]))
+
+
+def geodetic_from_east_north(points_m: ArrayLike, origin_deg: ArrayLike) -> Array:
+    """Return longitudes and latitudes (n, 2) in degrees of metres east and north (n, 2) of an origin.
+
+    The inverse of `east_north_from_geodetic` by Newton's method, with the ellipsoid's radii at the origin as slope.
+    """
+    wanted = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+    origin = np.asarray(origin_deg, dtype=np.float64).reshape(1, 2)
+    latitude = np.radians(origin[0, 1])
+    flat = 1 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2
+    parallel_m = SEMI_MAJOR_AXIS_M / np.sqrt(flat) * np.cos(latitude)
+    meridian_m = SEMI_MAJOR_AXIS_M * (1 - ECCENTRICITY_SQUARED) / flat**1.5
+    degrees_per_m = np.degrees(1 / np.array([parallel_m, meridian_m]))
+    found = np.repeat(origin, len(wanted), axis=0)
+    for _ in range(INVERSE_STEPS):
+        found = found + (wanted - east_north_from_geodetic(found, origin)) * degrees_per_m
+    return np.asarray(found)
 
 
 def _earth_centred(points_rad: Array) -> Array:

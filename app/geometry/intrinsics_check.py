@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.errors import InvalidCameraError
 from app.geometry.camera import Camera
 from app.geometry.focal import OPTIONS as FOCAL
-from app.geometry.reprojection import PIXEL_NOISE, perturbed, project_from_world, reprojection_jacobian
+from app.geometry.reprojection import PIXEL_NOISE
 from app.geometry.se3 import Pose
 from app.limits import limit
 
 Array = NDArray[np.float64]
+
+# Nine unknowns need five points; with this many a few outliers do no harm.
+MIN_POINTS = 9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,24 +43,21 @@ class IntrinsicsOptions:
 OPTIONS = IntrinsicsOptions()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FreeIntrinsics:
     """The intrinsics that a picture's matches fit best, as changes of the stated ones.
 
     `log_focal` is the logarithm of the ratio of focal lengths, `offset_px` (2,) how far the principal point moves;
-    `sigmas` (3,) are the standard deviations of the logarithm and of both offsets (pixels), by the matches alone.
+    `focal_sigma` and `offset_sigmas_px` (2,) are their standard deviations by the matches alone; that of the
+    logarithm is the relative one of the focal length.
     """
 
     camera: Camera
     pose: Pose
     log_focal: float
     offset_px: Array
-    sigmas: Array
-
-    @property
-    def focal_sigma(self) -> float:
-        """The relative standard deviation of the focal length."""
-        return float(self.sigmas[0])
+    focal_sigma: float
+    offset_sigmas_px: Array
 
 
 def free_intrinsics(
@@ -67,42 +68,68 @@ def free_intrinsics(
     Gauss-Newton on the Cauchy losses of the reprojection errors over pose, focal length and principal point, from the
     stated camera and its pose; the lens is kept. None where they determine no camera.
     """
+    if len(points_px) < MIN_POINTS:
+        return None
     longer = max(camera.width, camera.height)
     prior = np.array(
         [1e-9] * 6 + [OPTIONS.prior_log_focal_sigma**-2] + [(OPTIONS.prior_offset_share * longer) ** -2] * 2
     )
-    change, pose, present = np.zeros(3), world_from_camera, camera
-    normal = np.eye(9)
+    camera_from_world, view = world_from_camera.inverse(), (camera.model, camera.K, camera.distortion)
+    turn = cv2.Rodrigues(camera_from_world.rotation)[0][:, 0]
+    unknowns = np.concatenate([turn, camera_from_world.translation, np.zeros(3)])
+    points = np.ascontiguousarray(points_in_world, dtype=np.float64)
+    free, normal = np.r_[np.zeros(6), np.ones(3)], np.eye(9)
     for _ in range(OPTIONS.steps):
-        by_all, error = _linearised(points_px, points_in_world, present, pose)
-        if len(error) < 9:
-            return None
+        projected, by_all = _linearised(points, unknowns, *view)
+        error = projected - points_px
         weights = 1.0 / (1.0 + (np.linalg.norm(error, axis=1) / PIXEL_NOISE.loss_scale_px) ** 2)
         weighted = by_all * np.repeat(FOCAL.match_weight * weights, 2)[:, None]
-        from_prior = np.concatenate([np.zeros(6), change])
         normal = weighted.T @ by_all + np.diag(prior)
         try:
-            step = -np.linalg.solve(normal, weighted.T @ error.reshape(-1) + prior * from_prior)
-            change = change + step[6:]
-            pose, present = perturbed(pose, step[:6]), changed_camera(camera, change)
-        except (np.linalg.LinAlgError, InvalidCameraError):
+            step = -np.linalg.solve(normal, weighted.T @ error.reshape(-1) + prior * free * unknowns)
+        except np.linalg.LinAlgError:
+            return None
+        unknowns = unknowns + step
+        if not np.isfinite(unknowns).all():
             return None
         if np.abs(step[:7]).max() < OPTIONS.min_step:
             break
-    covariance = np.linalg.inv(normal)
-    return FreeIntrinsics(present, pose, float(change[0]), change[1:], np.sqrt(np.diag(covariance)[6:]))
+    try:
+        found = changed_camera(camera, unknowns[6:])
+    except InvalidCameraError:
+        return None
+    pose = Pose(np.asarray(cv2.Rodrigues(unknowns[:3])[0], dtype=np.float64), unknowns[3:6]).inverse()
+    sigmas = np.sqrt(np.diag(np.linalg.inv(normal))[6:])
+    return FreeIntrinsics(
+        camera=found,
+        pose=pose,
+        log_focal=float(unknowns[6]),
+        offset_px=unknowns[7:],
+        focal_sigma=float(sigmas[0]),
+        offset_sigmas_px=sigmas[1:],
+    )
 
 
-def _linearised(points_px: Array, points: Array, camera: Camera, pose: Pose) -> tuple[Array, Array]:
-    """Return the derivatives (2n, 9) by pose, log focal length and principal point, and errors (n, 2) in pixels."""
-    by_pose, _ = reprojection_jacobian(points, camera, pose)
-    projected = project_from_world(points, camera, pose)
-    seen = np.isfinite(projected).all(axis=1) & np.isfinite(by_pose).all(axis=(1, 2))
-    projected, by_pose = projected[seen], by_pose[seen]
-    by_focal = projected - camera.principal_point_px
-    by_offset = np.broadcast_to(np.eye(2), (len(projected), 2, 2))
-    by_all = np.concatenate([by_pose, by_focal[:, :, None], by_offset], axis=2)
-    return by_all.reshape(-1, 9), projected - points_px[seen]
+def _linearised(
+    points: Array, unknowns: Array, model: str, K: Array, distortion: Array
+) -> tuple[Array, Array]:
+    """Return the pixels (n, 2) of world points (n, 3) and their derivatives (2n, 9) by the unknowns (9,).
+
+    The unknowns are the rotation vector and the translation of `camera_from_world`, the logarithm of the change of the
+    focal length, and the change of the principal point in pixels.
+    """
+    turn, translation, zoom = unknowns[:3], unknowns[3:6], float(np.exp(unknowns[6]))
+    changed = K * np.array([[zoom, 1, 1], [1, zoom, 1], [1, 1, 1]])
+    changed[:2, 2] += unknowns[7:]
+    if model == "OPENCV_FISHEYE":
+        pixels, by_all = cv2.fisheye.projectPoints(points[:, None], turn, translation, changed, distortion)
+        by_focal, by_centre, by_pose = by_all[:, :2], by_all[:, 2:4], by_all[:, 8:14]
+    else:
+        pixels, by_all = cv2.projectPoints(points, turn, translation, changed, distortion)
+        by_pose, by_focal, by_centre = by_all[:, :6], by_all[:, 6:8], by_all[:, 8:10]
+    by_log_focal = by_focal @ np.diag(changed)[:2]
+    derivatives = np.concatenate([by_pose, by_log_focal[:, None], by_centre], axis=1)
+    return np.asarray(pixels.reshape(-1, 2), dtype=np.float64), derivatives
 
 
 def changed_camera(camera: Camera, change: ArrayLike) -> Camera:

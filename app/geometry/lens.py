@@ -160,7 +160,7 @@ def _of_pair(pair: SharedPoints, pose: Pose, camera: Camera, lens: Lens) -> tupl
     changed = lens._changed().of(camera)
     moved = changed.project(pose.apply(changed.unproject(pair.pixels_a, pair.depth_m)))
     by_lens = (moved - pair.pixels_b - error) / OPTIONS.difference_step
-    by_point = present.projection_jacobian(points)
+    _, by_point = present.projection_jacobian(points)
     by_pose = np.concatenate([np.cross(points[:, None, :], by_point), by_point], axis=2)
     seen = np.isfinite(error).all(axis=1) & np.isfinite(by_lens).all(axis=1)
     weight = np.repeat(_weights(error[seen]), 2)
@@ -219,8 +219,7 @@ def _of_picture(
 ) -> tuple[Array, Array]:
     """Return the derivatives (2n, 8) by pose, lens and log focal length, and the errors (n, 2), of points in view."""
     present = lens.of(camera)
-    projected = project_from_world(points_in_world, present, pose)
-    by_pose, _ = reprojection_jacobian(points_in_world, present, pose)
+    projected, by_pose, _ = reprojection_jacobian(points_in_world, present, pose)
     changed = project_from_world(points_in_world, lens._changed().of(camera), pose)
     by_lens = (changed - projected) / OPTIONS.difference_step
     by_focal = projected - present.principal_point_px

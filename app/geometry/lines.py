@@ -43,9 +43,12 @@ def line_through(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def distances_to_lines(point: ArrayLike, lines: ArrayLike) -> Array:
-    """Return the distances (n,) of a point (2,) from lines (n, 3), a b c of any length (B eq. 16)."""
+    """Return the distances (n,) of a point (2,), or (m, n) of points (m, 2), from lines (n, 3), a b c of any length
+    (B eq. 16)."""
     unit = _unit_lines(lines)
-    return np.asarray(np.abs(unit[:, :2] @ finite_vector(point, 2, "point") + unit[:, 2]))
+    points = finite_points(np.atleast_2d(np.asarray(point, dtype=np.float64)), 2, "points")
+    distances = np.abs(points @ unit[:, :2].T + unit[:, 2])
+    return np.asarray(distances[0] if np.ndim(point) == 1 else distances)
 
 
 def point_nearest_to_lines(lines: ArrayLike, weights: ArrayLike | None = None) -> Array:
@@ -58,7 +61,7 @@ def point_nearest_to_lines(lines: ArrayLike, weights: ArrayLike | None = None) -
     unit = _unit_lines(lines)
     factors = np.ones(len(unit)) if weights is None else finite_vector(weights, len(unit), "weights")
     crossings = _crossings(unit)
-    sums = np.abs(crossings @ unit[:, :2].T + unit[:, 2]) @ factors
+    sums = distances_to_lines(crossings, unit) @ factors
     best = float(sums.min())
     return np.asarray(crossings[sums <= best + 1e-9 * (1.0 + best)].mean(axis=0))
 

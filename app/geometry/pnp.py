@@ -16,7 +16,6 @@ from app.geometry.epnp import MIN_EPNP_POINTS, solve_epnp
 from app.geometry.reprojection import (
     PIXEL_NOISE,
     perturbed,
-    project_from_world,
     reprojection_errors_px,
     reprojection_jacobian,
 )
@@ -142,6 +141,7 @@ def estimate_pose_lo_ransac(
     Raises `InvalidInputError` for numbers that are not finite. Source: LO-RANSAC as in PoseLib; minimizes C
     eq. 5.1.2.
     """
+    view, bundle = poselib_camera(camera), _bundle_options(loss_scale_px)
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
     if len(pixels) < MIN_POINTS:
         return None
@@ -153,12 +153,11 @@ def estimate_pose_lo_ransac(
         "seed": seed,
     }
     start = None if prior is None else _poselib_pose(prior)
-    found, info = poselib.estimate_absolute_pose(
-        pixels, points, poselib_camera(camera), ransac, _bundle_options(loss_scale_px), start
-    )
+    found, info = poselib.estimate_absolute_pose(pixels, points, view, ransac, bundle, start)
     if info["num_inliers"] < MIN_POINTS:
         return None
-    return _estimate(pixels, points, camera, _pose_from_poselib(found), max_error_px, int(info["iterations"]))
+    pose = Pose(found.R, found.t).inverse()
+    return _estimate(pixels, points, camera, pose, max_error_px, int(info["iterations"]))
 
 
 def _estimate(
@@ -302,8 +301,8 @@ def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Arr
 def _normal_equations(
     pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float
 ) -> tuple[Array, Array]:
-    residuals = project_from_world(points, camera, pose) - pixels
-    jacobian, _ = reprojection_jacobian(points, camera, pose)
+    projected, jacobian, _ = reprojection_jacobian(points, camera, pose)
+    residuals = projected - pixels
     seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     residuals, jacobian = residuals[seen], jacobian[seen]
     # The derivative of the loss by the squared error: the weight in a reweighted least-squares step.
@@ -334,7 +333,3 @@ def _poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
     pose = poselib.CameraPose()
     pose.q, pose.t = np.array([w, x, y, z]), np.array(camera_from_world.translation)
     return pose
-
-
-def _pose_from_poselib(pose: poselib.CameraPose) -> Pose:
-    return Pose(pose.R, pose.t).inverse()

@@ -35,7 +35,12 @@ PIXEL_NOISE = PixelNoiseOptions()
 
 def project_from_world(points_in_world: ArrayLike, camera: Camera, world_from_camera: Pose) -> Array:
     """Return the pixels (n, 2) of world points (n, 3); NaN where not in view (A eq. 10, C eq. 5.1.1)."""
-    return camera.project(world_from_camera.inverse().apply(points_in_world))
+    return camera.project(_in_camera(points_in_world, world_from_camera))
+
+
+def _in_camera(points_in_world: ArrayLike, world_from_camera: Pose) -> Array:
+    points = np.asarray(points_in_world, dtype=np.float64)
+    return np.asarray((points - world_from_camera.translation) @ world_from_camera.rotation)
 
 
 def reprojection_errors_px(
@@ -53,20 +58,19 @@ def reprojection_errors_px(
 
 def reprojection_jacobian(
     points_in_world: ArrayLike, camera: Camera, world_from_camera: Pose
-) -> tuple[Array, Array]:
-    """Return the derivatives of the pixels of points (n, 3) by the pose (n, 2, 6) and by the points (n, 2, 3).
+) -> tuple[Array, Array, Array]:
+    """Return the pixels of points (n, 3), and their derivatives by the pose (n, 2, 6) and by the points (n, 2, 3).
 
     The six columns are the perturbation that `perturbed` applies: a rotation vector in world axes (px/rad),
     then the camera centre in world metres (px/m). NaN for points not in view.
     """
     points = np.asarray(points_in_world, dtype=np.float64)
-    camera_from_world = world_from_camera.inverse()
-    by_camera_point = camera.projection_jacobian(camera_from_world.apply(points))
-    by_world_point = by_camera_point @ camera_from_world.rotation
+    pixels, by_camera_point = camera.projection_jacobian(_in_camera(points, world_from_camera))
+    by_world_point = by_camera_point @ world_from_camera.rotation.T
     # d(exp(-w) v)/dw = skew(v): row k of `by_world_point` times skew(v) is their cross product.
     from_centre = points - world_from_camera.translation
     by_rotation = np.cross(by_world_point, from_centre[:, None, :])
-    return np.concatenate([by_rotation, -by_world_point], axis=2), by_world_point
+    return pixels, np.concatenate([by_rotation, -by_world_point], axis=2), by_world_point
 
 
 def perturbed(world_from_camera: Pose, step: ArrayLike) -> Pose:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from app.engine.floors.floor import Floor
+from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera_sources import QueryCamera, query_camera
 from app.engine.query.localization import Localization
 from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
 from app.engine.query.upright import localize_upright
 from app.engine.stage_timer import StageTimer
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, MapDamagedError
 from app.geometry.camera import Camera
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
@@ -95,8 +96,25 @@ class LocateService:
                 camera_source=camera.source_of(known),
                 gravity_checked=None if request.gravity is None else False,
             )
-        found, narrowed = self._search(place, rgb, camera, request, areas)
-        return map_result(place.venue, place.version, found, narrowed, place.floors, request, camera)
+        try:
+            return self._by_version(place, place.version, rgb, camera, request, areas)
+        except MapDamagedError:
+            # Damage that the query itself came upon: the version before answers.
+            return self._by_version(place, place.version, rgb, camera, request, areas)
+
+    def _by_version(
+        self,
+        place: _Place,
+        active: MapVersion,
+        rgb: Rgb,
+        camera: QueryCamera,
+        request: LocateRequest,
+        areas: list[AreaOnFloor] | None,
+    ) -> LocateResult:
+        """Answer from the version that serves in place of the active one, which is the active one unless damaged."""
+        opened, version = self._library.serving(active)
+        found, narrowed = self._search(place, opened, rgb, camera, request, areas)
+        return map_result(place.venue, version, found, narrowed, place.floors, request, camera)
 
     def _by_anchor(
         self,
@@ -147,14 +165,13 @@ class LocateService:
     def _search(
         self,
         place: _Place,
+        opened: OpenMap,
         rgb: Rgb,
         camera: QueryCamera,
         request: LocateRequest,
         areas: list[AreaOnFloor] | None,
     ) -> tuple[Localization, bool]:
         """Search where floor, area and prior say; where that finds nothing, everywhere."""
-        assert place.version is not None  # noqa: S101 - asked for a venue with a map
-        opened = self._library.open(place.version)
         localizer_of = vdm_localizer_on if request.method == "vdm" else localizer_on
         localizer = localizer_of(self._resources.settings, opened)
         floor = next((floor for floor in place.floors if floor.id == request.floor), None)

@@ -18,11 +18,12 @@ from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.register_scan import UnregisteredScanError, middle_of, register_scan
 from app.engine.mapping.self_check import SelfCheck, check_map
-from app.engine.maps.artifact import MapArtifact, MapArtifactError
+from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
+from app.engine.maps.surroundings import with_places
 from app.engine.progress import Progress
 from app.engine.query.localizer import Localizer
-from app.errors import CancelledBuildError, ConflictError, InvalidScanError
+from app.errors import CancelledBuildError, ConflictError, InvalidScanError, MapDamagedError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
@@ -33,6 +34,7 @@ from app.services.examine_scan import ExaminedScan, examined_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
+from app.storage.map_files import file_checksum
 from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 
@@ -150,8 +152,9 @@ def _present_map(
     """Return the map that serves. One that can't be opened, as after a change of the global descriptor, is what
     a new build replaces, so it doesn't stand in its way."""
     try:
-        return library.active(build.venue_id)
-    except (ConflictError, MapArtifactError) as error:
+        # The version before a damaged one may give the world, but isn't what is to be extended.
+        return library.active(build.venue_id, is_whole=options.mode == "extend")
+    except (ConflictError, MapDamagedError) as error:
         if options.mode == "extend":
             raise
         log.warning("the present map of venue %s can't be used: %s", build.venue_id, error)
@@ -281,8 +284,10 @@ def _publish(
         # Pictures are kept for all keyframes or for none.
         images = [*before, *images] if len(before) == opened.artifact.keyframe_count and images else []
     artifact_path, index_path = folder / "map.rfmap", folder / "global.faiss"
-    artifact.write(artifact_path)
     index.write(index_path)
+    # With all that opening it would compute.
+    artifact = with_places(artifact)
+    artifact.write(artifact_path, file_checksum(index_path))
     artifact_blob = resources.blobs.put_file(artifact_path)
     index_blob = resources.blobs.put_file(index_path)
     written.update((artifact_blob, index_blob))

@@ -9,8 +9,10 @@ from app.engine.tracking.settings import TrackerSettings
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
 from app.services.floor_features import FeatureLibrary
+from app.services.keys.key_service import KeyService
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
+from app.services.map_views.views import MapViews
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.sessions import SessionService
@@ -22,11 +24,13 @@ class Services:
 
     resources: Resources
     maps: MapLibrary
+    map_views: MapViews
     features: FeatureLibrary
     routes: RouteService
     anchors: AnchorService
     locate: LocateService
     sessions: SessionService
+    keys: KeyService
 
 
 def wire_services(resources: Resources, tracking: TrackerSettings | None = None) -> Services:
@@ -38,9 +42,11 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
     return Services(
         resources=resources,
         maps=maps,
+        map_views=MapViews(resources, maps),
         features=features,
         routes=routes,
         anchors=AnchorService(resources, maps, describer),
         locate=LocateService(resources, maps, features, locator),
+        keys=KeyService(resources.database, resources.settings.admin_key),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),
     )

@@ -103,6 +103,14 @@ class BlobStore:
         finally:
             partial.unlink(missing_ok=True)
 
+    def forget(self, *digests: str) -> bool:
+        """Remove the local copies of blobs of a remote store; return whether they can be fetched again."""
+        if self._root is not None:
+            return False
+        for digest in digests:
+            (self._cache_dir / digest).unlink(missing_ok=True)
+        return True
+
     def contains(self, digest: str) -> bool:
         """Return whether the store has the blob."""
         try:

@@ -17,7 +17,7 @@ from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, text
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError
 
 from app.errors import DatabaseBusyError
 from app.limits import limit
@@ -30,7 +30,13 @@ MIGRATIONS_DIR = Path(__file__).parent.parent.parent / "migrations"
 BLOB_LOCK = 7_266_349
 # Result codes of SQLite for a lock that another connection holds; the higher bits say more.
 SQLITE_LOCK_CODES = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+# SQLSTATE of PostgreSQL for a lock that was not given in time, and for transactions that stood in each other's way.
+LOCK_NOT_AVAILABLE = "55P03"
+SERIALIZATION_FAILURE = "40001"
+DEADLOCK_DETECTED = "40P01"
 LOCKED = "Another program holds the lock of the database, such as a backup or a database browser. Try again."
+COLLIDED = "Another transaction of the database was in the way of this one. Try again."
+SENTENCES = {LOCK_NOT_AVAILABLE: LOCKED, SERIALIZATION_FAILURE: COLLIDED, DEADLOCK_DETECTED: COLLIDED}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,12 +45,12 @@ class DatabaseOptions:
 
     lock_wait_s: float = limit(
         15.0,
-        "Time that a transaction waits for the lock of SQLite before it fails.",
+        "Time that a transaction waits for a lock before it fails.",
         chosen="By hand: longer than any transaction of our own, of which the sweep's is the longest.",
     )
     patient_wait_s: float = limit(
         1.0,
-        "The same for a process that tries again until it has the lock.",
+        "The same for a process that tries again until it has the lock of SQLite.",
         chosen="By hand: a signal to stop the process is not handled before the end of this.",
     )
     retry_s: float = limit(
@@ -60,14 +66,16 @@ OPTIONS = DatabaseOptions()
 class Database:
     """A connection pool. `read` and `write` are the only ways in; a write is committed when its block ends.
 
-    When another program holds the lock of an SQLite database for too long, both raise `DatabaseBusyError`. With
-    `is_patient` they wait for the lock as long as it takes, which suits a worker but no server.
+    When another program holds a lock for too long, or PostgreSQL ends a transaction that stood in the way of another
+    one, both raise `DatabaseBusyError`. With `is_patient` they wait for a lock as long as it takes, which suits a
+    worker but no server.
     """
 
     def __init__(self, url: str, *, is_patient: bool = False) -> None:
         self.url = url
         self._sqlite = url.startswith("sqlite")
         self._is_patient = is_patient
+        self._postgresql = url.startswith("postgresql")
         self.engine: Engine = create_engine(url, pool_pre_ping=not self._sqlite)
         if self._sqlite:
             event.listen(self.engine, "connect", self._configure_sqlite)
@@ -82,12 +90,15 @@ class Database:
     def write(self, wait_s: float | None = None) -> Iterator[Connection]:
         """Give a connection whose changes are committed together, or not at all when the block raises.
 
-        `wait_s` replaces the time that the lock of SQLite is waited for.
+        `wait_s` replaces the time that a lock is waited for.
         """
         with _locks_translated(), self._connect() as connection:
             if self._sqlite:
                 # The write lock is taken first, since a transaction that upgrades from reading can only fail.
                 self._begin(connection, wait_s)
+            elif self._postgresql and not (self._is_patient and wait_s is None):
+                wait_ms = round(1e3 * (OPTIONS.lock_wait_s if wait_s is None else wait_s))
+                connection.exec_driver_sql(f"SET LOCAL lock_timeout = {wait_ms}")
             yield connection
             connection.commit()
 
@@ -169,15 +180,18 @@ def _when_free(action: Callable[[], T]) -> T:
 
 @contextmanager
 def _locks_translated() -> Iterator[None]:
-    """Turn the error for a lock that another program holds into `DatabaseBusyError`."""
+    """Turn the error for a lock that another program holds, or a transaction of it, into `DatabaseBusyError`."""
     try:
         yield
-    except (OperationalError, sqlite3.OperationalError) as error:
+    except (DBAPIError, sqlite3.OperationalError) as error:
         # The hook that configures a new connection raises the driver's own error.
-        cause = error.orig if isinstance(error, OperationalError) else error
-        if (getattr(cause, "sqlite_errorcode", 0) & 0xFF) not in SQLITE_LOCK_CODES:
+        cause = error.orig if isinstance(error, DBAPIError) else error
+        sentence = SENTENCES.get(str(getattr(cause, "sqlstate", None)))
+        if (getattr(cause, "sqlite_errorcode", None) or 0) & 0xFF in SQLITE_LOCK_CODES:
+            sentence = LOCKED
+        if sentence is None:
             raise
-        raise DatabaseBusyError(LOCKED) from error
+        raise DatabaseBusyError(sentence) from error
 
 
 def hold_blobs(connection: Connection) -> None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, func, insert, select
+from sqlalchemy import Connection, Row, delete, func, insert, select
 
-from app.errors import NotFoundError
+from app.errors import ConflictError, NotFoundError
 from app.storage.db import as_utc, now
-from app.storage.tables import keyframe_images, map_versions
+from app.storage.tables import builds, keyframe_images, map_versions, venues
 from app.storage.venues import get_venue, set_active_map
 
 
@@ -53,10 +53,7 @@ def publish_map(
     images: Sequence[KeyframeImages],
 ) -> int:
     """Add the next version of a venue's map, make it the one that serves, and return its number."""
-    newest = connection.execute(
-        select(func.max(map_versions.c.version)).where(map_versions.c.venue_id == venue_id)
-    ).scalar()
-    version = (newest or 0) + 1
+    version = _newest_number(connection, venue_id) + 1
     connection.execute(
         insert(map_versions).values(
             venue_id=venue_id,
@@ -84,12 +81,37 @@ def publish_map(
     return version
 
 
+def _newest_number(connection: Connection, venue_id: str) -> int:
+    """Return the largest number that a version of a venue's map has, or had before it was deleted; 0 without any."""
+    numbers = (
+        select(func.max(map_versions.c.version)).where(map_versions.c.venue_id == venue_id),
+        select(func.max(builds.c.map_version)).where(builds.c.venue_id == venue_id),
+    )
+    return max(connection.execute(query).scalar() or 0 for query in numbers)
+
+
+def delete_map(connection: Connection, venue_id: str, version: int) -> None:
+    """Delete a map version; its blobs go with the next sweep.
+
+    Raises `NotFoundError`, and `ConflictError` for the version that serves.
+    """
+    get_map(connection, venue_id, version)
+    if get_venue(connection, venue_id).active_map_version == version:
+        raise ConflictError(f"Map version {version} serves the venue: activate another one first.")
+    here = (map_versions.c.venue_id == venue_id) & (map_versions.c.version == version)
+    connection.execute(delete(map_versions).where(here))
+
+
 def active_version(connection: Connection, venue_id: str) -> MapVersion | None:
     """Return the version that serves a venue, None while it has no map; raises `NotFoundError` for an unknown venue."""
-    venue = get_venue(connection, venue_id)
-    if venue.active_map_version is None:
+    serves = (venues.c.id == map_versions.c.venue_id) & (
+        venues.c.active_map_version == map_versions.c.version
+    )
+    row = connection.execute(select(map_versions).join(venues, serves).where(venues.c.id == venue_id)).first()
+    if row is None:
+        get_venue(connection, venue_id)
         return None
-    return get_map(connection, venue_id, venue.active_map_version)
+    return _map(row)
 
 
 def get_map(connection: Connection, venue_id: str, version: int) -> MapVersion:

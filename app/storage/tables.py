@@ -166,3 +166,37 @@ session_points = Table(
     Column("plan", JSON),
     Column("position_m", Float),
 )
+
+# Keys and the short-lived tokens made with them. A key itself is nowhere stored, only the SHA-256 of its secret.
+keys = Table(
+    "keys",
+    metadata,
+    Column("id", String(16), primary_key=True),
+    Column("secret_sha256", String(64), nullable=False),
+    Column("kind", String(8), nullable=False),
+    Column("name", String(200), nullable=False),
+    Column("scope", String(16), nullable=False),
+    Column("venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), index=True),
+    Column("camera_id", String(64)),
+    # The key that a token was made with.
+    Column("parent_id", String(16), ForeignKey("keys.id", ondelete="CASCADE"), index=True),
+    Column("created_by", String(200), nullable=False),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+    Column("expires_at", DateTime(timezone=True)),
+    Column("revoked_at", DateTime(timezone=True)),
+    Column("last_used_at", DateTime(timezone=True)),
+)
+
+# Acts of administrators. No foreign keys: an entry outlives the venue and the key that it is about.
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("at", DateTime(timezone=True), nullable=False),
+    Column("key_id", String(16)),
+    Column("key_name", String(200), nullable=False),
+    Column("act", String(100), nullable=False),
+    Column("target", String(300), nullable=False),
+    Column("venue_id", String(64), index=True),
+    Column("address", String(64)),
+)

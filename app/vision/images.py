@@ -28,6 +28,9 @@ SENSOR_BITS = (8, 10, 12, 14, 16)
 # A 16-bit colour file that uses less than this of what 8 bits show was written from a sensor of fewer bits.
 DIM_COLOR_VALUE = 128
 
+# Rows of an image that are converted at a time.
+STRIP_ROWS = 256
+
 # EXIF orientation -> quarter turns counter-clockwise that make the image upright.
 QUARTER_TURNS = {3: 2, 6: 3, 8: 1}
 
@@ -112,7 +115,10 @@ def decode_image(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Rgb:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with open_image(io.BytesIO(data)) as image:
                 _check_size(image.width, image.height, max_pixels)
-                return _to_rgb(ImageOps.exif_transpose(_with_all_bits(image, data)))
+                whole = _with_all_bits(image, data)
+                # Not as a copy: an image of 50 megapixels takes 200 MB.
+                ImageOps.exif_transpose(whole, in_place=True)
+                return _to_rgb(whole)
     except UnidentifiedImageError:
         raise UnsupportedImageError(f"The file is not a {FORMATS_IN_WORDS} image.") from None
     except Image.DecompressionBombError:
@@ -172,7 +178,12 @@ def _with_all_bits(image: Image.Image, data: bytes) -> Image.Image:
 def _to_rgb(image: Image.Image) -> Rgb:
     if image.mode.startswith("I") or image.mode == "F":
         return np.repeat(to_8_bits(np.asarray(image))[..., None], 3, axis=2)
-    return np.asarray(image.convert("RGB"))
+    rgb = np.empty((image.height, image.width, 3), np.uint8)
+    # In strips, since Pillow makes several copies of what it converts and hands over.
+    for top in range(0, image.height, STRIP_ROWS):
+        strip = image.crop((0, top, image.width, min(top + STRIP_ROWS, image.height)))
+        rgb[top : top + STRIP_ROWS] = np.asarray(strip.convert("RGB"))
+    return rgb
 
 
 def to_8_bits(values: NDArray[Any]) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -45,6 +46,10 @@ class KeyframeOptions:
 
 
 OPTIONS = KeyframeOptions()
+# Steps to a cell of a grid and to those around it.
+AROUND = tuple(itertools.product((-1, 0, 1), repeat=3))
+# Only so that the size of a cell is not 0.
+MIN_CELL_M = 1e-6
 WANTED_MATCHES = OPTIONS.wanted_matches
 
 
@@ -84,10 +89,16 @@ def select_by_pose(world_from_camera: Sequence[Pose], thresholds: PoseThresholds
     rotations = np.stack([pose.rotation for pose in world_from_camera])
     # The angle between two rotations is below t exactly when trace(A^T B) is above 1 + 2 cos t.
     min_trace = 1.0 + 2.0 * np.cos(min(thresholds.attitude_rad, np.pi))
+    # A frame is compared with the keyframes of its cell and of those around it: the others are too far away.
+    cells = np.floor(positions / max(thresholds.position_m, MIN_CELL_M)).astype(np.int64)
+    chosen_in: dict[tuple[int, ...], list[int]] = {}
     chosen: list[int] = []
-    for i in range(len(world_from_camera)):
-        near = np.linalg.norm(positions[chosen] - positions[i], axis=1) < thresholds.position_m
-        alike = np.einsum("nij,ij->n", rotations[chosen], rotations[i]) > min_trace
+    for i, cell in enumerate(cells.tolist()):
+        x, y, z = cell
+        around = [row for dx, dy, dz in AROUND for row in chosen_in.get((x + dx, y + dy, z + dz), ())]
+        near = np.linalg.norm(positions[around] - positions[i], axis=1) < thresholds.position_m
+        alike = np.einsum("nij,ij->n", rotations[around], rotations[i]) > min_trace
         if not np.any(near & alike):
             chosen.append(i)
+            chosen_in.setdefault((x, y, z), []).append(i)
     return chosen

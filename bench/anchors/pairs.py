@@ -46,7 +46,8 @@ class AnchorPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorOutcome:
-    """A pair's outcome; `error_m` is infinite for one that was not located."""
+    """A pair's outcome; `error_m` is infinite for one that was not located, `position_sigma_m` NaN where a pipeline
+    states none."""
 
     pair: AnchorPair
     error_m: float
@@ -105,7 +106,7 @@ def summarize_outcomes(outcomes: Sequence[AnchorOutcome]) -> AnchorSummary:
             sigma_m=None,
         )
     found = errors[located]
-    sigmas = [outcome.position_sigma_m for outcome in outcomes if outcome.located]
+    stated = [o.position_sigma_m for o in outcomes if o.located and np.isfinite(o.position_sigma_m)]
     return AnchorSummary(
         pairs=len(outcomes),
         located_percent=round(100 * float(located.mean()), 1),
@@ -113,7 +114,7 @@ def summarize_outcomes(outcomes: Sequence[AnchorOutcome]) -> AnchorSummary:
         mean_m=round(float(found.mean()), 3),
         median_m=round(float(np.median(found)), 3),
         wrong_percent=round(100 * float((found > WRONG_M).mean()), 1),
-        sigma_m=round(float(np.median(sigmas)), 3),
+        sigma_m=round(float(np.median(stated)), 3) if stated else None,
     )
 
 
@@ -121,25 +122,25 @@ class PairEvaluator:
     """Locates the phones of pairs, each by its own anchor alone."""
 
     def __init__(self, describer: AnchorDescriber) -> None:
-        self._describer = describer
+        self.describer = describer
         self._monitors: dict[str, AnchorFeatures] = {}
 
     def monitor_features(self, pair: AnchorPair) -> AnchorFeatures:
         """Return the features of a pair's monitoring frame, kept between calls."""
         if pair.name not in self._monitors:
-            self._monitors[pair.name] = self._describer.describe(pair.monitor(), pair.monitor_camera)
+            self._monitors[pair.name] = self.describer.describe(pair.monitor(), pair.monitor_camera)
         return self._monitors[pair.name]
 
     def phone_features(self, rgb: Rgb, gravity: Array | None) -> AnchorFeatures:
         """Return the features of a phone picture, looked at upright where gravity says how it was held."""
         gray = to_gray(rgb)
-        akaze = self._describer.akaze.extract(gray)
+        akaze = self.describer.akaze.extract(gray)
         roll = roll_deg(None if gravity is None else gravity.tolist())
-        return AnchorFeatures(akaze=akaze, xfeat=self._describer.upright_xfeat(gray, roll), words=NO_WORDS)
+        return AnchorFeatures(akaze=akaze, xfeat=self.describer.upright_xfeat(gray, roll), words=NO_WORDS)
 
     def alike_by_words(self, monitors: Sequence[AnchorFeatures], phone: AnchorFeatures) -> Array:
         """Return how much a phone's picture looks like each monitoring frame by visual words, (m,)."""
-        return self._describer.alike_by_words(monitors, phone.akaze)
+        return self.describer.alike_by_words(monitors, phone.akaze)
 
     def evaluate(
         self, pair: AnchorPair, change: Callable[[Rgb], Rgb] | None = None, *, with_gravity: bool = True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,22 @@ class StartSettings:
     anywhere: bool = False
 
 
+class SessionRun(Protocol):
+    """What tracks one session from the anchor of a pair on."""
+
+    def __call__(
+        self,
+        scan: Scan,
+        pair: AnchorPair,
+        frames: Sequence[Frame],
+        gravity: Array,
+        settings: StartSettings,
+        evaluator: PairEvaluator,
+    ) -> Start | str:
+        """Return the session, or why it never started."""
+        ...
+
+
 class _OneAnchor:
     """The fixes of one anchor, as long as it `is_open`."""
 
@@ -113,12 +129,13 @@ def evaluate_starts(
     settings: StartSettings,
     evaluator: PairEvaluator,
     progress: Progress,
+    run: SessionRun | None = None,
 ) -> list[Start | str]:
     """Start sessions at frames spread over a video, each by one frame of `monitors` as the only anchor, which can be
     asked on the first frames, and follow the video from there by odometry alone.
 
     Returns what became of each start: the reason where the anchor gave no fix. Frames that see none of what a
-    monitor sees are no starts.
+    monitor sees are no starts. `run` tracks one session; by default the service's tracker does.
     """
     rng = np.random.default_rng(settings.seed)
     last = max(len(video) - settings.frames, 1)
@@ -129,7 +146,7 @@ def evaluate_starts(
         if pair is None:
             continue
         frames = video[row : row + settings.frames]
-        outcomes.append(_run(scan, pair, frames, gravity_in_scan, settings, evaluator))
+        outcomes.append((run or _run)(scan, pair, frames, gravity_in_scan, settings, evaluator))
     progress.report("anchor starts", settings.starts, settings.starts)
     return outcomes
 
@@ -212,11 +229,17 @@ def growth_rows(starts: Sequence[Start]) -> list[list[str]]:
                 str(len(some)),
                 f"{100 * np.median(errors):.1f}",
                 f"{100 * np.percentile(errors, 90):.1f}",
-                f"{100 * np.median(sigmas):.1f}",
-                f"{100 * np.mean(errors <= 3 * sigmas):.1f}",
+                *_stated(errors, sigmas),
             ]
         )
     return rows
+
+
+def _stated(errors: Array, sigmas: Array) -> tuple[str, str]:
+    """Return the median sigma in cm and the share within three of them, dashes where none is stated."""
+    if np.isnan(sigmas).all():
+        return "-", "-"
+    return f"{100 * np.median(sigmas):.1f}", f"{100 * np.mean(errors <= 3 * sigmas):.1f}"
 
 
 def summarize_starts(outcomes: Sequence[Start | str]) -> dict[str, Any]:
@@ -237,11 +260,13 @@ def summarize_starts(outcomes: Sequence[Start | str]) -> dict[str, Any]:
         "with a known distance": len(known),
         "scale off by, median %": _percent(off, 50),
         "scale off by, 90 % of them %": _percent(off, 90),
-        "stated sigma of the scale, median %": _percent(claimed, 50),
+        "stated sigma of the scale, median %": None if np.isnan(claimed).any() else _percent(claimed, 50),
         "scale within 5 %, % of them": _share(off <= 0.05),
         f"scale within 5 %, above {LONG_DISTANCE_M:g} m, % of them": _share(off[long] <= 0.05),
         f"  of distances above {LONG_DISTANCE_M:g} m": int(long.sum()),
-        "scale within three sigmas, % of them": _share(off <= 3 * claimed),
+        "scale within three sigmas, % of them": None
+        if np.isnan(claimed).any()
+        else _share(off <= 3 * claimed),
     }
 
 

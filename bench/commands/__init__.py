@@ -25,6 +25,8 @@ COMMANDS = {
     "limits": "bench.commands.limits:limits",
     "simulate": "bench.commands.simulate:simulate",
     "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
+    "capacity": "bench.capacity.command:capacity",
     "trace-query": "bench.commands.trace_query:trace_query",
+    "large-maps": "bench.commands.large_maps:large_maps",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
 }

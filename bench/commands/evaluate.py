@@ -20,11 +20,14 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.engine.query.settings import PAPER, LocalizerSettings
 from app.errors import InvalidInputError
+from app.importers.frames import Scan
+from app.importers.registry import open_scan
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.evaluation.absent import check_places, locate_absent
 from bench.evaluation.benchmark import describe_machine, run_benchmark
 from bench.evaluation.dataset import Split, split_scan
+from bench.evaluation.keyframe_protocol import split_by_keyframes
 from bench.evaluation.naming import name_by_difference
 from bench.evaluation.over_http import evaluate_over_http
 from bench.evaluation.pipelines import Pipeline, options_for
@@ -32,9 +35,10 @@ from bench.evaluation.run import Evaluation, build
 from bench.evaluation.run import evaluate as run_evaluation
 from bench.evaluation.variations import VARIATIONS, Variation, parse_variations
 from bench.figures.shown import FiguresTitle, Shown
+from bench.reports.paper_tables import paper_tables
 from bench.reports.report import Report
 from bench.reports.sections import evaluation_sections
-from bench.reports.tables import absent_lines, maps_table, variations_table
+from bench.reports.tables import absent_lines, maps_table, plain_table, variations_table
 
 Dataset = Annotated[Path, typer.Argument(exists=True, file_okay=False, help="A scan in a known format.")]
 Datasets = Annotated[
@@ -52,16 +56,61 @@ class PipelineName(StrEnum):
 
     DEFAULT = "default"
     PAPER = "paper"
+    TWO_IMAGES = "two-images"
     VDM = "vdm"
     EPIPOLAR = "epipolar"
 
 
+class Protocol(StrEnum):
+    """How frames are divided into database and queries."""
+
+    RANGES = "ranges"
+    KEYFRAMES = "keyframes"
+
+
+DatabaseRange = Annotated[
+    str | None, typer.Option(help="Frames of the map: start:stop:step, by order; 0::2 by default.")
+]
+QueriesRange = Annotated[
+    str | None, typer.Option(help="Frames to locate, those of the map left out; 1::2 by default.")
+]
+ProtocolOption = Annotated[
+    Protocol,
+    typer.Option(
+        help="ranges: --database and --queries; keyframes: the keyframes of the whole scan are the database, all "
+        "its other frames are queries (the RGB-D paper's protocol)."
+    ),
+]
+PipelineOption = Annotated[
+    list[PipelineName] | None,
+    typer.Option(
+        help="default; paper: ORB, F-RANSAC, EPnP + LM, one keyframe, 50 matches; two-images: two keyframes, no "
+        "depth; vdm, epipolar: lines on the plan; repeat it to compare."
+    ),
+]
+DegradeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help=f"Ask the same map with queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
+    ),
+]
+AbsentOption = Annotated[
+    list[str] | None,
+    typer.Option(help="A folder of other places, or synthetic: none may be located; repeat it for several."),
+]
+ServerOption = Annotated[
+    str | None,
+    typer.Option(help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."),
+]
+
+
 @dataclass(frozen=True, slots=True)
 class _Configuration:
-    """One map to build and how to localize in it; `name` tells it apart from the others."""
+    """One map to build and how to localize in it; `name` tells it apart from the others. `frames` is a split, or the
+    scan that is split by its keyframes."""
 
     name: str
-    split: Split
+    frames: Split | Scan
     options: BuildOptions
     pipeline: Pipeline
     settings: LocalizerSettings
@@ -69,38 +118,18 @@ class _Configuration:
 
 def evaluate(
     datasets: Datasets,
-    database: Database = "0::2",
-    queries: Queries = "1::2",
+    database: DatabaseRange = None,
+    queries: QueriesRange = None,
+    protocol: ProtocolOption = Protocol.RANGES,
     features: Annotated[list[str] | None, typer.Option(help="Feature method; repeat it to compare.")] = None,
-    pipeline: Annotated[
-        list[PipelineName] | None,
-        typer.Option(
-            help="default; paper: ORB, F-RANSAC, EPnP + LM, one keyframe; vdm, epipolar: lines on the plan; repeat it "
-            "to compare."
-        ),
-    ] = None,
+    pipeline: PipelineOption = None,
     keyframes: Annotated[int | None, typer.Option(help="Keyframes that a query is matched with.")] = None,
-    degrade: Annotated[
-        list[str] | None,
-        typer.Option(
-            help=f"Ask the same map with queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."
-        ),
-    ] = None,
+    degrade: DegradeOption = None,
     no_camera: Annotated[
         bool, typer.Option("--no-camera", help="Locate without a camera; the same as --degrade no-camera.")
     ] = False,
-    absent: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A folder of other places, or synthetic: none may be located; repeat it for several."
-        ),
-    ] = None,
-    server: Annotated[
-        str | None,
-        typer.Option(
-            help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."
-        ),
-    ] = None,
+    absent: AbsentOption = None,
+    server: ServerOption = None,
     options: Annotated[
         list[str] | None, typer.Option(help="JSON, as in POST /database/build; repeat it to compare.")
     ] = None,
@@ -114,19 +143,32 @@ def evaluate(
     check_places(absent or [])
     parsed = [json_object(each) for each in options or ["{}"]]
     page = None if report is None else Report(_title(datasets), report)
+    ranges = _ranges(protocol, database, queries)
     if server is not None:
-        if features or pipeline or keyframes is not None or absent:
+        if features or pipeline or keyframes is not None or absent or ranges is None:
             raise InvalidInputError(
-                "--server takes its pipeline from the server: leave out features, pipeline, keyframes and absent."
+                "--server takes its pipeline from the server: leave out features, pipeline, keyframes, absent and "
+                "--protocol keyframes."
             )
-        results = list(_evaluate_there(server, datasets, database, queries, parsed, variations))
+        results = list(_evaluate_there(server, datasets, ranges, parsed, variations))
     else:
         chosen: list[Pipeline] = [name.value for name in pipeline or [PipelineName.DEFAULT]]
         settings = {name: _settings(name, keyframes) for name in chosen}
-        configurations = list(_configurations(datasets, database, queries, parsed, features, settings))
+        configurations = list(_configurations(datasets, ranges, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
-    _show(results, variations).write("evaluate", figures)
+    _show(results, variations, by_keyframes=ranges is None).write("evaluate", figures)
     _write(results, json_file, page)
+
+
+def _ranges(protocol: Protocol, database: str | None, queries: str | None) -> tuple[str, str] | None:
+    """Return the frames of map and queries, None where the keyframes divide the scan."""
+    if protocol is Protocol.RANGES:
+        return database or "0::2", queries or "1::2"
+    if database is not None or queries is not None:
+        raise InvalidInputError(
+            "--protocol keyframes chooses database and queries itself: leave out --database and --queries."
+        )
+    return None
 
 
 def _settings(pipeline: Pipeline, keyframes: int | None) -> LocalizerSettings:
@@ -136,17 +178,21 @@ def _settings(pipeline: Pipeline, keyframes: int | None) -> LocalizerSettings:
 
 def _configurations(
     datasets: Sequence[Path],
-    database: str,
-    queries: str,
+    ranges: tuple[str, str] | None,
     options: Sequence[dict[str, Any]],
     features: Sequence[str] | None,
     settings: dict[Pipeline, LocalizerSettings],
 ) -> Iterator[_Configuration]:
-    """Yield every dataset with every set of options, pipeline and feature method."""
+    """Yield every dataset with every set of options, pipeline and feature method; without ranges of frames a scan is
+    split by its keyframes."""
     for dataset in datasets:
         for difference, given in zip(name_by_difference(options), options, strict=True):
             base = parse_build_options(given)
-            split = split_scan(dataset, database, queries, base.format, base.scan)
+            frames = (
+                open_scan(dataset, base.format, base.scan)
+                if ranges is None
+                else split_scan(dataset, *ranges, base.format, base.scan)
+            )
             for pipeline, localizer_settings in settings.items():
                 chosen = options_for(pipeline, base)
                 methods = features or [chosen.features]
@@ -154,7 +200,7 @@ def _configurations(
                 for method in methods:
                     checked = parse_build_options({"features": method}).features
                     own = replace(chosen, features=checked)
-                    yield _Configuration(name, split, own, pipeline, localizer_settings)
+                    yield _Configuration(name, frames, own, pipeline, localizer_settings)
 
 
 def _evaluate_here(
@@ -177,17 +223,24 @@ def _evaluate_map(
     progress: Progress,
 ) -> Iterator[Evaluation]:
     """Build once, and ask every variation; absent places once with a camera and once without, as variations are."""
-    split = configuration.split
+    frames, options, thresholds = configuration.frames, configuration.options, None
+    if isinstance(frames, Scan):
+        chosen = split_by_keyframes(frames, options, models, executor, progress)
+        split, options, thresholds = chosen.split, chosen.options, chosen.thresholds
+    else:
+        split = frames
     built = build(
         configuration.name,
         split,
-        configuration.options,
+        options,
         configuration.settings,
         models,
         executor,
         progress,
         configuration.pipeline,
     )
+    if thresholds is not None:
+        built = replace(built, figures=replace(built.figures, thresholds=thresholds))
     asked: set[bool] = set()
     for variation in variations:
         result = run_evaluation(built, split, progress, variation)
@@ -202,8 +255,7 @@ def _evaluate_map(
 def _evaluate_there(
     server: str,
     datasets: Sequence[Path],
-    database: str,
-    queries: str,
+    ranges: tuple[str, str],
     options: Sequence[dict[str, Any]],
     variations: Sequence[Variation],
 ) -> Iterator[Evaluation]:
@@ -213,13 +265,16 @@ def _evaluate_there(
         for dataset in datasets:
             for difference, given in zip(name_by_difference(options), options, strict=True):
                 base = parse_build_options(given)
-                split = split_scan(dataset, database, queries, base.format, base.scan)
+                split = split_scan(dataset, *ranges, base.format, base.scan)
                 name = dataset.resolve().name + (f", {difference}" if difference else "")
                 yield from evaluate_over_http(client, split, name, given, variations)
 
 
-def _show(results: Sequence[Evaluation], variations: Sequence[Variation]) -> Shown:
+def _show(results: Sequence[Evaluation], variations: Sequence[Variation], *, by_keyframes: bool) -> Shown:
     shown = Shown()
+    if by_keyframes:
+        for table in paper_tables([each for each in results if each.variation == variations[0].name]):
+            shown.table(plain_table(table))
     shown.table(maps_table([result for result in results if result.variation == variations[0].name]))
     if len(variations) > 1:
         shown.table(variations_table(results))

@@ -39,6 +39,7 @@ from bench.anchors.plot import draw_errors, draw_summaries
 from bench.anchors.queries import choose_first, time_queries
 from bench.anchors.report import anchor_section, query_section, write_report
 from bench.anchors.sequences import posed_pictures, sample_pairs
+from bench.anchors.thesis import AnchorPipeline, ThesisEvaluator
 from bench.figures.shown import FiguresTitle, Shown
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
@@ -60,6 +61,15 @@ Hard = Annotated[
 Conditions = Annotated[
     bool, typer.Option(help="Of those pairs light, blur, resolution and people too, not roll alone.")
 ]
+Pipelines = Annotated[
+    list[AnchorPipeline] | None,
+    typer.Option(
+        help="default: what the service does; thesis: the monitoring-camera thesis's equations; repeat it to compare."
+    ),
+]
+CompareFeatures = Annotated[
+    bool, typer.Option(help="Of a scan, count each feature method's right matches too.")
+]
 MapDir = Annotated[
     Path | None,
     typer.Option(help="Calibrate in the demonstration venue's map of this folder (`demo --whole`)."),
@@ -78,8 +88,10 @@ def evaluate_anchors(
     count: Annotated[int, typer.Option(min=20, help="Pairs.")] = 200,
     seed: Annotated[int, typer.Option(help="Which pairs are drawn.")] = 11,
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    pipeline: Pipelines = None,
     hard: Hard = HARD_CONDITIONS_PAIRS,
     conditions: Conditions = True,
+    compare_features: CompareFeatures = True,
     data_dir: MapDir = None,
     out: Annotated[
         Path | None, typer.Option(help="Write tables (JSON) and plots (PNG) to this folder.")
@@ -99,7 +111,8 @@ def evaluate_anchors(
     if scan is not None:
         opened = open_scan(scan, None, _scan_options(options))
         pairs = sample_pairs(opened, direction(gravity), count, seed)
-        figures["matches"] = _matches(opened, seed, shown)
+        if compare_features:
+            figures["matches"] = _matches(opened, seed, shown)
         title, turned = scan.name, [tilted(pair, ROLL_DEG) for pair in pairs[:hard]]
     else:
         assert demo is not None  # noqa: S101 - checked above
@@ -110,7 +123,7 @@ def evaluate_anchors(
         figures["retrieval"] = _retrieval(evaluator, pairs, shown)
         figures["timings"] = _timings(describer, demo, seed, workers, shown)
     besides = dict(figures)
-    tables = _located(evaluator, pairs, turned, title, out, CONDITIONS if conditions else {})
+    tables = _by_pipelines(evaluator, pipeline, pairs, turned, title, out, CONDITIONS if conditions else {})
     for name, rows in tables.items():
         shown.table(_table(name, rows))
     shown.write("evaluate-anchors", figures_title)
@@ -121,6 +134,26 @@ def evaluate_anchors(
         (out / "anchors.json").write_text(json.dumps(figures, indent=1))
         sections = [anchor_section(title, tables, out, PLOTS), query_section(besides)]
         console.print(f"Wrote {write_report(sections, out)}.")
+
+
+def _by_pipelines(
+    evaluator: PairEvaluator,
+    pipelines: Sequence[AnchorPipeline] | None,
+    pairs: list[AnchorPair],
+    turned: list[AnchorPair],
+    title: str,
+    out: Path | None,
+    changes: Mapping[str, Callable[[Rgb], Rgb] | None],
+) -> dict[str, dict[str, AnchorSummary]]:
+    """Return the tables of each pipeline; plots are drawn of the first one."""
+    chosen = list(pipelines or [AnchorPipeline.DEFAULT])
+    tables: dict[str, dict[str, AnchorSummary]] = {}
+    for name in chosen:
+        own = ThesisEvaluator(evaluator.describer) if name is AnchorPipeline.THESIS else evaluator
+        found = _located(own, pairs, turned, title, out if name is chosen[0] else None, changes)
+        for table, rows in found.items():
+            tables[f"{name.value}: {table}" if len(chosen) > 1 else table] = rows
+    return tables
 
 
 def _located(

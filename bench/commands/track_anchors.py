@@ -15,11 +15,18 @@ from app.engine.mapping.options import parse_build_options
 from app.services.resources import cap_threads
 from bench.anchors.pairs import PairEvaluator
 from bench.anchors.starts import Start, StartSettings, evaluate_starts, growth_rows, summarize_starts
+from bench.anchors.thesis import AnchorPipeline, run_thesis_session
 from bench.commands.evaluate import Dataset, JsonFile, Options
 from bench.evaluation.dataset import split_scan
 from bench.figures.shown import FiguresTitle, Shown
 
 GROWTH_HEAD = ("path m", "frames", "median error cm", "90 % cm", "stated sigma cm", "within three sigmas %")
+
+
+PipelineOption = Annotated[
+    AnchorPipeline,
+    typer.Option(help="default: what the service does; thesis: the monitoring-camera thesis's equations."),
+]
 
 
 def track_anchors(
@@ -37,6 +44,12 @@ def track_anchors(
         bool, typer.Option("--anywhere", help="POIs anywhere, not only on things that catch the eye.")
     ] = False,
     seed: Annotated[int, typer.Option(help="Which monitoring frames and POIs are drawn.")] = 1,
+    pipeline: Annotated[
+        AnchorPipeline,
+        typer.Option(
+            help="default: what the service does; thesis: the monitoring-camera thesis's equations."
+        ),
+    ] = AnchorPipeline.DEFAULT,
     options: Options = "{}",
     json_file: JsonFile = None,
     figures: FiguresTitle = None,
@@ -57,10 +70,13 @@ def track_anchors(
             settings,
             PairEvaluator(AnchorDescriber()),
             progress,
+            run_thesis_session if pipeline is AnchorPipeline.THESIS else None,
         )
     found = [each for each in outcomes if isinstance(each, Start)]
     summary = summarize_starts(outcomes)
-    table = Table(show_header=False, title=f"{dataset.resolve().name}, {pois} POIs an anchor")
+    table = Table(
+        show_header=False, title=f"{dataset.resolve().name}, {pois} POIs an anchor, {pipeline.value}"
+    )
     for name, value in summary.items():
         table.add_row(name, str(value))
     shown = Shown()

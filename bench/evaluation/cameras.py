@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +20,8 @@ from app.geometry.se3 import Pose
 from app.geometry.turns import camera_from_turned
 from app.vision.images import Rgb
 from bench.evaluation.dataset import Split
-from bench.evaluation.pose_errors import pose_error
+from bench.evaluation.outcome import outcome_of
+from bench.evaluation.pose_errors import QueryOutcome, pose_error
 
 # Digital zooms that are stated as none.
 ZOOMS = (1.1, 1.25, 1.5, 2.0)
@@ -33,6 +36,7 @@ SURE_SIGMAS = 3.0
 class StatedQuery:
     """A picture, what is stated of its camera, and its true pose."""
 
+    name: str
     rgb: Rgb
     hint: CameraHint
     world_from_camera: Pose
@@ -48,15 +52,21 @@ class CameraFigures:
     located: int = 0
     refined: int = 0
     surely_wrong: int = 0
-    errors_m: list[float] | None = None
+    errors_m: list[float] = field(default_factory=list)
+    outcomes: list[QueryOutcome] = field(default_factory=list)
 
     def as_row(self) -> list[str]:
         """Return the figures as a row of a table."""
-        errors = self.errors_m or []
+        errors = self.errors_m
         median = f"{100 * float(np.median(errors)):.1f}" if errors else "-"
         largest = f"{100 * max(errors):.1f}" if errors else "-"
         counts = (self.queries, self.refused, self.located, self.refined, self.surely_wrong)
         return [self.mistake, *map(str, counts), median, largest]
+
+    def as_dict(self, name: str, features: str) -> dict[str, Any]:
+        """Return the outcomes for JSON, as those of an evaluation of this name."""
+        outcomes = [outcome.as_dict() for outcome in self.outcomes]
+        return {"name": name, "features": features, "variation": self.mistake, "outcomes": outcomes}
 
 
 HEADER = (
@@ -75,7 +85,7 @@ def evaluate_cameras(localizer: Localizer, split: Split, world_from_scan: Pose) 
     """Ask the same pictures with each mistake in their camera, of a map at `world_from_scan`."""
     figures = []
     for mistake in (*BY_NUMBERS, *(f"zoom {zoom:g}" for zoom in ZOOMS)):
-        found = CameraFigures(mistake=mistake, errors_m=[])
+        found = CameraFigures(mistake=mistake)
         for query in _queries(split, mistake, world_from_scan):
             _count(localizer, query, found)
         figures.append(found)
@@ -97,7 +107,7 @@ def _queries(split: Split, mistake: str, world_from_scan: Pose) -> Iterator[Stat
             rgb = np.ascontiguousarray(rgb[top : top + height])
         elif mistake.startswith("half"):
             rgb = np.ascontiguousarray(cv2.resize(rgb, None, fx=2.0, fy=2.0))
-        yield StatedQuery(rgb, values, pose)
+        yield StatedQuery(frame.name, rgb, values, pose)
 
 
 def _zoomed(rgb: Rgb, zoom: float, camera: Camera) -> Rgb:
@@ -116,7 +126,10 @@ def _count(localizer: Localizer, query: StatedQuery, found: CameraFigures) -> No
     except InvalidCameraError:
         found.refused += 1
         return
+    started = time.perf_counter()
     answer = localizer.localize(query.rgb, camera)
+    milliseconds = 1e3 * (time.perf_counter() - started)
+    found.outcomes.append(outcome_of(query.name, answer, query.world_from_camera, milliseconds))
     if answer.world_from_camera is None or answer.accuracy is None:
         return
     error_m, _ = pose_error(answer.world_from_camera, query.world_from_camera)
@@ -124,5 +137,4 @@ def _count(localizer: Localizer, query: StatedQuery, found: CameraFigures) -> No
     found.refined += answer.is_refined
     is_sure = answer.confidence >= SURE_CONFIDENCE
     found.surely_wrong += is_sure and error_m > SURE_SIGMAS * answer.accuracy.position_m
-    if found.errors_m is not None:
-        found.errors_m.append(error_m)
+    found.errors_m.append(error_m)

@@ -47,7 +47,7 @@ def part_of_map(
         MapArtifact(
             replace(artifact.metadata, keyframe_names=names),
             part,
-            None if artifact.second is None else artifact.second.take(keyframes.tolist()),
+            second=None if artifact.second is None else artifact.second.take(keyframes.tolist()),
         ),
         GlobalIndex.from_descriptors(index.descriptors[keyframes]),
     )

@@ -18,10 +18,12 @@ from app.engine.query.settings import PAPER, LocalizerSettings
 from app.engine.query.vdm.localizer import VdmLocalizer
 from app.geometry.camera import Camera
 from app.vision.images import Rgb
+from bench.baselines.enough_matches import EnoughMatchesLocalizer
 from bench.baselines.epipolar import EpipolarLocalizer
+from bench.baselines.two_images import TwoImageLocalizer
 
-Pipeline = Literal["default", "paper", "vdm", "epipolar"]
-PIPELINES: tuple[Pipeline, ...] = ("default", "paper", "vdm", "epipolar")
+Pipeline = Literal["default", "paper", "two-images", "vdm", "epipolar"]
+PIPELINES: tuple[Pipeline, ...] = ("default", "paper", "two-images", "vdm", "epipolar")
 
 
 class FrameLocalizer(Protocol):
@@ -43,10 +45,15 @@ def open_pipeline(
         return VdmLocalizer(opened)
     if name == "epipolar":
         return EpipolarLocalizer(opened)
-    own = settings or (PAPER if name == "paper" else LocalizerSettings())
-    return Localizer(opened, own)
+    if name == "two-images":
+        return TwoImageLocalizer(opened)
+    if name == "paper":
+        return EnoughMatchesLocalizer(Localizer(opened, settings or PAPER))
+    return Localizer(opened, settings or LocalizerSettings())
 
 
 def options_for(name: Pipeline, options: BuildOptions) -> BuildOptions:
-    """Return the options of the map that a pipeline needs: paper A has ORB and each keyframe's depth as it is."""
-    return replace(options, features="orb", refine_depth=False) if name == "paper" else options
+    """Return the options of the map that a pipeline needs: paper A has ORB and each keyframe's depth as it is, and so
+    has its reference method, which leaves the depth unused."""
+    theirs = name in ("paper", "two-images")
+    return replace(options, features="orb", refine_depth=False) if theirs else options

@@ -27,6 +27,9 @@ LATE_S = 0.2
 DENSE_S = 0.04
 FOCAL_RATIO = 1.12
 DEPTH_SHIFT_PX = 24
+DISPARITY_SCALE = 2000.0
+# A picture of 16:9 that was squeezed to 4:3.
+STRETCH_RATIO = 4 / 3
 FEET_PER_M = 3.28084
 NOISE_RATIO = 0.015
 LOST_SHARE = 0.05
@@ -117,6 +120,36 @@ def _shifted_depth(raw: RawDepth) -> RawDepth:
     return moved
 
 
+def _depth_of_frame_before(copy: ScanCopy) -> ScanCopy:
+    frames = copy.scan.frames
+    late = tuple(
+        replace(frame, depth=before.depth)
+        for frame, before in zip(frames, (frames[0], *frames[:-1]), strict=True)
+    )
+    return replace(copy, scan=replace(copy.scan, frames=late))
+
+
+def _depth_turned(*steps: int) -> Callable[[ScanCopy], ScanCopy]:
+    def make(copy: ScanCopy) -> ScanCopy:
+        return replace(copy, depth=lambda raw: np.ascontiguousarray(raw[:: steps[0], :: steps[1]]))
+
+    return make
+
+
+def _disparity(copy: ScanCopy) -> ScanCopy:
+    def change(raw: RawDepth) -> RawDepth:
+        known = (raw > 0) & (raw < 65535)
+        inverse = DISPARITY_SCALE * copy.depth_scale / np.maximum(raw, 1)
+        return np.where(known, np.minimum(np.rint(inverse), 65534), 0).astype(np.uint16)
+
+    return replace(copy, depth=change)
+
+
+def _one_focal_length(copy: ScanCopy) -> ScanCopy:
+    fx, *rest = copy.camera.params
+    return replace(copy, camera=replace(copy.camera, params=(fx * STRETCH_RATIO, *rest)))
+
+
 def _mirrored(copy: ScanCopy) -> ScanCopy:
     return replace(
         copy,
@@ -166,6 +199,11 @@ MISTAKES = (
     Mistake("poses stand still", ("poses_stand_still",), _standing_still),
     Mistake("poses sorted as text", ("pose_order",), _sorted_as_text),
     Mistake("depth along the rays", ("depth_along_rays",), _along_rays),
+    Mistake("fx a third too long", ("focal_length",), _one_focal_length),
+    Mistake("depth of the frame before", ("depth_of_other_frames",), _depth_of_frame_before),
+    Mistake("depth alone mirrored", ("depth_turned",), _depth_turned(1, -1)),
+    Mistake("depth alone upside down", ("depth_turned",), _depth_turned(-1, -1)),
+    Mistake("disparity for depth", ("depth_is_disparity",), _disparity),
 )
 
 

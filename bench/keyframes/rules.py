@@ -120,7 +120,10 @@ def neighbour_similarities(artifact: MapArtifact, extractor: LocalFeatureExtract
 def largest_keyframe_bytes(built: BuiltMap) -> int:
     """Return what the largest keyframe of a map takes, its global descriptor included."""
     arrays = built.artifact.arrays
-    features = arrays.keypoints_px, arrays.points_in_world, arrays.point_sigma_m, arrays.descriptors
+    features = [
+        np.asarray(each)
+        for each in (arrays.keypoints_px, arrays.points_in_world, arrays.point_sigma_m, arrays.descriptors)
+    ]
     each = sum(int(array.nbytes) for array in features) / max(built.artifact.feature_count, 1)
     own = (_map_bytes(built) - each * built.artifact.feature_count) / built.artifact.keyframe_count
     return round(float(np.diff(arrays.offsets).max()) * each + own)

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from app.engine.mapping.calibration_curves import Calibration, FittedCurve
 from app.errors import InvalidInputError
-from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE, PowerLaw
+from app.vision.keyframes import (
+    ATTITUDE_CURVE,
+    POSITION_CURVE,
+    PowerLaw,
+    matches_by_attitude_difference,
+    matches_by_position_difference,
+)
 
 FIT_COLOR = "#4c78a8"
 VALIDATION_COLOR = "#f58518"
@@ -61,13 +70,23 @@ def draw_calibration(calibration: Calibration, title: str, path: Path) -> None:
     figure = Figure(figsize=(11, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     wanted = calibration.wanted_matches
-    _panel(left, calibration.position, POSITION_CURVE, wanted, "position difference", "m")
-    _panel(right, calibration.attitude, ATTITUDE_CURVE, wanted, "attitude difference", "rad")
+    by_position = _PaperCurve(POSITION_CURVE, matches_by_position_difference)
+    by_attitude = _PaperCurve(ATTITUDE_CURVE, matches_by_attitude_difference)
+    _panel(left, calibration.position, by_position, wanted, "position difference", "m")
+    _panel(right, calibration.attitude, by_attitude, wanted, "attitude difference", "rad")
     figure.suptitle(f"{title}: verified {calibration.features} matches of {calibration.frames} frames")
     figure.savefig(path, dpi=110)
 
 
-def _panel(axes: Axes, fit: FittedCurve, paper: PowerLaw, wanted: float, name: str, unit: str) -> None:
+@dataclass(frozen=True, slots=True)
+class _PaperCurve:
+    """The paper's own curve, and the matches that it expects at differences (A eq. 1-2)."""
+
+    law: PowerLaw
+    expected: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def _panel(axes: Axes, fit: FittedCurve, paper: _PaperCurve, wanted: float, name: str, unit: str) -> None:
     x, y, held = fit.differences, fit.matches, fit.held_back
     axes.scatter(x[~held], y[~held], s=7, color=FIT_COLOR, alpha=0.5, linewidths=0, label="pairs of the fit")
     axes.scatter(x[held], y[held], s=9, color=VALIDATION_COLOR, alpha=0.7, linewidths=0, label="held back")
@@ -75,8 +94,8 @@ def _panel(axes: Axes, fit: FittedCurve, paper: PowerLaw, wanted: float, name: s
     label = f"{fit.curve.a:.3g} x^{fit.curve.b:.3g}"
     axes.plot(inside, fit.curve(inside), color=CURVE_COLOR, linewidth=2, label=label)
     everywhere = np.geomspace(x.min(), x.max(), 200)
-    label = f"paper: {paper.a:.4g} x^{paper.b:.4g}"
-    axes.plot(everywhere, paper(everywhere), "--", color=PAPER_COLOR, linewidth=1.5, label=label)
+    label = f"paper: {paper.law.a:.4g} x^{paper.law.b:.4g}"
+    axes.plot(everywhere, paper.expected(everywhere), "--", color=PAPER_COLOR, linewidth=1.5, label=label)
     axes.axhline(wanted, color=CURVE_COLOR, linewidth=0.6)
     axes.axvline(fit.threshold, color=CURVE_COLOR, linewidth=1, linestyle=":")
     axes.annotate(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import httpx
 import pytest
 
+from app.services import calibration
 from tests.scenes import CAMERA_TEXT, View, encode, scan_files, zipped
 from tests.server import Server, assert_problem, running
 
@@ -78,3 +80,13 @@ def test_bad_uploads_are_refused_and_leave_nothing(
 def test_it_needs_the_key(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> None:
     with running(tmp_path_factory.mktemp("locked"), run_worker=False, admin_key="secret") as server:
         assert_problem(post(server, scan_zip), 401)
+
+
+def test_a_decoder_that_crashes_ends_one_request(
+    museum: Server, scan_zip: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crash = (sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(calibration, "COMMAND", crash)
+    with museum.unchanged():
+        assert "damaged" in assert_problem(post(museum, scan_zip), 422, "invalid_scan")
+    assert museum.client.get("/healthz").status_code == 200

@@ -30,7 +30,7 @@ ROUTERS = (database.router, floors.router, health.router, locate.router, maps.ro
 def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A server that asks for a key."""
     folder = tmp_path_factory.mktemp("locked")
-    with running(folder, run_worker=False, admin_key=SecretStr(KEY)) as server:
+    with running(folder, run_worker=False, admin_key=SecretStr(KEY), wrong_keys_per_minute=0) as server:
         yield server
 
 
@@ -69,9 +69,8 @@ def test_every_call_but_health_asks_for_the_key(locked: Server) -> None:
                     headers=headers,
                     json={"id": "x", "name": "x"},
                 )
-                if answer.status_code != 422 or path not in ("/locate", "/database/build"):
-                    assert_problem(answer, 401, "unauthenticated")
-                    assert answer.headers["www-authenticate"] == "Bearer"
+                assert_problem(answer, 401, "unauthenticated")
+                assert answer.headers["www-authenticate"] == "Bearer"
 
 
 def test_the_right_key_opens(locked: Server) -> None:
@@ -176,7 +175,9 @@ def test_a_call_that_is_given_up_while_it_waits_frees_its_place() -> None:
 
 def test_readiness_names_the_parts(museum: Server, small: Server) -> None:
     checks = museum.client.get("/readyz").json()["checks"]
-    assert checks == {"database": "ok", "blobs": "ok", "build_worker": "ok"}
+    # The disk of the machine that tests may be nearly full.
+    assert {name for name, check in checks.items() if check != "ok"} <= {"disk"}
+    assert set(checks) == {"database", "blobs", "disk", "models", "build_worker", "maps"}
     blobs = small.data_dir / "blobs"
     blobs.rename(blobs.with_name("away"))
     try:

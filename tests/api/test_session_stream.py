@@ -28,9 +28,13 @@ def video(room: Room) -> list[View]:
 
 
 @contextmanager
-def connected(server: Server, session: str, query: str = "") -> Iterator[WebSocketTestSession]:
+def connected(
+    server: Server, session: str, query: str = "", protocols: list[str] | None = None
+) -> Iterator[WebSocketTestSession]:
     assert isinstance(server.client, TestClient)
-    with server.client.websocket_connect(f"/sessions/{session}/stream{query}") as socket:
+    with server.client.websocket_connect(
+        f"ws://127.0.0.1/sessions/{session}/stream{query}", protocols
+    ) as socket:
         yield socket
 
 
@@ -152,7 +156,7 @@ def test_a_session_that_is_not_there_has_no_stream(museum: Server, session: str)
     assert (refused.value.status_code, refused.value.json()["code"]) == (404, "not_found")
 
 
-def test_the_key_comes_as_a_header_or_in_the_address(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_the_key_is_a_header_or_a_subprotocol(tmp_path_factory: pytest.TempPathFactory) -> None:
     with running(tmp_path_factory.mktemp("keyed"), run_worker=False, admin_key="secret") as server:
         server.client.headers["Authorization"] = "Bearer secret"
         server.add_venue("museum")
@@ -160,12 +164,17 @@ def test_the_key_comes_as_a_header_or_in_the_address(tmp_path_factory: pytest.Te
         with connected(server, session):
             pass
         del server.client.headers["Authorization"]
-        with connected(server, session, "?key=secret"):
-            pass
-        for query in ("", "?key=wrong", "?key="):
-            with pytest.raises(WebSocketDenialResponse) as refused, connected(server, session, query):
+        with connected(server, session, protocols=["roomfix", "roomfix.key.secret"]) as socket:
+            assert socket.accepted_subprotocol == "roomfix"
+        for query, protocols in (("", None), ("?key=secret", None), ("", ["roomfix", "roomfix.key.wrong"])):
+            with (
+                pytest.raises(WebSocketDenialResponse) as refused,
+                connected(server, session, query, protocols),
+            ):
                 pass
             assert refused.value.status_code == 401
+            assert refused.value.headers["www-authenticate"] == "Bearer"
+            assert ("not taken from the address" in refused.value.json()["detail"]) == bool(query)
 
 
 def motion_json(motion: Pose) -> str:

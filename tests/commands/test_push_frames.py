@@ -60,13 +60,13 @@ def test_what_will_never_do_ends_it() -> None:
 
 
 def test_sources(tmp_path: Path) -> None:
-    for name in ("b.jpg", "a.jpg", "c.txt"):
+    for name in ("b.jpg", "a.jpg", "c.txt", "d.heic"):
         (tmp_path / name).write_bytes(name.encode())
-    assert list(push_frames.open_frames(str(tmp_path))) == [b"a.jpg", b"b.jpg"]
+    assert list(push_frames.open_frames(str(tmp_path))) == [b"a.jpg", b"b.jpg", b"d.heic"]
     again = push_frames.open_frames(str(tmp_path / "a.jpg"))
     assert [next(again), next(again)] == [b"a.jpg", b"a.jpg"]
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InvalidInputError, match="no JPEG"):
+    with pytest.raises(InvalidInputError, match="no pictures: JPEG"):
         push_frames.open_frames(str(tmp_path / "empty"))
     with pytest.raises(InvalidInputError, match="can be opened"):
         next(push_frames.open_frames(str(tmp_path / "absent.mp4")))

@@ -15,7 +15,7 @@ from tests.synthetic import MODELS, make_scene
 def test_reprojection_jacobian_against_finite_differences(model):
     scene = make_scene(np.random.default_rng(0), model=model, n=40)
     points, camera, pose = scene.points_in_world, scene.camera, scene.world_from_camera
-    by_pose, by_point = reprojection_jacobian(points, camera, pose)
+    _, by_pose, by_point = reprojection_jacobian(points, camera, pose)
     step = 1e-6
     for axis in range(6):
         offset = step * np.eye(6)[axis]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.geometry.geodesy import SEMI_MAJOR_AXIS_M, east_north_from_geodetic
+from app.geometry.geodesy import SEMI_MAJOR_AXIS_M, east_north_from_geodetic, geodetic_from_east_north
 
 
 def test_an_arc_of_the_equator_and_of_a_meridian():
@@ -20,3 +20,10 @@ def test_distances_do_not_depend_on_the_origin():
     apart = [np.linalg.norm(xy[:, None] - xy[None], axis=-1) for xy in (here, there)]
     assert np.abs(apart[0] - apart[1]).max() < 1e-4
     assert np.allclose(here[0], 0)
+
+
+@pytest.mark.parametrize("origin", [(-2.978, 56.46), (139.7, -33.0), (10.0, 0.0), (25.0, 78.0)])
+def test_the_inverse_gives_the_same_metres(origin):
+    points = np.random.default_rng(5).uniform(-5000, 5000, (50, 2))
+    back = east_north_from_geodetic(geodetic_from_east_north(points, origin), origin)
+    assert np.abs(back - points).max() < 1e-6

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.engine.maps.artifact import MapArtifactError
-from app.errors import CancelledBuildError
+from app.errors import CancelledBuildError, MapDamagedError
 from app.jobs.handlers import handle_build
 from app.services import run_build as module
 from app.services.map_library import MapLibrary
@@ -76,7 +75,7 @@ def test_a_map_that_cant_be_opened_is_replaced_but_not_extended(
             again = claim_build(connection)
         assert again is not None
         if mode == "extend":
-            with pytest.raises(MapArtifactError):
+            with pytest.raises(MapDamagedError):
                 run_build(again, resources, MapLibrary(resources), nothing)
         else:
             assert run_build(again, resources, MapLibrary(resources), nothing) == 2

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, MapDamagedError
 from app.geometry.se3 import Pose, rotation_from_vector
+from app.vision import index as index_module
 from app.vision.global_descriptor import GlobalDescriptor
-from app.vision.index import GlobalIndex
+from app.vision.index import GlobalIndex, IndexOptions
 from app.vision.keyframes import (
     PoseThresholds,
     PowerLaw,
@@ -98,7 +99,7 @@ def test_the_index_gives_no_more_than_there_is() -> None:
 @pytest.mark.parametrize("content", [b"", b"IxF2", b"nonsense" * 100])
 def test_a_file_that_is_no_index_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "index").write_bytes(content)
-    with pytest.raises(InvalidInputError):
+    with pytest.raises(MapDamagedError):
         GlobalIndex.open(tmp_path / "index")
 
 
@@ -143,3 +144,30 @@ def test_the_rule_holds_for_any_walk() -> None:
     for i, pose in enumerate(walk):
         earlier = [j for j in chosen if j < i]
         assert (i in chosen) == (not any(close(pose, walk[j]) for j in earlier))
+
+
+def test_a_large_index_finds_what_an_exact_one_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    # Groups of keyframes that look alike, as the places of a building do.
+    groups = unit_vectors(rng, 60, 1024)
+    vectors = np.repeat(groups, 20, axis=0) + 0.02 * rng.normal(size=(1200, 1024))
+    vectors = (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+    exact = GlobalIndex.from_descriptors(vectors)
+    monkeypatch.setattr(index_module, "OPTIONS", IndexOptions(flat_keyframes=500))
+    made = GlobalIndex.from_descriptors(vectors)
+    made.write(tmp_path / "index")
+    large = GlobalIndex.open(tmp_path / "index")
+    assert (exact.is_exact, large.is_exact, len(large)) == (True, False, 1200)
+    assert np.allclose(large.descriptors, vectors, atol=1e-3)
+    assert np.allclose(large.descriptor(77), vectors[77], atol=1e-3)
+    some, many = np.arange(3, 300, 2), np.arange(0, 1200, 2)
+    for row in range(0, 1200, 37):
+        query = vectors[row] + 0.01 * rng.normal(size=1024).astype(np.float32)
+        for allowed in (None, some, many):
+            for k in (1, 10, 200):
+                rows, distances = large.search(query, k, allowed)
+                expected, squared = exact.search(query, k, allowed)
+                assert len(rows) == len(expected)
+                assert len(set(rows.tolist()) & set(expected.tolist())) >= 0.9 * len(expected)
+                assert np.allclose(distances[:3], squared[:3], atol=5e-3)
+                assert np.all(np.diff(distances) >= 0)

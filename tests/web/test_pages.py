@@ -22,7 +22,7 @@ PAGES = sorted(STATIC.glob("*.html"))
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     settings = Settings(data_dir=tmp_path_factory.mktemp("data"), open=True, run_worker=False)
-    with TestClient(create_app(settings, NoRunner())) as client:
+    with TestClient(create_app(settings, NoRunner()), base_url="http://127.0.0.1") as client:
         yield client
 
 

@@ -1,4 +1,4 @@
-"""Bodies of requests: gzip is inflated, other encodings and bodies over the limit are refused."""
+"""Bodies of requests: gzip is inflated, other encodings and bodies over the limit of their route are refused."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Literal, NoReturn
 
 from starlette.datastructures import Headers
 from starlette.responses import Response
@@ -17,7 +17,10 @@ from app.api.requests.names import shown
 from app.errors import InvalidInputError, RoomfixError, UploadTooLargeError
 from app.limits import limit
 
-ARCHIVE_PATHS = "/database/"
+# Where a request's scope holds its `BodyReader`.
+BODY = "roomfix.body"
+# What a route takes, from the smallest to the largest.
+Kind = Literal["json", "features", "image", "archive"]
 GZIP_NAMES = ("gzip", "x-gzip")
 # Of zlib: a gzip header, and the largest window.
 GZIP_WINDOW_BITS = 16 + zlib.MAX_WBITS
@@ -27,6 +30,16 @@ GZIP_WINDOW_BITS = 16 + zlib.MAX_WBITS
 class BodyOptions:
     """How bodies of requests are read."""
 
+    max_json_bytes: int = limit(
+        1_000_000,
+        "Largest JSON body of a route that takes no file.",
+        chosen="By hand: an anchor with all the POIs and corners that are allowed has about 100 kB.",
+    )
+    max_features_bytes: int = limit(
+        25_000_000,
+        "Largest GeoJSON body of a floor's features.",
+        chosen="By hand: a floor with tens of thousands of corners has a few megabytes.",
+    )
     form_overhead_bytes: int = limit(
         1_000_000,
         "Bytes that a body may have beside the file it carries: the other fields of a form and its boundaries.",
@@ -52,14 +65,19 @@ OPTIONS = BodyOptions()
 class RequestBodyMiddleware:
     """Inflates gzip bodies for the app, and answers requests whose body can't be read.
 
-    A body over the limit of its path is a 413: at once when its declared length is over it, else as soon as it passes
-    the limit; the length after inflation counts. An encoding other than gzip is a 415, broken gzip a 422.
+    A body over the limit of its route is a 413: at once when its declared length is over it, else as soon as it passes
+    the limit; the length after inflation counts. Until the route has set its limit that of JSON holds. An encoding
+    other than gzip is a 415, broken gzip a 422.
     """
 
     def __init__(self, app: ASGIApp, max_archive_bytes: int, max_image_bytes: int) -> None:
         self._app = app
-        self._max_archive_bytes = max_archive_bytes
-        self._max_image_bytes = max_image_bytes
+        self._max_bytes: dict[Kind, int] = {
+            "json": OPTIONS.max_json_bytes,
+            "features": OPTIONS.max_features_bytes,
+            "image": max_image_bytes + OPTIONS.form_overhead_bytes,
+            "archive": max_archive_bytes + OPTIONS.form_overhead_bytes,
+        }
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -71,22 +89,18 @@ class RequestBodyMiddleware:
         if encodings and (len(encodings) > 1 or encodings[0] not in GZIP_NAMES):
             await _unsupported(encodings)(scope, receive, send)
             return
-        is_archive = scope["path"].startswith(ARCHIVE_PATHS)
-        body = BodyReader(
-            receive, self._max_archive_bytes if is_archive else self._max_image_bytes, is_gzip=bool(encodings)
-        )
         declared = headers.get("content-length", "0")
-        if declared.isdigit() and int(declared) > body.limit_bytes:
-            body.refused = body.too_large()
-        else:
+        declared_bytes = int(declared) if declared.isdigit() else 0
+        body = BodyReader(receive, self._max_bytes, declared_bytes, is_gzip=bool(encodings))
+        scope[BODY] = body
 
-            async def send_unless_refused(event: Message) -> None:
-                # Whatever the app makes of the error, the answer is the one below.
-                if body.refused is None:
-                    await send(event)
+        async def send_unless_refused(event: Message) -> None:
+            # Whatever the app makes of the error, the answer is the one below.
+            if body.refused is None:
+                await send(event)
 
-            with suppress(BodyError):
-                await self._app(scope, body.receive, send_unless_refused)
+        with suppress(BodyError):
+            await self._app(scope, body.receive, send_unless_refused)
         if body.refused is not None:
             error = body.refused
             await problem(status_of(error), error.code, str(error))(scope, receive, send)
@@ -99,19 +113,27 @@ class BodyError(Exception):
 class BodyReader:
     """The body of one request, as the app receives it; `refused` is the error that ended it."""
 
-    def __init__(self, receive: Receive, max_bytes: int, *, is_gzip: bool) -> None:
+    def __init__(
+        self, receive: Receive, max_bytes: dict[Kind, int], declared_bytes: int, *, is_gzip: bool
+    ) -> None:
         self.refused: RoomfixError | None = None
-        self.limit_bytes = max_bytes + OPTIONS.form_overhead_bytes
         self._max_bytes = max_bytes
+        self._limit_bytes = max_bytes["json"]
+        self._declared_bytes = declared_bytes
         self._receive = receive
         self._received_bytes = 0
         self._inflater = Inflater() if is_gzip else None
         self._is_all_read = False
 
-    def too_large(self) -> UploadTooLargeError:
-        """Return the error of a body over the limit."""
+    def expect(self, kind: Kind) -> None:
+        """Set the limit of what a route takes; raises `BodyError` when the declared length is over it."""
+        self._limit_bytes = self._max_bytes[kind]
+        if self._declared_bytes > self._limit_bytes:
+            self._refuse(self._too_large())
+
+    def _too_large(self) -> UploadTooLargeError:
         return UploadTooLargeError(
-            f"The upload is larger than {self._max_bytes:,} bytes, the limit of this server."
+            f"The upload is larger than {self._limit_bytes:,} bytes, the limit of this call."
         )
 
     async def receive(self) -> Message:
@@ -123,8 +145,8 @@ class BodyReader:
         else:
             event = await self._receive_inflated(self._inflater)
         self._received_bytes += len(event.get("body", b""))
-        if self._received_bytes > self.limit_bytes:
-            self._refuse(self.too_large())
+        if self._received_bytes > self._limit_bytes:
+            self._refuse(self._too_large())
         return event
 
     async def _receive_inflated(self, inflater: Inflater) -> Message:

@@ -1,4 +1,4 @@
-"""Routes that refuse unknown query parameters and form fields: those that the route doesn't declare."""
+"""Routes that check the key before the body is read, and refuse query parameters and form fields they don't have."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.datastructures import FormData
 from starlette.requests import HTTPConnection
 
+from app.api.access.gate import admit, scopes_of
+from app.api.access.log_acts import log_act
+from app.api.requests.body_reader import BODY, Kind
 from app.api.requests.form_request import FormRequest, media_type
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
 
 FORM_MEDIA_TYPES = ("multipart/form-data", "application/x-www-form-urlencoded")
 JSON_MEDIA_TYPE = "application/json"
+GEOJSON_MEDIA_TYPE = "application/geo+json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,11 +40,21 @@ class DeclaredNames:
     nested: dict[str, Known] = field(default_factory=dict)
     media_types: tuple[str, ...] | None = None
 
+    @property
+    def body_kind(self) -> Kind:
+        """What the body holds, which decides how large it may be."""
+        if "archive" in self.files:
+            return "archive"
+        if self.files:
+            return "image"
+        return "features" if GEOJSON_MEDIA_TYPE in (self.media_types or ()) else "json"
+
 
 class ContractRoute(APIRoute):
-    """A route that refuses names that it doesn't declare.
+    """A route that lets a call in by its key, reads a body of at most the size that it takes, and refuses names that it
+    doesn't declare.
 
-    This is the last of the route's dependencies: the key is checked first.
+    `scopes` is what a key needs; a route without `require` or `public` among its dependencies asks for admin.
     """
 
     def __init__(
@@ -51,6 +65,7 @@ class ContractRoute(APIRoute):
         dependencies: Sequence[params.Depends] | None = None,
         **more: Any,
     ) -> None:
+        self.scopes = scopes_of(dependencies or ())
         checks = [*(dependencies or ()), Depends(refuse_unknown_names)]
         super().__init__(path, endpoint, dependencies=checks, **more)
         self.declared = declared_names(self)
@@ -59,10 +74,15 @@ class ContractRoute(APIRoute):
         """Return the handler, which reads forms by `FormRequest`."""
         handle = super().get_route_handler()
 
-        async def handle_form(request: Request) -> Response:
-            return await handle(FormRequest(request.scope, request.receive, self.declared.files))
+        async def handle_admitted(request: Request) -> Response:
+            await admit(request, self.scopes)
+            request.scope[BODY].expect(self.declared.body_kind)
+            response = await handle(FormRequest(request.scope, request.receive, self.declared.files))
+            if "admin" in self.scopes:
+                await log_act(request, response)
+            return response
 
-        return handle_form
+        return handle_admitted
 
 
 async def refuse_unknown_names(request: Request) -> None:

@@ -1,12 +1,7 @@
-"""A map version's features: one packed file, memory-mapped and shared by all processes.
-
-Layout: the magic, the header's length (8 bytes, little endian), a JSON header (metadata, and name, dtype, shape
-and offset of each array), then the arrays, each aligned to 64 bytes.
-"""
+"""A map version's features: one packed file, memory-mapped and shared by all processes."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,22 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.maps.checked_rows import BlockChecker, CheckedRows
+from app.engine.maps.packed_file import read_packed, write_packed
 from app.engine.maps.second_features import SecondFeatures
-from app.errors import RoomfixError
+from app.errors import MapDamagedError
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
 from app.geometry.se3 import Pose
 
-MAGIC = b"RFMAP002"
-ALIGNMENT = 64
-# Before the names of the arrays of `SecondFeatures`.
-SECOND = "second."
-
-
-class MapArtifactError(RoomfixError):
-    """A file that is not a map artefact, or one that is cut short."""
-
-    code = "damaged_map"
+Floats = NDArray[np.float32] | CheckedRows[np.float32]
+Halves = NDArray[np.float16] | CheckedRows[np.float16]
+Numbers = NDArray[np.int32] | CheckedRows[np.int32]
+Keys = NDArray[np.int64] | CheckedRows[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,21 +65,58 @@ class MapArrays:
     quaternions: NDArray[np.float64]
     camera_rows: NDArray[np.int32]
     offsets: NDArray[np.int64]
-    keypoints_px: NDArray[np.float32]
-    points_in_world: NDArray[np.float32]
-    point_sigma_m: NDArray[np.float32]
-    distance_elsewhere: NDArray[np.float16]
-    keyframe_elsewhere: NDArray[np.int32]
-    descriptors: NDArray[Any]
+    keypoints_px: Floats
+    points_in_world: Floats
+    point_sigma_m: Floats
+    distance_elsewhere: Halves
+    keyframe_elsewhere: Numbers
+    descriptors: NDArray[Any] | CheckedRows[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """A map's features by place, computed from its arrays.
+
+    `views` (v,) are the keyframes that are views of their own; `feature_rows` (m,) are the rows of their features, in
+    the order of the numbers of the cells that the features lie in, `cell_keys` (m,).
+    """
+
+    views: Numbers
+    feature_rows: Numbers
+    cell_keys: Keys
+
+
+# Before the names of the arrays of `SecondFeatures`.
+SECOND = "second."
+# Arrays with a row for each feature.
+LARGE = frozenset(
+    {
+        "keypoints_px", "points_in_world", "point_sigma_m", "distance_elsewhere", "keyframe_elsewhere", "descriptors",
+        "feature_rows", "cell_keys",
+    }
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class MapArtifact:
-    """A map in memory or memory-mapped; immutable. `second` are None for a map that was built without them."""
+    """A map in memory or memory-mapped; immutable.
+
+    `places` is None in maps that were written without it, and in those that were not written yet. `checker` verifies
+    the file of a map that has checksums, `index_checksum` is the one of the file of its index. `second` are None for a
+    map that was built without them.
+    """
 
     metadata: MapMetadata
     arrays: MapArrays
+    places: Places | None = None
+    checker: BlockChecker | None = None
+    index_checksum: int | None = None
     second: SecondFeatures | None = None
+
+    @property
+    def is_damaged(self) -> bool:
+        """Whether a part of the file that was read has another checksum than its contents."""
+        return self.checker is not None and self.checker.is_damaged
 
     @property
     def keyframe_count(self) -> int:
@@ -103,6 +131,15 @@ class MapArtifact:
     def pose(self, keyframe: int) -> Pose:
         """Return the `world_from_camera` of a keyframe."""
         return Pose.from_quaternion(self.arrays.positions[keyframe], self.arrays.quaternions[keyframe])
+
+    def poses(self) -> list[Pose]:
+        """Return the `world_from_camera` of all keyframes."""
+        return [self.pose(keyframe) for keyframe in range(self.keyframe_count)]
+
+    def axes(self) -> NDArray[np.float64]:
+        """Return the optical axes (k, 3) of all keyframes in the world: the third columns of their rotations."""
+        x, y, z, w = self.arrays.quaternions.T / np.linalg.norm(self.arrays.quaternions, axis=1)
+        return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
     def camera(self, keyframe: int) -> Camera:
         """Return the camera of a keyframe."""
@@ -122,68 +159,39 @@ class MapArtifact:
         spans = [np.arange(span.start, span.stop) for span in self.spans(keyframes)]
         return np.concatenate([np.zeros(0, np.intp), *spans])
 
-    def write(self, path: Path) -> None:
-        """Write the map to a file."""
-        arrays = {name: np.ascontiguousarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
+    def write(self, path: Path, index_checksum: int | None = None) -> None:
+        """Write the map to a file; `index_checksum` is the checksum of the file of its index."""
+        arrays = {name: np.asarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
+        if self.places is not None:
+            arrays |= {name: np.asarray(getattr(self.places, name)) for name in Places.__slots__}
         if self.second is not None:
-            second = {SECOND + name: getattr(self.second, name) for name in SecondFeatures.__slots__}
-            arrays |= {name: np.ascontiguousarray(array) for name, array in second.items()}
-        header = {"metadata": _metadata_to_json(self.metadata), "arrays": _table(arrays)}
-        text = json.dumps(header, separators=(",", ":")).encode()
-        start = _aligned(len(MAGIC) + 8 + len(text))
-        with path.open("wb") as file:
-            file.write(MAGIC + len(text).to_bytes(8, "little") + text)
-            for name, array in arrays.items():
-                file.seek(start + header["arrays"][name]["offset"])
-                file.write(array.tobytes())
-            file.truncate(max(file.tell(), start))
+            arrays |= {
+                SECOND + name: np.asarray(getattr(self.second, name)) for name in SecondFeatures.__slots__
+            }
+        metadata = {**asdict(self.metadata), "index_checksum": index_checksum}
+        write_packed(path, metadata, arrays)
 
     @staticmethod
     def open(path: Path) -> MapArtifact:
-        """Memory-map a file that `write` made; raises `MapArtifactError`."""
+        """Memory-map a file that `write` made; raises `MapDamagedError`."""
+        packed = read_packed(path, LARGE)
         try:
-            data = np.memmap(path, dtype=np.uint8, mode="r")
-            length = int.from_bytes(bytes(data[8:16]), "little")
-            if bytes(data[:8]) != MAGIC or 16 + length > len(data):
-                raise MapArtifactError(f"{path.name} is not a map artefact.")
-            header = json.loads(bytes(data[16 : 16 + length]))
-            start = _aligned(16 + length)
-            arrays = {name: _view(data, start, entry) for name, entry in header["arrays"].items()}
+            arrays = dict(packed.arrays)
+            has_places = Places.__slots__[0] in arrays
+            places = Places(*(arrays.pop(name) for name in Places.__slots__)) if has_places else None
             second = {
                 name.removeprefix(SECOND): arrays.pop(name) for name in [*arrays] if name.startswith(SECOND)
             }
             return MapArtifact(
-                _metadata_from_json(header["metadata"]),
+                _metadata_from_json(packed.metadata),
                 MapArrays(**arrays),
+                places,
+                packed.checker,
+                packed.metadata.get("index_checksum"),
                 SecondFeatures(**second) if second else None,
             )
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise MapArtifactError(f"{path.name} is not a map artefact ({error}).") from error
-
-
-def _aligned(offset: int) -> int:
-    return -(-offset // ALIGNMENT) * ALIGNMENT
-
-
-def _table(arrays: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
-    table, offset = {}, 0
-    for name, array in arrays.items():
-        table[name] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
-        offset = _aligned(offset + array.nbytes)
-    return table
-
-
-def _view(data: NDArray[np.uint8], start: int, entry: Mapping[str, Any]) -> NDArray[Any]:
-    dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
-    first = start + entry["offset"]
-    size = int(np.prod(shape)) * dtype.itemsize
-    if min((*shape, entry["offset"])) < 0 or first + size > len(data):
-        raise MapArtifactError("The map artefact is cut short.")
-    return np.asarray(data[first : first + size].view(dtype).reshape(shape))
-
-
-def _metadata_to_json(metadata: MapMetadata) -> dict[str, Any]:
-    return asdict(metadata)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise MapDamagedError(f"{path.name} is not a map artefact ({error}).") from error
 
 
 def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:

@@ -31,14 +31,18 @@ class SpacingOptions:
 OPTIONS = SpacingOptions()
 
 
-def rows_of_views(poses: Sequence[Pose], offsets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows (m,) of the features of keyframes that are views of their own, by the keyframes' poses and the
-    `offsets` of their features."""
+def views_of(poses: Sequence[Pose]) -> NDArray[np.int64]:
+    """Return the keyframes (v,) that are views of their own, by the poses of all."""
     usual = thresholds_for_matches()
     spacing = PoseThresholds(
         OPTIONS.spacing_share * usual.position_m, OPTIONS.spacing_share * usual.attitude_rad
     )
-    chosen = [np.arange(offsets[row], offsets[row + 1]) for row in select_by_pose(poses, spacing)]
+    return np.array(select_by_pose(poses, spacing), np.int64)
+
+
+def rows_of_keyframes(keyframes: NDArray[np.int64], offsets: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows (m,) of the features of keyframes (v,), by the `offsets` of the features of all."""
+    chosen = [np.arange(offsets[row], offsets[row + 1]) for row in keyframes]
     return np.concatenate([*chosen, np.zeros(0, np.int64)]).astype(np.int64)
 
 
@@ -52,6 +56,7 @@ def elsewhere(
 ) -> tuple[NDArray[np.float16], NDArray[np.int32]]:
     """Return a map's `distance_elsewhere` and `keyframe_elsewhere` (both (f,)) from its other arrays, its keyframes'
     poses, and whether z is known to point up."""
-    found = find_repetition(descriptors, binary, points_in_world, rows_of_views(poses, offsets), z_up)
+    rows = rows_of_keyframes(views_of(poses), offsets)
+    found = find_repetition(descriptors, binary, points_in_world, rows, z_up)
     keyframes = np.searchsorted(offsets, found.row, side="right") - 1
     return found.distance.astype(np.float16), np.where(found.row < 0, -1, keyframes).astype(np.int32)

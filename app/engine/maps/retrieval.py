@@ -57,7 +57,7 @@ class Retrieval:
         self._index = index
         self._positions = artifact.arrays.positions
         self._axis_weights = PLACE.axis_weights(artifact.metadata.z_up)
-        self._axes = np.stack([artifact.pose(i).rotation[:, 2] for i in range(artifact.keyframe_count)])
+        self._axes = artifact.axes()
         self._look_alikes: dict[tuple[int, int], list[int]] = {}
 
     def similar(

@@ -6,13 +6,13 @@ directions only, that is far although the same thing hangs there; another view o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.repetition import rows_of_views
+from app.engine.maps.artifact import MapArtifact, Places
+from app.engine.maps.repetition import rows_of_keyframes, views_of
 from app.limits import limit
 
 # Bits of a cell's number for each axis: 80 km each way.
@@ -42,16 +42,28 @@ OPTIONS = SurroundingsOptions()
 Rows = NDArray[np.int64]
 
 
+def places_of(artifact: MapArtifact) -> Places:
+    """Return a map's features by place."""
+    arrays = artifact.arrays
+    views = views_of(artifact.poses())
+    rows = rows_of_keyframes(views, arrays.offsets)
+    keys = _keys(_cells(arrays.points_in_world[rows]))
+    order = np.argsort(keys, kind="stable")
+    return Places(views.astype(np.int32), rows[order].astype(np.int32), keys[order])
+
+
+def with_places(artifact: MapArtifact) -> MapArtifact:
+    """Return a map with all that opening it would compute, to be written."""
+    return artifact if artifact.places is not None else replace(artifact, places=places_of(artifact))
+
+
 class MapSurroundings:
     """A map's features by place. Immutable, safe to share between threads."""
 
     def __init__(self, artifact: MapArtifact) -> None:
         self._artifact = artifact
-        poses = [artifact.pose(keyframe) for keyframe in range(artifact.keyframe_count)]
-        rows = rows_of_views(poses, artifact.arrays.offsets)
-        keys = _keys(_cells(artifact.arrays.points_in_world[rows]))
-        order = np.argsort(keys, kind="stable")
-        self._order, self._keys = rows[order].astype(np.int32), keys[order]
+        places = artifact.places or places_of(artifact)
+        self._order, self._keys = places.feature_rows, places.cell_keys
 
     def distance_elsewhere(
         self, points_in_world: NDArray[np.float64], excluded: NDArray[np.bool_] | None = None
@@ -81,8 +93,8 @@ class MapSurroundings:
         row."""
         # Cells on top of each other have successive keys.
         keys = _keys(cells)
-        first = np.searchsorted(self._keys, keys - 1, side="left")
-        counts = np.searchsorted(self._keys, keys + 1, side="right") - first
+        first = self._keys.searchsorted(keys - 1, side="left")
+        counts = self._keys.searchsorted(keys + 1, side="right") - first
         owners = np.repeat(np.arange(len(keys)), counts)
         within = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
         return owners, self._order[first[owners] + within].astype(np.int64)

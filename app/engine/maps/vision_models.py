@@ -49,6 +49,11 @@ class VisionModels:
                 self._lighterglue = LighterGlue(self._threads)
             return self._lighterglue
 
+    @property
+    def descriptor_path(self) -> Path:
+        """The file of the global descriptor's model."""
+        return self._descriptor_path
+
     def check_descriptor(self, sha256: str) -> None:
         """Raise `ConflictError` unless a map with this model's checksum can be searched with ours."""
         if sha256 != self.global_descriptor.sha256:

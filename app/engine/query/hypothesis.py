@@ -11,8 +11,9 @@ from app.geometry.se3 import Pose
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A pose, the matches that it was estimated from, and those of them that agree with it."""
+    """A pose (`world_from_camera`), the matches that it was estimated from, and those of them that agree with it."""
 
+    pose: Pose
     estimate: PnpEstimate
     matches: Matches
     inliers: Matches
@@ -20,12 +21,7 @@ class Hypothesis:
     @staticmethod
     def of(estimate: PnpEstimate, matches: Matches) -> Hypothesis:
         """Return the hypothesis of an estimate from matches."""
-        return Hypothesis(estimate, matches, matches.take(estimate.inlier_mask))
-
-    @property
-    def pose(self) -> Pose:
-        """The pose, `world_from_camera`."""
-        return self.estimate.world_from_camera
+        return Hypothesis(estimate.world_from_camera, estimate, matches, matches.take(estimate.inlier_mask))
 
     @property
     def rest(self) -> Matches:

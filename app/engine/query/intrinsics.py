@@ -155,7 +155,7 @@ def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
     sure = max(OPTIONS.sure_doubt_log, OPTIONS.sure_doubt_sigmas * fit.focal_sigma)
     zoom = min(max(OPTIONS.doubt_log, OPTIONS.doubt_sigmas * fit.focal_sigma), sure)
     shift_px = OPTIONS.doubt_offset_share * max(camera.width, camera.height)
-    shifts_px = np.maximum(shift_px, OPTIONS.doubt_sigmas * fit.sigmas[1:])
+    shifts_px = np.maximum(shift_px, OPTIONS.doubt_sigmas * fit.offset_sigmas_px)
     return abs(fit.log_focal) > zoom or bool(np.any(np.abs(fit.offset_px) > shifts_px))
 
 

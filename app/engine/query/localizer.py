@@ -34,6 +34,7 @@ from app.engine.query.verification import (
     coverage,
     evidence_of,
 )
+from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of
 from app.geometry.lens import Lens
@@ -84,12 +85,14 @@ class Localizer:
         """Localize a query: a first attempt, and where that finds nothing a second and a third, wider ones."""
         opened, settings = self.map, self._settings
         matcher = QueryMatcher(query, opened, fundamental_filter=settings.fundamental_filter)
+        started = clock_s()
         descriptor = opened.descriptor.describe(query.rgb)
-        query.timer.lap("describe")
+        described = clock_s()
         similar = opened.retrieval.similar(
             descriptor, settings.keyframes, settings.other_places, query.allowed
         )
-        query.timer.lap("retrieve")
+        query.spent_s["describe"] += described - started
+        query.spent_s["retrieve"] += clock_s() - described
         result = self._attempt(matcher, matcher.match(similar))
         if settings.second_attempt and result.reason in UNSURE and matcher.feature_count:
             result = _later(result, self._second_attempt(matcher, descriptor))
@@ -118,13 +121,11 @@ class Localizer:
         faint = QueryMatcher(
             query, self.map, self.map.faint_extractor, fundamental_filter=self._settings.fundamental_filter
         )
-        query.timer.lap("describe")
         return self._attempt(faint, faint.match(keyframes))
 
     def _second_look(self, first: QueryMatcher, look: SecondLook, similar: Sequence[int]) -> Localization:
         """Localize with the map's second features, by limits of their own."""
         matcher = SecondMatcher(first.query, self.map, first, look)
-        first.query.timer.lap("describe")
         options = SECOND_LOOK
         settings = replace(
             self._settings,
@@ -137,7 +138,6 @@ class Localizer:
     def _attempt(self, matcher: Matcher, matches: Matches) -> Localization:
         """Localize by these matches and those that a first pose leads to."""
         query, known = matcher.query, matcher.query.known
-        query.timer.lap("match")
         camera = known if isinstance(known, Camera) else self._find_camera(matches, query)
         if camera is None:
             return _nothing(query, matches, None)
@@ -146,14 +146,12 @@ class Localizer:
         best = self._hypothesis(matcher, matches, camera)
         if best is not None and (not isinstance(known, Camera) or (lens is not None and lens.is_guess)):
             camera, best = self._fit_camera(best, camera, known, lens)
-            query.timer.lap("pose")
         if best is None:
             return _nothing(query, matches, camera)
         checked = CheckedCamera(camera=camera, best=best)
         if isinstance(known, Camera) and self._settings.check_intrinsics:
             checked = check_intrinsics(best, camera, self._estimate, partial(self._find_camera, query=query))
             best, camera = checked.best, checked.camera
-            query.timer.lap("pose")
         rival = self._rival(matcher, best, camera)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
             best, rival = rival, best
@@ -185,7 +183,6 @@ class Localizer:
         """
         query = matcher.query
         first = rival or self._estimate(matches, camera)
-        query.timer.lap("pose")
         if first is None:
             return None
         found = Hypothesis.of(first, matches)
@@ -195,9 +192,7 @@ class Localizer:
             found.pose, self._settings.covisible, matcher.matched, query.allowed
         )
         matches = Matches.merge([matches, matcher.match(more)])
-        query.timer.lap("match")
         second = self._estimate(matches, camera, found.pose)
-        query.timer.lap("pose")
         return None if second is None else Hypothesis.of(second, matches)
 
     def _is_convincing(self, found: Hypothesis, camera: Camera) -> bool:
@@ -216,7 +211,6 @@ class Localizer:
             voted = [vote.keyframe for vote in votes_of(best.matches, best.inliers)[:2]]
             twins = self.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
             rest = Matches.merge([rest, matcher.match(twins)])
-            matcher.query.timer.lap("match")
         needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inliers.feature_count)
         if self._limits.max_rival_share >= 1.0 or len(rest) < needed:
             return None
@@ -257,7 +251,6 @@ class Localizer:
         if checked.is_contradicted:
             own = own.with_more(checked.systematic)
         evidence, reason = self._judged(matcher, best, rival, camera, own, with_map_error(own, metadata))
-        query.timer.lap("pose")
         found = Localization(
             evidence=evidence,
             world_from_camera=best.pose,
@@ -265,7 +258,7 @@ class Localizer:
             confidence=min(trust_of(evidence), checked.max_confidence),
             keyframes=votes_of(best.matches, best.inliers),
             camera=camera,
-            timings_ms=query.timer.milliseconds,
+            timings_ms=query.timings_ms,
             candidate=best.pose,
             is_refined=checked.is_refined,
         )
@@ -309,12 +302,11 @@ def _later(first: Localization, second: Localization) -> Localization:
 
 
 def _nothing(query: Query, matches: Matches, camera: Camera | None) -> Localization:
-    query.timer.lap("pose")
     evidence = Evidence(matches=matches.feature_count)
     return Localization(
         evidence=evidence,
         reason="no_match",
         camera=camera,
-        timings_ms=query.timer.milliseconds,
+        timings_ms=query.timings_ms,
         hints=view_hints("no_match", np.zeros((0, 2)), query.size_px),
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
 from app.engine.query.query import Query
+from app.engine.stage_timer import clock_s
 from app.geometry.epipolar import filter_by_fundamental_matrix
 from app.limits import limit
 from app.vision.features import LocalFeatureExtractor
@@ -104,6 +105,7 @@ class QueryMatcher:
         self.query = query
         self._map = opened
         self._extractor = extractor or opened.extractor
+        started = clock_s()
         features = self._extractor.extract(query.gray)
         self.feature_count = len(features)
         self._matches: dict[int, Matches] = {}
@@ -111,6 +113,7 @@ class QueryMatcher:
         self._unit = to_unit_vectors(features.descriptors, self._extractor.binary)
         self._fundamental_filter = fundamental_filter
         self._excluded = excluded_keyframes(opened.artifact, query.allowed)
+        query.spent_s["describe"] += clock_s() - started
 
     @property
     def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
@@ -124,9 +127,12 @@ class QueryMatcher:
 
     def match(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with the keyframes among these that were not matched before."""
+        started = clock_s()
         new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
         self._matches.update(zip(new, self._match(new), strict=True))
-        return Matches.merge([self._matches[keyframe] for keyframe in new])
+        merged = Matches.merge([self._matches[keyframe] for keyframe in new])
+        self.query.spent_s["match"] += clock_s() - started
+        return merged
 
     def match_all(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with these keyframes and all that were matched before."""

@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.stage_timer import StageTimer
+from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
 from app.vision.images import Gray, Rgb, to_gray
+
+# The stages before the pose.
+STAGES = ("describe", "retrieve", "match")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,7 +21,7 @@ class Query:
     """A picture (height, width, 3) with its grey version, its camera as far as it is known, and its restrictions.
 
     `allowed` are the keyframes that may be retrieved, None for all; `upright` says that the picture needs no turn;
-    `timer` collects how long each stage takes.
+    `spent_s` collects the seconds of the stages before the pose, since `started_s` on the clock of `clock_s`.
     """
 
     rgb: Rgb
@@ -26,7 +29,8 @@ class Query:
     known: Camera | ApproximateCamera | None
     allowed: NDArray[np.int64] | None = None
     upright: bool = False
-    timer: StageTimer = field(default_factory=StageTimer)
+    started_s: float = field(default_factory=clock_s)
+    spent_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     @staticmethod
     def of(
@@ -35,9 +39,17 @@ class Query:
         allowed: NDArray[np.int64] | None = None,
         upright: bool = False,
     ) -> Query:
-        """Return the query for an RGB image (height, width, 3); its timer starts here."""
-        timer = StageTimer()
-        return Query(rgb=rgb, gray=to_gray(rgb), known=known, allowed=allowed, upright=upright, timer=timer)
+        """Return the query for an RGB image (height, width, 3); its time starts here."""
+        started_s = clock_s()
+        return Query(
+            rgb=rgb, gray=to_gray(rgb), known=known, allowed=allowed, upright=upright, started_s=started_s
+        )
+
+    @property
+    def timings_ms(self) -> dict[str, float]:
+        """Milliseconds by stage so far; what no other stage took is the pose's."""
+        pose_s = clock_s() - self.started_s - sum(self.spent_s.values())
+        return {stage: 1e3 * spent_s for stage, spent_s in {**self.spent_s, "pose": pose_s}.items()}
 
     @property
     def size_px(self) -> tuple[int, int]:

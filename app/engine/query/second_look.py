@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from app.engine.maps.open_map import OpenMap, SecondLook
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.query import Query
+from app.engine.stage_timer import clock_s
 from app.limits import limit
 from app.vision.lighterglue import PictureFeatures
 
@@ -54,7 +55,9 @@ class SecondMatcher:
     ) -> None:
         self.query = query
         self._map, self._first, self._network = opened, first, look.network
+        started = clock_s()
         found = look.extractor.extract(query.gray)
+        query.spent_s["describe"] += clock_s() - started
         count = OPTIONS.max_features
         descriptors = np.asarray(found.descriptors[:count], np.float32)
         self._own = PictureFeatures(found.keypoints_px[:count], descriptors, query.size_px)
@@ -73,7 +76,9 @@ class SecondMatcher:
     def match(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with the keyframes among these that were not matched before."""
         new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
+        started = clock_s()
         self._matches.update((keyframe, self._match(keyframe)) for keyframe in new)
+        self.query.spent_s["match"] += clock_s() - started
         return Matches.merge([self._matches[keyframe] for keyframe in new])
 
     def unrepeated_count(self, matches: Matches) -> None:  # noqa: ARG002 - as `QueryMatcher` has it

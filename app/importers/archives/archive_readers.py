@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, BinaryIO, Protocol, cast
 
 from app.errors import InvalidScanError
+from app.importers.archives.xz_stream import XzStream, check_zip_dictionary
 from app.importers.archives.zip_names import zip_name
 from app.limits import limit
 
@@ -193,7 +194,7 @@ def _reader(file: BinaryIO, archive_bytes: int, limits: ArchiveLimits) -> Archiv
     for magic, opener in (
         (b"\x1f\x8b", gzip.open),
         (b"BZh", bz2.open),
-        (b"\xfd7zXZ\x00", lzma.open),
+        (b"\xfd7zXZ\x00", XzStream),
     ):
         if head.startswith(magic):
             return _TarReader(cast(IO[bytes], opener(file)), archive_bytes, limits)
@@ -216,6 +217,7 @@ def _has_tar_checksum(header: bytes) -> bool:
 class _ZipReader:
     def __init__(self, file: BinaryIO, limits: ArchiveLimits) -> None:
         longest = MIB + _HEADERS.directory_bytes_per_entry * limits.max_entries
+        self._file = file
         self._zip = zipfile.ZipFile(cast(IO[bytes], _BoundedReads(file, longest)))
         self._limits = limits
 
@@ -229,6 +231,7 @@ class _ZipReader:
             entry = _entry_of_zip(info)
             if entry.kind is EntryKind.FILE and wanted(entry):
                 with damage_reported():
+                    check_zip_dictionary(self._file, info)
                     stream = self._zip.open(info)
                 with stream:
                     yield entry, cast(BinaryIO, stream)

@@ -17,6 +17,10 @@ pillow_heif.register_heif_opener(decode_threads=1, thumbnails=False, depth_image
 # Pillow's names. HEIF are the HEIC files of phones.
 FORMATS = ("JPEG", "PNG", "WEBP", "HEIF", "AVIF", "TIFF")
 FORMATS_IN_WORDS = "JPEG, PNG, WebP, HEIC, AVIF or TIFF"
+# What files of these formats are called.
+PICTURE_SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".jpe", ".png", ".webp", ".heic", ".heif", ".avif", ".tif", ".tiff"}
+)
 # All that Pillow and its plugins were seen to raise on damaged files and tags.
 DAMAGE = (
     OSError, SyntaxError, ValueError, EOFError, KeyError, IndexError, TypeError, AttributeError, OverflowError,

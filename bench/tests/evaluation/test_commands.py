@@ -167,3 +167,31 @@ def test_over_http_the_queries_are_made_worse_as_well(scan: Path, museum: Server
 def test_what_cannot_be_meant_is_said(scan: Path, arguments: list[str], words: str) -> None:
     with pytest.raises(InvalidInputError, match=words):
         run("evaluate", scan, *SPLIT, *arguments)
+
+
+def test_by_the_papers_protocol_keyframes_are_the_database_and_all_other_frames_are_queries(
+    scan: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "protocol.json"
+    rule = '{"keyframes": {"position_m": 0.5, "attitude_rad": 0.5}}'
+    output = run(
+        "evaluate", scan, "--protocol", "keyframes", "--options", rule, "--pipeline", "default",
+        "--pipeline", "paper", "--pipeline", "two-images", "--json", file,
+    )  # fmt: skip
+    default, paper, reference = json.loads(file.read_text())
+    frames = len((scan / "rgb.txt").read_text().splitlines())
+    for each in (default, paper, reference):
+        assert each["frames"] + each["summary"]["queries"] <= frames
+        assert each["keyframes"] == each["frames"]
+        assert each["keyframe_thresholds"] == {"position_m": 0.5, "attitude_rad": 0.5}
+    assert default["summary"]["queries"] >= 5
+    assert default["summary"]["gross_percent"] == 0.0
+    located = [outcome for outcome in paper["outcomes"] if outcome["located"]]
+    assert all(outcome["matches"] >= 50 for outcome in located)
+    for caption in ("A tables 2 and 3", "A table 4", "A table 5"):
+        assert caption in output
+
+
+def test_the_papers_protocol_chooses_the_frames_itself(scan: Path) -> None:
+    with pytest.raises(InvalidInputError, match="itself"):
+        run("evaluate", scan, "--protocol", "keyframes", "--database", "0::2")

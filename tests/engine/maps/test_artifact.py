@@ -8,9 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.engine.maps.artifact import MAGIC, MapArrays, MapArtifact, MapArtifactError, MapMetadata
+from app.engine.maps import packed_file
+from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata, Places
+from app.engine.maps.checked_rows import (
+    BlockChecker,
+    CheckedRows,
+    ChecksumOptions,
+    checksum,
+    checksums_of_blocks,
+)
+from app.engine.maps.packed_file import MAGIC
+from app.engine.maps.surroundings import with_places
+from app.errors import MapDamagedError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from tests.maps import write_without_checksums
 from tests.synthetic import random_pose
 
 
@@ -82,42 +94,145 @@ def test_a_map_cut_short_anywhere_is_refused(written: Path) -> None:
     whole = written.read_bytes()
     for length in [0, 1, 7, 8, 15, 16, 100, len(whole) // 2, len(whole) - 1]:
         written.write_bytes(whole[:length])
-        with pytest.raises(MapArtifactError):
+        with pytest.raises(MapDamagedError):
             MapArtifact.open(written)
 
 
 def test_a_missing_file_and_other_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(MapArtifactError):
+    with pytest.raises(MapDamagedError):
         MapArtifact.open(tmp_path / "none")
-    for data in (b"x" * 1000, MAGIC + b"\xff" * 100, MAGIC + bytes(100), b"RFMAP999" + bytes(1000)):
+    for data in (
+        b"x" * 1000,
+        MAGIC + b"\xff" * 100,
+        MAGIC + bytes(100),
+        b"RFMAP002" + bytes(9),
+        b"RFMAP999" + bytes(1000),
+    ):
         (tmp_path / "map").write_bytes(data)
-        with pytest.raises(MapArtifactError):
+        with pytest.raises(MapDamagedError):
             MapArtifact.open(tmp_path / "map")
+
+
+def with_header(whole: bytes, changed: object) -> bytes:
+    """Return a file of this form with another header, whose checksum is right."""
+    length = int.from_bytes(whole[8:16], "little")
+    rest = whole[24 + length :]
+    text = json.dumps(changed).encode()
+    # The table of checksums of this map has one entry.
+    described = checksum(text + rest[:8])
+    return MAGIC + len(text).to_bytes(8, "little") + described.to_bytes(8, "little") + text + rest
 
 
 def test_a_damaged_header_is_refused(written: Path) -> None:
     whole = written.read_bytes()
     length = int.from_bytes(whole[8:16], "little")
-    header = json.loads(whole[16 : 16 + length])
-
-    def with_header(changed: object) -> bytes:
-        text = json.dumps(changed).encode()
-        return MAGIC + len(text).to_bytes(8, "little") + text + whole[16 + length :]
-
+    header = json.loads(whole[24 : 24 + length])
     arrays, metadata = header["arrays"], header["metadata"]
     damaged: list[object] = [
         [],
         {},
-        {"arrays": arrays},
-        {"arrays": {}, "metadata": metadata},
-        {"arrays": {**arrays, "more": arrays["offsets"]}, "metadata": metadata},
-        {"arrays": arrays, "metadata": {**metadata, "cameras": [{"model": "PINHOLE"}]}},
-        {"arrays": {**arrays, "offsets": {**arrays["offsets"], "offset": 10**9}}, "metadata": metadata},
-        {"arrays": {**arrays, "offsets": {**arrays["offsets"], "offset": -(10**9)}}, "metadata": metadata},
-        {"arrays": {**arrays, "offsets": {**arrays["offsets"], "shape": [-1]}}, "metadata": metadata},
-        {"arrays": {**arrays, "offsets": {**arrays["offsets"], "dtype": "|O"}}, "metadata": metadata},
+        {**header, "arrays": {}},
+        {**header, "arrays": {**arrays, "more": arrays["offsets"]}},
+        {**header, "metadata": []},
+        {**header, "metadata": {**metadata, "cameras": [{"model": "PINHOLE"}]}},
+        {**header, "arrays": {**arrays, "offsets": {**arrays["offsets"], "offset": 10**9}}},
+        {**header, "arrays": {**arrays, "offsets": {**arrays["offsets"], "offset": -(10**9)}}},
+        {**header, "arrays": {**arrays, "offsets": {**arrays["offsets"], "shape": [-1]}}},
+        {**header, "arrays": {**arrays, "offsets": {**arrays["offsets"], "dtype": "|O"}}},
+        {**header, "block_bytes": 0},
+        {**header, "body_bytes": -1},
     ]
     for changed in damaged:
-        written.write_bytes(with_header(changed))
-        with pytest.raises(MapArtifactError):
+        written.write_bytes(with_header(whole, changed))
+        with pytest.raises(MapDamagedError):
             MapArtifact.open(written)
+
+
+def test_a_byte_flipped_anywhere_is_found(written: Path) -> None:
+    whole = written.read_bytes()
+    arrays = {name: np.array(getattr(MapArtifact.open(written).arrays, name)) for name in MapArrays.__slots__}
+    for place in np.random.default_rng(0).choice(len(whole), 200, replace=False):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << int(place) % 8
+        written.write_bytes(flipped)
+        try:
+            read = MapArtifact.open(written)
+        except MapDamagedError:
+            continue
+        # What has no checksum is the padding between the table and the body.
+        assert all(np.array_equal(arrays[name], getattr(read.arrays, name)) for name in arrays)
+
+
+def test_a_large_file_is_verified_where_it_is_read(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = make_map((50, 50, 50))
+    monkeypatch.setattr(packed_file, "OPTIONS", ChecksumOptions(block_bytes=64, eager_bytes=0))
+    with_places(made).write(written)
+    read = MapArtifact.open(written)
+    for name in MapArrays.__slots__:
+        assert np.array_equal(getattr(made.arrays, name), getattr(read.arrays, name))
+    whole = written.read_bytes()
+    place = whole.index(np.ascontiguousarray(made.arrays.descriptors[60:61]).tobytes())
+    flipped = bytearray(whole)
+    flipped[place] ^= 4
+    written.write_bytes(flipped)
+    read = MapArtifact.open(written)
+    assert np.array_equal(read.arrays.descriptors[0:20], made.arrays.descriptors[0:20])
+    some = np.array([120, 3])
+    assert np.array_equal(read.arrays.descriptors[some], made.arrays.descriptors[some])
+    assert not read.is_damaged
+    for rows in (slice(55, 65), np.array([7, 60]), np.arange(150) == 60):
+        with pytest.raises(MapDamagedError):
+            read.arrays.descriptors[rows]
+    assert read.is_damaged
+    assert read.checker is not None
+    with pytest.raises(MapDamagedError):
+        read.checker.check_all()
+
+
+def test_a_sorted_array_that_was_changed_gives_no_wrong_row() -> None:
+    keys = np.sort(np.random.default_rng(1).integers(0, 5000, 3000))
+    sums = checksums_of_blocks(np.frombuffer(keys.tobytes(), np.uint8), 256)
+    changed = keys.copy()
+    # The middle, which each search compares with first.
+    changed[1500] = -1
+    for values in (keys, changed):
+        was_found = False
+        for side in ("left", "right"):
+            for value in np.arange(-5, 5010, 7):
+                checker = BlockChecker(np.frombuffer(values.tobytes(), np.uint8), sums, 256, "keys")
+                rows = CheckedRows(values, 0, checker)
+                try:
+                    found = rows.searchsorted(np.array([value]), side)
+                except MapDamagedError:
+                    was_found = True
+                    continue
+                assert found == np.searchsorted(keys, [value], side)
+        assert was_found == (values is changed)
+
+
+def test_a_map_of_the_form_before_is_opened(tmp_path: Path) -> None:
+    made = make_map()
+    write_without_checksums(made, tmp_path / "old")
+    read = MapArtifact.open(tmp_path / "old")
+    assert (read.metadata, read.checker, read.places, read.index_checksum) == (
+        made.metadata,
+        None,
+        None,
+        None,
+    )
+    for name in MapArrays.__slots__:
+        assert np.array_equal(getattr(made.arrays, name), getattr(read.arrays, name))
+
+
+def test_what_opening_would_compute_is_stored(tmp_path: Path) -> None:
+    made = make_map((40, 60))
+    stored = with_places(made)
+    stored.write(tmp_path / "map", 2**63 + 1)
+    read = MapArtifact.open(tmp_path / "map")
+    assert stored.places is not None
+    assert read.places is not None
+    for name in Places.__slots__:
+        assert np.array_equal(getattr(stored.places, name), getattr(read.places, name))
+    assert read.index_checksum == 2**63 + 1
+    axes = np.stack([pose.rotation[:, 2] for pose in made.poses()])
+    assert np.allclose(read.axes(), axes, atol=1e-12)

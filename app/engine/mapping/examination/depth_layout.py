@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.examination.agreement import Rays, relative_poses
-from app.engine.mapping.examination.depth_shift import measure_depth_shift
-from app.engine.mapping.examination.evidence import Evidence
+from app.engine.mapping.examination.depth_shift import SmallPicture, measure_depth_shift
+from app.engine.mapping.examination.evidence import Evidence, with_depth
 from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.search import State
 from app.engine.mapping.frame_images import frame_rgb
-from app.geometry.depth import sample_depth
 from app.importers.conventions import PoseArrays
 from app.importers.frames import Scan
 from app.limits import limit
@@ -70,15 +70,19 @@ class DepthLayout:
         return any(finding.code == "depth_shift" for finding in self.findings)
 
 
-def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
-    """Return what is wrong with how the scan's depth images are laid out; the state has poses and camera that fit."""
+def judge_depth_layout(scan: Scan, state: State, pictures: Sequence[SmallPicture]) -> DepthLayout:
+    """Return what is wrong with how the scan's depth images are laid out; the state has poses and camera that fit.
+
+    `pictures` are some of the scan's.
+    """
     rows = sorted({*np.linspace(0, len(scan.frames) - 1, OPTIONS.frames).round().astype(int).tolist()})
     exchanged = replace(scan, depth=replace(scan.depth, swap_bytes=not scan.depth.swap_bytes))
     gains = [_smoothness(exchanged, row) - _smoothness(scan, row) for row in rows[::3]]
     evidence, findings, source = state.evidence, list[Finding](), scan
     if np.median(gains) > OPTIONS.smoother:
         source = exchanged
-        evidence = _resampled(evidence, source)
+        pictures = [_small_picture(source, row) for row in rows]
+        evidence = with_depth(evidence, lambda row: exchanged.depth_m(exchanged.frames[row]))
         findings.append(
             Finding(
                 code="depth_byte_order",
@@ -89,7 +93,7 @@ def judge_depth_layout(scan: Scan, state: State) -> DepthLayout:
                 figures={"smoother": round(float(np.median(gains)), 3)},
             )
         )
-    shift = _shift(source, rows)
+    shift = _shift(source, pictures)
     return DepthLayout(evidence, (*findings, *([] if shift is None else [shift])))
 
 
@@ -103,8 +107,12 @@ def _smoothness(scan: Scan, row: int) -> float:
     return float(np.mean(np.abs(np.log(a[known] / b[known])) < OPTIONS.smooth_log))
 
 
-def _shift(scan: Scan, rows: list[int]) -> Finding | None:
-    pictures = [(to_gray(frame_rgb(scan, scan.frames[row])), scan.depth_m(scan.frames[row])) for row in rows]
+def _small_picture(scan: Scan, row: int) -> SmallPicture:
+    frame = scan.frames[row]
+    return SmallPicture.of(to_gray(frame_rgb(scan, frame)), scan.depth_m(frame))
+
+
+def _shift(scan: Scan, pictures: Sequence[SmallPicture]) -> Finding | None:
     found = measure_depth_shift(pictures)
     if found is None or found.peak < OPTIONS.shift_peak or found.peak < found.unmoved + OPTIONS.shift_gain:
         return None
@@ -164,17 +172,6 @@ def _along_rays(gain: float) -> Finding:
         certain=True,
         figures={"gain": round(gain, 3)},
     )
-
-
-def _resampled(evidence: Evidence, scan: Scan) -> Evidence:
-    """Return the evidence with the depth of a scan that reads its files another way."""
-    first_m, second_m = np.zeros(len(evidence.pair)), np.zeros(len(evidence.pair))
-    depth = {int(row): scan.depth_m(scan.frames[row]) for row in {*evidence.first, *evidence.second}}
-    for pair in range(evidence.pairs):
-        matches = evidence.pair == pair
-        first_m[matches] = sample_depth(depth[int(evidence.first[pair])], evidence.first_px[matches])
-        second_m[matches] = sample_depth(depth[int(evidence.second[pair])], evidence.second_px[matches])
-    return replace(evidence, first_m=first_m, second_m=second_m)
 
 
 def _json(value: bool) -> str:

@@ -52,19 +52,34 @@ class DepthShift:
     unmoved: float
 
 
-def measure_depth_shift(pictures: Sequence[tuple[Gray, DepthImage]]) -> DepthShift | None:
-    """Return the shift on which most pictures (grey, depth in metres, both (h, w)) agree.
+@dataclass(frozen=True, slots=True)
+class SmallPicture:
+    """A grey picture and its depth in metres, both (h, w), reduced by `scale`."""
+
+    gray: Gray
+    depth_m: DepthImage
+    scale: float
+
+    @staticmethod
+    def of(gray: Gray, depth_m: DepthImage) -> SmallPicture:
+        """Reduce a picture and its depth to the size at which shifts are measured."""
+        small, scale = shrink(gray, OPTIONS.side_px)
+        return SmallPicture(small, _small(depth_m, small), scale)
+
+
+def measure_depth_shift(pictures: Sequence[SmallPicture]) -> DepthShift | None:
+    """Return the shift on which most pictures agree.
 
     Cross-correlation of occlusion edges in depth with gradients of the picture, summed over the pictures. None where
     there are hardly any edges in depth.
     """
     total, edge_pixels, scale, reach = None, 0, 1.0, 0
-    for gray, depth_m in pictures:
-        small, scale = shrink(gray, OPTIONS.side_px)
-        reach = round(OPTIONS.reach_ratio * max(small.shape))
-        edges = _depth_edges(_small(depth_m, small))
+    for picture in pictures:
+        scale = picture.scale
+        reach = round(OPTIONS.reach_ratio * max(picture.gray.shape))
+        edges = _depth_edges(picture.depth_m)
         edge_pixels += int(edges.sum())
-        found = _correlation(edges, _gradients(small), reach)
+        found = _correlation(edges, _gradients(picture.gray), reach)
         total = found if total is None else total + found
     if total is None or edge_pixels < OPTIONS.min_edge_pixels:
         return None

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.mapping.examination.depth_shift import SmallPicture
 from app.engine.mapping.examination.limits import LIMITS
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.progress import Progress, map_in_order
@@ -30,6 +31,9 @@ from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
+DepthImage = NDArray[np.float32]
+# To the right, left, down and up of a match.
+ASIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +50,12 @@ class EvidenceOptions:
     )
     features: int = limit(
         800, "Local features of a frame.", chosen="By hand: enough for a hundred matches at half the time."
+    )
+    side_px: int = limit(
+        320,
+        "Length to which a picture's longer side is reduced for its features.",
+        chosen="By hand: two thirds of the time of 400, as maps have them, and the same verdicts "
+        "(docs/figures/examine-mistakes.md).",
     )
     min_matches: int = limit(
         24,
@@ -65,6 +75,11 @@ class EvidenceOptions:
     near_rad: float = limit(
         0.5, "The same for the turn between them.", chosen="By hand: half of a usual camera's view."
     )
+    aside_ratio: float = limit(
+        0.02,
+        "Depth beside a match is sampled this part of the picture's longer side away.",
+        chosen="By hand: 13 px of 640, between the least shift of depth that counts and the largest.",
+    )
 
 
 OPTIONS = EvidenceOptions()
@@ -75,10 +90,10 @@ class Evidence:
     """Matches of pairs of frames, verified by an epipolar geometry of their own, not by the scan's poses.
 
     `first` and `second` (p,) are rows of the scan's frames. `pair` (m,) says of which pair a match is, `first_px`
-    and `second_px` (m, 2) where it is in both pictures, `first_m` and `second_m` (m,) the sensor's depth there,
-    0 where not known. `noise_px` (p,) is the median error that a pair's matches leave under their own geometry and
-    `motion_px` (p,) how far they move during `LIMITS.shutter_s`, both at the focal length of reference.
-    `tried` counts the pairs that were compared.
+    and `second_px` (m, 2) where it is in both pictures, `first_m` and `second_m` (m,) the sensor's depth there, 0 where
+    not known, `first_aside_m` and `second_aside_m` (m, 4) that beside it, in the directions of `ASIDE`. `noise_px`
+    (p,) is the median error that a pair's matches leave under their own geometry and `motion_px` (p,) how far they move
+    during `LIMITS.shutter_s`, both at the focal length of reference. `tried` counts the pairs that were compared.
     """
 
     first: Rows
@@ -88,6 +103,8 @@ class Evidence:
     second_px: Array
     first_m: Array
     second_m: Array
+    first_aside_m: Array
+    second_aside_m: Array
     noise_px: Array
     motion_px: Array
     tried: int
@@ -119,6 +136,12 @@ class Evidence:
             place % np.maximum(step, 1)[self.pair] == 0, np.ones(self.pairs, dtype=bool)
         )
 
+    def with_aside(self, direction: int) -> Evidence:
+        """Return the evidence with the depth beside the matches, in one direction of `ASIDE`, for theirs."""
+        return replace(
+            self, first_m=self.first_aside_m[:, direction], second_m=self.second_aside_m[:, direction]
+        )
+
     def _with_matches(self, matches: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> Evidence:
         renumbered = np.cumsum(pairs) - 1
         return replace(
@@ -130,6 +153,8 @@ class Evidence:
             second_px=self.second_px[matches],
             first_m=self.first_m[matches],
             second_m=self.second_m[matches],
+            first_aside_m=self.first_aside_m[matches],
+            second_aside_m=self.second_aside_m[matches],
             noise_px=self.noise_px[pairs],
             motion_px=self.motion_px[pairs],
         )
@@ -140,6 +165,8 @@ class _Seen:
     keypoints_px: Array
     units: Unit
     depth_m: Array
+    aside_m: Array
+    picture: SmallPicture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,6 +177,8 @@ class _Pair:
     second_px: Array
     first_m: Array
     second_m: Array
+    first_aside_m: Array
+    second_aside_m: Array
     noise_px: float
     shift_px: float
 
@@ -159,7 +188,7 @@ class FrameMatcher:
 
     def __init__(self, source: FrameSource) -> None:
         self.source = source
-        self._extractor = RootSift(max_features=OPTIONS.features)
+        self._extractor = RootSift(max_features=OPTIONS.features, max_side_px=OPTIONS.side_px)
         self._seen: dict[int, _Seen] = {}
         self._lock = threading.Lock()
 
@@ -170,16 +199,26 @@ class FrameMatcher:
         if known is not None:
             return known
         frame = self.source.frames[row]
-        features = self._extractor.extract(to_gray(frame_rgb(self.source, frame)))
-        depth_m = sample_depth(self.source.depth_m(frame), features.keypoints_px)
+        gray, depth_m = to_gray(frame_rgb(self.source, frame)), self.source.depth_m(frame)
+        features = self._extractor.extract(gray)
+        keypoints_px = features.keypoints_px.astype(np.float64)
+        beside = aside_px(self.source.camera) * np.array(ASIDE)
         found = _Seen(
-            features.keypoints_px.astype(np.float64),
+            keypoints_px,
             to_unit_vectors(features.descriptors, self._extractor.binary),
-            depth_m.astype(np.float64),
+            sample_depth(depth_m, keypoints_px).astype(np.float64),
+            np.stack([sample_depth(depth_m, keypoints_px + px) for px in beside], axis=1).astype(np.float64),
+            SmallPicture.of(gray, depth_m),
         )
         with self._lock:
             self._seen[row] = found
         return found
+
+    def pictures(self, count: int) -> list[SmallPicture]:
+        """Return small pictures of up to `count` of the frames that were compared, spread along the scan."""
+        rows = sorted(self._seen)
+        chosen = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(int))
+        return [self._seen[rows[i]].picture for i in chosen.tolist()]
 
     def pair(self, first: int, second: int) -> _Pair | None:
         """Return the verified matches of two frames, None when they are too few."""
@@ -203,6 +242,8 @@ class FrameMatcher:
             second_px=b_px,
             first_m=a.depth_m[rows],
             second_m=b.depth_m[others],
+            first_aside_m=a.aside_m[rows],
+            second_aside_m=b.aside_m[others],
             noise_px=_own_error_px(a_px, b_px, camera),
             shift_px=float(np.median(np.linalg.norm(a_px - b_px, axis=1))) / scale,
         )
@@ -234,6 +275,26 @@ def gather_evidence(frames: FrameMatcher, places: int, executor: Executor, progr
         tried += len(results)
         found.update({(min(p.first, p.second), max(p.first, p.second)): p for p in results if p is not None})
     return _packed(list(found.values()), source, tried)
+
+
+def aside_px(camera: Camera) -> float:
+    """Return how far beside a match depth is sampled."""
+    return OPTIONS.aside_ratio * max(camera.width, camera.height)
+
+
+def with_depth(
+    evidence: Evidence, depth_of: Callable[[int], DepthImage], moved_px: tuple[float, float] = (0.0, 0.0)
+) -> Evidence:
+    """Return the evidence with other depth images for the frames (rows), sampled `moved_px` beside the matches."""
+    first_m, second_m = np.zeros(len(evidence.pair)), np.zeros(len(evidence.pair))
+    beside = np.array(moved_px)
+    bounds = np.searchsorted(evidence.pair, np.arange(evidence.pairs + 1))
+    depth = {int(row): depth_of(int(row)) for row in {*evidence.first, *evidence.second}}
+    for pair in range(evidence.pairs):
+        own = slice(bounds[pair], bounds[pair + 1])
+        first_m[own] = sample_depth(depth[int(evidence.first[pair])], evidence.first_px[own] + beside)
+        second_m[own] = sample_depth(depth[int(evidence.second[pair])], evidence.second_px[own] + beside)
+    return replace(evidence, first_m=first_m, second_m=second_m)
 
 
 def _nearest_by_pose(source: FrameSource, row: int) -> int | None:
@@ -269,7 +330,7 @@ def _packed(pairs: Sequence[_Pair], source: FrameSource, tried: int) -> Evidence
     counts = [len(pair.first_px) for pair in pairs]
     noise = np.array([pair.noise_px for pair in pairs])
     usual = float(np.nanmedian(noise)) if np.isfinite(noise).any() else LIMITS.min_noise_px
-    none = np.zeros((0, 2)), np.zeros(0)
+    none = np.zeros((0, 2)), np.zeros(0), np.zeros((0, len(ASIDE)))
     return Evidence(
         first=np.array([pair.first for pair in pairs], dtype=np.intp),
         second=np.array([pair.second for pair in pairs], dtype=np.intp),
@@ -278,6 +339,8 @@ def _packed(pairs: Sequence[_Pair], source: FrameSource, tried: int) -> Evidence
         second_px=np.concatenate([none[0], *(pair.second_px for pair in pairs)]),
         first_m=np.concatenate([none[1], *(pair.first_m for pair in pairs)]),
         second_m=np.concatenate([none[1], *(pair.second_m for pair in pairs)]),
+        first_aside_m=np.concatenate([none[2], *(pair.first_aside_m for pair in pairs)]),
+        second_aside_m=np.concatenate([none[2], *(pair.second_aside_m for pair in pairs)]),
         noise_px=np.where(np.isfinite(noise), noise, usual),
         motion_px=_motion_px(pairs, source),
         tried=tried,

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.examination.agreement import Agreement, relative_poses
-from app.engine.mapping.examination.depth_layout import judge_depth_layout, judge_rays
+from app.engine.mapping.examination.depth_images import judge_depth_images
+from app.engine.mapping.examination.depth_layout import OPTIONS as LAYOUT
+from app.engine.mapping.examination.depth_layout import DepthLayout, judge_depth_layout, judge_rays
 from app.engine.mapping.examination.depth_ratio import DepthRatio, measure_depth_ratio
+from app.engine.mapping.examination.depth_shift import SmallPicture
 from app.engine.mapping.examination.evidence import Evidence, FrameMatcher, gather_evidence
 from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
 from app.engine.mapping.examination.scale_cause import Scales, judge_scale
@@ -84,22 +87,22 @@ def examine_scan(
     more places.
     """
     frames, asked = FrameMatcher(scan), not up_is_known
-    found = _judge(
-        gather_evidence(frames, OPTIONS.first_places, executor, progress), scan, options, gravity, asked
-    )
+
+    def judge(places: int) -> Examination:
+        evidence = gather_evidence(frames, places, executor, progress)
+        return _judge(evidence, frames.pictures(LAYOUT.frames), scan, options, gravity, asked)
+
+    found = judge(OPTIONS.first_places)
     if found.verdict != "confirmed":
-        found = _judge(
-            gather_evidence(frames, OPTIONS.places, executor, progress), scan, options, gravity, asked
-        )
+        found = judge(OPTIONS.places)
     if found.verdict == "unknown" and len(scan.frames) > OPTIONS.places:
-        found = _judge(
-            gather_evidence(frames, OPTIONS.last_places, executor, progress), scan, options, gravity, asked
-        )
+        found = judge(OPTIONS.last_places)
     return found
 
 
 def _judge(
     evidence: Evidence,
+    pictures: Sequence[SmallPicture],
     scan: Scan,
     options: ScanOptions,
     gravity: tuple[float, float, float] | None,
@@ -120,29 +123,54 @@ def _judge(
         trajectory=scan.trajectory,
     )
     searched = search_remedies(start)
-    layout = judge_depth_layout(scan, searched.state)
+    layout = judge_depth_layout(scan, searched.state, pictures)
     findings = [*still, *searched.findings, *layout.findings]
     ratio = None
     # What is measured through wrong depth or wrong poses says nothing of scale and gravity.
     if searched.found.score <= SEARCH.wrong_score:
         if not layout.spoils_ratio:
-            ratio, of_depth = _judge_depth(scan, options.convention, layout.evidence, searched.state)
+            ratio, of_depth = _judge_depth(scan, options.convention, layout, searched.state)
             findings.extend(of_depth)
         findings.extend(_judge_up(searched.state, options.convention, gravity, asked=asked))
-    return _examined(evidence, searched.found, ratio, findings)
+    return _examined(evidence, searched.found, ratio, _or_flipped(findings))
+
+
+def _or_flipped(findings: Sequence[Finding]) -> Sequence[Finding]:
+    """Return the findings with flipped pictures in place of left-handed axes under which all pictures hang.
+
+    By geometry alone the two are the same.
+    """
+    by_code = {finding.code: finding for finding in findings}
+    axes, hanging = by_code.get("camera_axes"), by_code.get("gravity_up")
+    if axes is None or hanging is None or axes.options.get("axes") != "unity":
+        return findings
+    flipped = Finding(
+        code="mirrored_pictures",
+        sentence="The pictures are mirrored, top for bottom, as a renderer's buffer often is: save them as the camera "
+        'saw them. If they are not, the camera axes are those of Unity and gravity points up: give "axes": "unity" and '
+        "gravity that points down.",
+        figures=axes.figures,
+    )
+    return [flipped, *(finding for finding in findings if finding not in (axes, hanging))]
 
 
 def _judge_depth(
-    scan: Scan, convention: PoseConvention, evidence: Evidence, state: State
+    scan: Scan, convention: PoseConvention, layout: DepthLayout, state: State
 ) -> tuple[DepthRatio | None, list[Finding]]:
     """Return the ratio of triangulated to measured depth, and what is wrong with depth by poses that fit."""
+    evidence = layout.evidence
+    # Depth that belongs to no picture shows neither a scale nor what it measures.
+    foreign = None if layout.findings else judge_depth_images(scan, evidence, state.rays(), state.poses)
+    if foreign is not None and foreign.severity == "wrong":
+        return None, [foreign]
     ratio = measure_depth_ratio(evidence, state.rays(), state.poses)
     # Depth is moved by steps of its own scale.
     steps = state.poses.positions / (1.0 if ratio is None else ratio.ratio)
     along_rays = judge_rays(evidence, state.rays(), PoseArrays(state.poses.rotations, steps))
     if along_rays is not None:
         return ratio, [along_rays]
-    return ratio, [] if ratio is None else _scale_findings(scan, convention, ratio, state)
+    doubts = [] if foreign is None else [foreign]
+    return ratio, doubts if ratio is None else [*doubts, *_scale_findings(scan, convention, ratio, state)]
 
 
 def _judge_up(

@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.examination.agreement import Agreement, Rays, agreement, misfit
-from app.engine.mapping.examination.camera_fit import fit_focal, fit_principal_point, turned_intrinsics
+from app.engine.mapping.examination.camera_fit import (
+    fit_focal,
+    fit_principal_point,
+    square_pixels,
+    turned_intrinsics,
+)
 from app.engine.mapping.examination.evidence import Evidence
 from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.readings import other_orders, other_readings
@@ -163,7 +168,10 @@ def _believed(state: State, before: Agreement) -> Iterator[Remedy]:
     # Poses with the error of the matches themselves can't be read any better.
     if before.error_px < OPTIONS.exact_ratio * noise_px and np.isfinite(before.score):
         discrete = iter(())
-    for remedy in chain(discrete, _fits(state)):
+    # No camera and no time makes matches agree better than they do under their own epipolar geometry.
+    floor = float(np.median(state.evidence.noise_px / state.evidence.tolerance_px))
+    fits = iter(()) if before.score <= OPTIONS.fit_gain * floor else _fits(state)
+    for remedy in chain(discrete, fits):
         good = remedy.found.score <= OPTIONS.right_score
         if good and remedy.found.score * remedy.least_gain <= before.score:
             yield remedy
@@ -217,6 +225,10 @@ def _cameras(state: State) -> Iterator[Remedy]:
         yield _of_camera(
             state, focal, "focal_length", _focal_words(before, focal), penalty=1.0, gain=OPTIONS.fit_gain
         )
+    for camera in square_pixels(before):
+        yield _of_camera(
+            state, camera, "focal_length", _square_words(before, camera), penalty=1.0, gain=OPTIONS.fit_gain
+        )
     for camera in turned_intrinsics(before):
         words = "The principal point is that of the picture turned by a quarter"
         yield _of_camera(state, camera, "turned_intrinsics", words, penalty=1.0, gain=OPTIONS.point_gain)
@@ -247,6 +259,13 @@ def _focal_words(before: Camera, after: Camera) -> str:
     return (
         f"The focal length that fits the pictures is {after.focal_px:.0f} px, {after.focal_px / before.focal_px:.3g} "
         f"times the stated {before.focal_px:.0f} px"
+    )
+
+
+def _square_words(before: Camera, after: Camera) -> str:
+    return (
+        f"The focal lengths {before.params[0]:.0f} and {before.params[1]:.0f} px differ, and the pixels are square: "
+        f"both are near {after.params[0]:.0f} px"
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera, tangent_of_px
-from app.geometry.reprojection import project_from_world, reprojection_jacobian
+from app.geometry.reprojection import reprojection_jacobian
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import homogeneous
 from app.limits import limit
@@ -200,10 +200,10 @@ class TrackedPoints:
         """
         rows = np.flatnonzero(~self.from_fix)
         points = self.points_in_frame[rows]
-        _, by_point = reprojection_jacobian(points, camera, frame_from_camera)
+        projected, _, by_point = reprojection_jacobian(points, camera, frame_from_camera)
         inverse = self.inverse_m[rows]
         slope = np.einsum("nij,nj->ni", by_point, -self.ray[rows] / inverse[:, None] ** 2)
-        offset = self.pixels[rows] - project_from_world(points, camera, frame_from_camera)
+        offset = self.pixels[rows] - projected
         usable = np.isfinite(slope).all(axis=1) & np.isfinite(offset).all(axis=1)
         rows, slope, offset = rows[usable], slope[usable], offset[usable]
         noise = (OPTIONS.flow_sigma_tangent * camera.focal_px) ** 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.engine.mapping.examination.depth_shift import measure_depth_shift
+from app.engine.mapping.examination.depth_shift import SmallPicture, measure_depth_shift
 
 
 def boards(seed: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -25,7 +25,9 @@ def boards(seed: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
 @pytest.mark.parametrize(("right", "down"), [(0, 0), (15, 0), (-9, 12)])
 def test_the_shift_is_measured(right: int, down: int) -> None:
     pictures = [boards(seed) for seed in range(6)]
-    moved = [(gray, np.roll(depth_m, (down, right), axis=(0, 1))) for gray, depth_m in pictures]
+    moved = [
+        SmallPicture.of(gray, np.roll(depth_m, (down, right), axis=(0, 1))) for gray, depth_m in pictures
+    ]
     found = measure_depth_shift(moved)
     assert found is not None
     assert (found.right_px, found.down_px) == (pytest.approx(-right, abs=2), pytest.approx(-down, abs=2))
@@ -34,4 +36,4 @@ def test_the_shift_is_measured(right: int, down: int) -> None:
 
 def test_walls_without_edges_say_nothing() -> None:
     gray, depth_m = boards(0)
-    assert measure_depth_shift([(gray, np.full_like(depth_m, 2.0))]) is None
+    assert measure_depth_shift([SmallPicture.of(gray, np.full_like(depth_m, 2.0))]) is None

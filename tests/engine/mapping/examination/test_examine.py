@@ -110,6 +110,15 @@ def test_mirrored_pictures_are_named_and_not_repaired(views: list[View], tmp_pat
     assert ([finding.code for finding in found.wrong], found.remedy) == (["mirrored_pictures"], None)
 
 
+def test_pictures_upside_down_in_a_mirror_are_not_taken_for_left_handed_axes(
+    views: list[View], tmp_path: Path
+) -> None:
+    files = with_images(scan_files(views), lambda image: image[::-1], lambda raw: raw[::-1])
+    found = examined(write(files, tmp_path))
+    assert ([finding.code for finding in found.wrong], found.remedy) == (["mirrored_pictures"], None)
+    assert "top for bottom" in found.wrong[0].sentence
+
+
 def test_exchanged_bytes_of_depth_are_named(views: list[View], tmp_path: Path) -> None:
     found = examined(write(swapped(scan_files(views)), tmp_path))
     assert [finding.code for finding in found.wrong] == ["depth_byte_order"]

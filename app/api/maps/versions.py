@@ -1,20 +1,21 @@
-"""Map versions: what there is, and which one serves."""
+"""Map versions: which there are, which one serves, and deleting one."""
 
 from __future__ import annotations
 
 from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path
+from fastapi import APIRouter, Depends, Path, Response
 from pydantic import BaseModel
 
 from app.api.deps import State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.storage.maps import MapVersion, get_map, list_maps
+from app.storage.maps import MapVersion, delete_map, get_map, list_maps
 from app.storage.venues import get_venue, set_active_map
 
 router = APIRouter(prefix="/venues/{venue}/maps", tags=["maps"], route_class=ContractRoute)
+Version = Annotated[int, Path(ge=1, le=2**31 - 1, description="The map version's number")]
 
 
 class MapBody(BaseModel):
@@ -48,10 +49,23 @@ def list_all(state: State, venue: VenueId) -> list[MapBody]:
 @router.post(
     "/{version}/activate", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
 )
-def activate(state: State, venue: VenueId, version: Annotated[int, Path(ge=1, le=2**31 - 1)]) -> MapBody:
+def activate(state: State, venue: VenueId, version: Version) -> MapBody:
     """Let a map version serve the venue: roll back, or forward again."""
     with state.services.resources.database.write() as connection:
         get_venue(connection, venue)
         found = get_map(connection, venue, version)
         set_active_map(connection, venue, version)
     return _body(found, version)
+
+
+@router.delete(
+    "/{version}",
+    status_code=204,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 409, 422),
+)
+def remove(state: State, venue: VenueId, version: Version) -> Response:
+    """Delete a map version with its keyframes' pictures; the one that serves can't be deleted."""
+    with state.services.resources.database.write() as connection:
+        delete_map(connection, venue, version)
+    return Response(status_code=204)

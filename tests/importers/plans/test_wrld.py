@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from app.errors import InvalidInputError
-from app.importers.wrld_indoor_map import IndoorLevel, read_indoor_map
-from tests.importers.indoor_maps import files, write
+from app.importers.plans import wrld
+from app.importers.plans.files import open_plan_files
+from app.importers.plans.model import IndoorLevel
+from tests.importers.plans.wrld_maps import files, write
 
 
 def of_kind(level: IndoorLevel, kind: str) -> list[dict[str, Any]]:
@@ -17,7 +19,7 @@ def of_kind(level: IndoorLevel, kind: str) -> list[dict[str, Any]]:
 
 
 def test_levels_rooms_and_paths(tmp_path: Path) -> None:
-    found = read_indoor_map(write(tmp_path, files()))
+    found = wrld.read(open_plan_files(write(tmp_path, files())))
     assert (found.id, found.name, found.paths) == ("house", "The house", 4)
     assert [(level.id, level.name, level.order) for level in found.levels] == [
         ("0", "Level 0", 0),
@@ -39,7 +41,7 @@ def test_levels_rooms_and_paths(tmp_path: Path) -> None:
 
 
 def test_loose_ends_become_landmarks_named_after_their_room(tmp_path: Path) -> None:
-    ground, upper = read_indoor_map(write(tmp_path, files())).levels
+    ground, upper = wrld.read(open_plan_files(write(tmp_path, files()))).levels
     assert {mark["id"]: mark["name"] for mark in of_kind(ground, "landmark")} == {
         "office": "Office",
         "stairs": "Stairs",
@@ -51,7 +53,7 @@ def test_loose_ends_become_landmarks_named_after_their_room(tmp_path: Path) -> N
 def test_a_map_without_paths(tmp_path: Path) -> None:
     values = files()
     del values["main-paths.json"]
-    found = read_indoor_map(write(tmp_path, values))
+    found = wrld.read(open_plan_files(write(tmp_path, values)))
     assert found.paths == 0
     assert of_kind(found.levels[0], "landmark") == []
 
@@ -109,4 +111,4 @@ DAMAGED: dict[str, tuple[dict[str, Any], str]] = {
 def test_damaged_maps_are_refused_with_a_reason(tmp_path: Path, case: str) -> None:
     values, hint = DAMAGED[case]
     with pytest.raises(InvalidInputError, match=hint):
-        read_indoor_map(write(tmp_path, values))
+        wrld.read(open_plan_files(write(tmp_path, values)))

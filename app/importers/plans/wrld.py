@@ -6,12 +6,10 @@ ends in. Walls, doors and windows have no meaning for a route and are left out.
 
 from __future__ import annotations
 
-import json
-import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -19,8 +17,9 @@ import shapely  # type: ignore[import-untyped]
 
 from app.errors import InvalidInputError
 from app.geometry.geodesy import east_north_from_geodetic
-
-GeoJson = dict[str, Any]
+from app.importers.plans.files import PlanFiles
+from app.importers.plans.finish import FLOOR_ID, OPTIONS, free_id, geojson_feature, slug
+from app.importers.plans.model import MODE_WORDS, GeoJson, IndoorLevel, IndoorMap
 
 # What an area is called where it has no name; types without a word here need one.
 AREA_WORDS = {
@@ -28,35 +27,16 @@ AREA_WORDS = {
     "stairs": "Stairs", "elevator": "Lift", "escalator": "Escalator", "no_geometry": "",
 }  # fmt: skip
 WAY_MODES = {"stairs": "stairs", "elevator": "lift", "escalator": "escalator"}
-MODE_WORDS = {"stairs": "Stairs", "lift": "Lift", "escalator": "Escalator"}
-FLOOR_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-# Ends of paths closer than this are one point: the format asks for equal ones, drawing tools round.
-SAME_POINT_M = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class IndoorLevel:
-    """A level: `features` is a FeatureCollection in longitude and latitude with its `origin`."""
-
-    id: str
-    name: str
-    order: int
-    features: GeoJson
+def detect(files: PlanFiles) -> bool:
+    """Whether the files are a map in this format."""
+    return "main.json" in files.contents
 
 
-@dataclass(frozen=True, slots=True)
-class IndoorMap:
-    """A building and its levels, lowest first. `paths` counts the ways on levels and between them."""
-
-    id: str
-    name: str
-    levels: tuple[IndoorLevel, ...]
-    paths: int
-
-
-def read_indoor_map(folder: Path) -> IndoorMap:
-    """Return the indoor map in a folder; raises `InvalidInputError` that names the file."""
-    main = _read(folder, "main.json")
+def read(files: PlanFiles) -> IndoorMap:
+    """Return the indoor map; raises `InvalidInputError` that names the file."""
+    main = _read(files, "main.json")
     longitude, latitude = _location(main)
     origin = {"longitude": longitude, "latitude": latitude}
     levels = sorted(_objects(main, "levels", "main.json"), key=lambda level: _whole(level, "z_order"))
@@ -64,34 +44,36 @@ def read_indoor_map(folder: Path) -> IndoorMap:
     if not levels or len(set(orders)) != len(orders):
         raise InvalidInputError("main.json must list one level or more, each with a z_order of its own.")
     floor_ids = dict(zip(orders, _floor_ids(levels), strict=True))
-    paths, ways = _paths(folder, floor_ids)
+    paths, ways = _paths(files, floor_ids)
     found = []
+    left_out: Counter[str] = Counter()
     for level, order in zip(levels, orders, strict=True):
-        own = _read(folder, str(level.get("filename")))
-        areas = list(_areas(_objects(own, "features", str(level["filename"]))))
+        own = _read(files, str(level.get("filename")))
+        drawn = _objects(own, "features", str(level["filename"]))
+        areas = list(_areas(drawn))
+        left_out.update(kind for kind, _ in map(_kind, drawn) if kind not in AREA_WORDS)
         links = [*paths[order], *ways[order]]
         marks = list(_landmarks(paths[order], ways[order], areas, (longitude, latitude)))
         collection = {"type": "FeatureCollection", "origin": origin, "features": [*areas, *marks, *links]}
         name = level.get("readable_name") or level.get("name") or floor_ids[order]
-        found.append(IndoorLevel(floor_ids[order], str(name), order, collection))
+        found.append(IndoorLevel(id=floor_ids[order], name=str(name), order=order, features=collection))
     count = sum(map(len, paths.values())) + sum(map(len, ways.values()))
-    name = str(main.get("name") or main.get("id") or folder.name)
-    return IndoorMap(str(main.get("id") or folder.name), name, tuple(found), count)
+    known = str(main.get("id") or files.name)
+    return IndoorMap(
+        id=known,
+        name=str(main.get("name") or known),
+        format="WRLD",
+        levels=tuple(found),
+        paths=count,
+        left_out=dict(sorted(left_out.items())),
+        origin=(longitude, latitude),
+    )
 
 
-def _read(folder: Path, name: str) -> Mapping[str, Any]:
-    if Path(name).name != name or name.startswith((".", "_")):
+def _read(files: PlanFiles, name: str) -> Mapping[str, Any]:
+    if PurePath(name).name != name or name.startswith((".", "_")):
         raise InvalidInputError(f"{name!r} is no file name of an indoor map.")
-    path = folder / name
-    if not path.is_file():
-        raise InvalidInputError(f"{folder} has no {name}; an indoor map in the WRLD format needs it.")
-    try:
-        value = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{name} is not JSON: {error}.") from None
-    if not isinstance(value, Mapping):
-        raise InvalidInputError(f"{name} must hold a JSON object.")
-    return value
+    return files.json(name)
 
 
 def _objects(value: Mapping[str, Any], key: str, name: str) -> list[Mapping[str, Any]]:
@@ -129,10 +111,6 @@ def _floor_ids(levels: Sequence[Mapping[str, Any]]) -> list[str]:
     raise InvalidInputError("The levels in main.json need ids of letters, digits and -._ that differ.")
 
 
-def _feature(kind: str, geometry: object, **properties: object) -> GeoJson:
-    return {"type": "Feature", "geometry": geometry, "properties": {"kind": kind, **properties}}
-
-
 def _kind(feature: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
     properties = feature.get("properties")
     values = properties if isinstance(properties, Mapping) else {}
@@ -146,22 +124,22 @@ def _areas(features: list[Mapping[str, Any]]) -> Iterator[GeoJson]:
         name = properties.get("name") or word
         if word is not None and name:
             own = str(properties.get("id", name))
-            yield _feature("area", feature.get("geometry"), id=own, name=str(name), category=kind)
+            yield geojson_feature("area", feature.get("geometry"), id=own, name=str(name), category=kind)
 
 
 Links = dict[int, list[GeoJson]]
 
 
-def _paths(folder: Path, floor_ids: dict[int, str]) -> tuple[Links, Links]:
+def _paths(files: PlanFiles, floor_ids: dict[int, str]) -> tuple[Links, Links]:
     """Return each level's paths, and the ways that begin there and lead to other levels."""
     paths: Links = {order: [] for order in floor_ids}
     ways: Links = {order: [] for order in floor_ids}
-    if not (folder / "main-paths.json").exists():
+    if "main-paths.json" not in files.contents:
         return paths, ways
-    main = _read(folder, "main-paths.json")
+    main = _read(files, "main-paths.json")
     names = main.get("level_filenames")
     for name in names if isinstance(names, list) else []:
-        level = _read(folder, str(name))
+        level = _read(files, str(name))
         order = level.get("z_order")
         if order not in paths:
             raise InvalidInputError(f"{name} is for z_order {order!r}, which main.json doesn't list.")
@@ -169,7 +147,9 @@ def _paths(folder: Path, floor_ids: dict[int, str]) -> tuple[Links, Links]:
             _, properties = _kind(feature)
             known = f"path-{properties.get('id', len(paths[order]))}"
             paths[order].append(
-                _feature("link", feature.get("geometry"), id=known, name=properties.get("name"), mode="walk")
+                geojson_feature(
+                    "link", feature.get("geometry"), id=known, name=properties.get("name"), mode="walk"
+                )
             )
     for feature in _objects(main, "features", "main-paths.json"):
         for order, way in _ways(feature, floor_ids):
@@ -193,7 +173,7 @@ def _ways(feature: Mapping[str, Any], floor_ids: dict[int, str]) -> Iterator[tup
             line = {"type": "LineString", "coordinates": positions[row : row + 2]}
             known = f"way-{properties.get('id')}-{row}"
             name, mode = properties.get("name"), WAY_MODES[kind]
-            yield a, _feature("link", line, id=known, name=name, mode=mode, to_floor=floor_ids[b])
+            yield a, geojson_feature("link", line, id=known, name=name, mode=mode, to_floor=floor_ids[b])
 
 
 def _landmarks(
@@ -212,7 +192,7 @@ def _landmarks(
     loose: list[tuple[list[float], str]] = []
     for own, path in enumerate(paths):
         for position in (path["geometry"]["coordinates"][0], path["geometry"]["coordinates"][-1]):
-            near = tree.query(_point(position, origin), predicate="dwithin", distance=SAME_POINT_M)
+            near = tree.query(_point(position, origin), predicate="dwithin", distance=OPTIONS.same_point_m)
             if set(near.tolist()) <= {own}:
                 loose.append((position, path["properties"]["name"] or "Path"))
     for way in ways:
@@ -221,12 +201,14 @@ def _landmarks(
     placed: list[shapely.Point] = []
     for position, fallback in loose:
         here = _point(position, origin)
-        if any(here.distance(other) <= SAME_POINT_M for other in placed):
+        if any(here.distance(other) <= OPTIONS.same_point_m for other in placed):
             continue
         placed.append(here)
         name = min(((p.area, name) for p, name in rooms if p.intersects(here)), default=(0, fallback))[1]
-        landmark_id = _free(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "place", taken)
-        yield _feature("landmark", {"type": "Point", "coordinates": position}, id=landmark_id, name=name)
+        landmark_id = free_id(slug(name), taken)
+        yield geojson_feature(
+            "landmark", {"type": "Point", "coordinates": position}, id=landmark_id, name=name
+        )
 
 
 def _point(position: Any, origin: tuple[float, float]) -> shapely.Point:
@@ -236,12 +218,3 @@ def _point(position: Any, origin: tuple[float, float]) -> shapely.Point:
 def _metres(positions: Any, origin: tuple[float, float]) -> shapely.LineString:
     degrees = np.array([position[:2] for position in positions], dtype=np.float64)
     return shapely.LineString(east_north_from_geodetic(degrees, origin))
-
-
-def _free(wanted: str, taken: set[str]) -> str:
-    free, number = wanted, 1
-    while free in taken:
-        number += 1
-        free = f"{wanted}-{number}"
-    taken.add(free)
-    return free

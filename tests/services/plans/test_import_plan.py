@@ -13,17 +13,17 @@ from app.cli import app as cli
 from app.engine.navigation.search import Limits
 from app.engine.navigation.survey import survey
 from app.errors import InvalidInputError, NoRouteError
-from app.importers.wrld_indoor_map import read_indoor_map
+from app.importers.plans.registry import read_indoor_map
 from app.services.floor_features import FeatureLibrary, stored_features
-from app.services.import_plan import import_indoor_map
+from app.services.plans.import_plan import import_indoor_map
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.settings import Settings
 from app.storage.floors import list_floors, put_floor
 from app.storage.venues import create_venue, list_venues
-from tests.importers.indoor_maps import files, path, room, write
+from tests.importers.plans.wrld_maps import files, path, room, write
 
-REAL_BUILDING = Path(__file__).parents[3] / "shared" / "data" / "westport_house"
+REAL_BUILDING = Path(__file__).parents[4] / "shared" / "data" / "westport_house"
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Keys: who calls, and what they may do."""

@@ -1,0 +1,1 @@
+"""Indoor maps into venues and out of them."""

@@ -1,0 +1,97 @@
+"""`roomfix large-maps`: what maps of many keyframes cost to open and to ask."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from app.commands.console import settings_from
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources, cap_threads
+from bench.evaluation.map_part import part_of_map
+from bench.figures.shown import FiguresTitle, Shown
+from bench.large_maps.measure import Cost, measure
+from bench.large_maps.tiling import Tiled, tile_map
+
+MEASURE = "from bench.commands.large_maps import measure_here; measure_here()"
+
+
+def large_maps(
+    data_dir: Annotated[Path, typer.Option(help="A data folder with a map.")],
+    pictures: Annotated[Path, typer.Option(help="Folder of JPEG pictures to locate in the map.")],
+    venue: Annotated[str, typer.Option(help="The venue of the map.")] = "demo",
+    sizes: Annotated[
+        str, typer.Option(help="Numbers of keyframes, multiples of the first.")
+    ] = "1000,10000,100000",
+    count: Annotated[int, typer.Option(help="Pictures that are located.")] = 20,
+    scratch: Annotated[
+        Path | None, typer.Option(help="Folder for the tiled maps, on a disk with room.")
+    ] = None,
+    figures_title: FiguresTitle = None,
+) -> None:
+    """Tile a map into larger ones whose parts have independent descriptors, and measure what they cost."""
+    keyframes = [int(size) for size in sizes.split(",")]
+    resources = Resources.open(settings_from(data_dir=data_dir))
+    try:
+        serving = MapLibrary(resources).active(venue)
+        assert serving is not None  # noqa: S101 - a map is asked for
+        opened = serving[0]
+        artifact, index = part_of_map(
+            opened.artifact, opened.index, np.arange(keyframes[0]), opened.extractor
+        )
+    finally:
+        resources.close()
+    images = sorted(pictures.glob("*.jpg"))[:count]
+    costs = []
+    for size in keyframes:
+        with tempfile.TemporaryDirectory(dir=scratch) as folder:
+            costs.append(_measured(tile_map(artifact, index, size // keyframes[0], Path(folder)), images))
+    shown = Shown()
+    shown.table(_table(costs))
+    shown.write("large-maps", figures_title)
+
+
+def _measured(tiled: Tiled, images: list[Path]) -> Cost:
+    """Measure a map in a process of its own, so that no memory of another one counts."""
+    order = {
+        "artifact": str(tiled.artifact_path),
+        "index": str(tiled.index_path),
+        "descriptors": str(tiled.artifact_path.with_name("descriptors")),
+        "images": [str(path.resolve()) for path in images],
+    }
+    ended = subprocess.run(  # noqa: S603 - our own code
+        [sys.executable, "-c", MEASURE], input=json.dumps(order).encode(), stdout=subprocess.PIPE, check=True
+    )
+    return Cost(**json.loads(ended.stdout))
+
+
+def measure_here() -> None:
+    """Measure by the order on standard input."""
+    cap_threads()
+    order = json.load(sys.stdin)
+    images = [Path(path).read_bytes() for path in order["images"]]
+    cost = measure(Path(order["artifact"]), Path(order["index"]), images, Path(order["descriptors"]))
+    json.dump(asdict(cost), sys.stdout)
+
+
+def _table(costs: list[Cost]) -> Table:
+    table = Table("keyframes", *(f"{cost.keyframes:,}" for cost in costs))
+    table.add_row("files, MB", *(f"{cost.file_mb:,.0f}" for cost in costs))
+    table.add_row("opening, s", *(f"{cost.open_s:.3f}" for cost in costs))
+    table.add_row("first query, ms", *(f"{cost.first_query_ms:.0f}" for cost in costs))
+    table.add_row("query, median ms", *(f"{cost.query_ms:.0f}" for cost in costs))
+    table.add_row("of it retrieval, ms", *(f"{cost.retrieve_ms:.1f}" for cost in costs))
+    table.add_row("located", *(f"{cost.located} of {cost.queries}" for cost in costs))
+    table.add_row("own memory of the map, MB", *(f"{cost.own_mb:,.0f}" for cost in costs))
+    table.add_row("mapped pages in memory, MB", *(f"{cost.mapped_mb:,.0f}" for cost in costs))
+    table.add_row("recall@10 of retrieval", *(f"{cost.recall:.4f}" for cost in costs))
+    return table

@@ -1,0 +1,1 @@
+"""Maps of many keyframes, tiled from a real one, and what they cost."""

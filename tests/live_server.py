@@ -1,0 +1,79 @@
+"""A server in a process of its own, as operators start it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+
+ROOT = Path(__file__).parents[1]
+START_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class LiveServer:
+    """A running server: its address, its process, and the file of its log."""
+
+    url: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that the process has resident now (Linux)."""
+        pages = Path(f"/proc/{self.process.pid}/statm").read_text(encoding="ascii").split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+@contextmanager
+def serving(folder: Path, *options: str, **environment: str) -> Iterator[LiveServer]:
+    """Run `roomfix serve` on a free port of loopback, with its data and its log in a folder."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [
+        sys.executable,
+        "-m",
+        "app.cli",
+        "serve",
+        "--port",
+        str(port),
+        "--data-dir",
+        str(folder / "data"),
+    ]
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [*command, *options],
+            env={**os.environ, "PYTHONPATH": str(ROOT), "ROOMFIX_RUN_WORKER": "false", **environment},
+            cwd=folder,
+            stdout=log,
+            stderr=log,
+        )
+    server = LiveServer(f"http://127.0.0.1:{port}", process, folder / "log")
+    try:
+        _wait_until_ready(server)
+        yield server
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def _wait_until_ready(server: LiveServer) -> None:
+    end = time.monotonic() + START_S
+    while time.monotonic() < end:
+        assert server.process.poll() is None, server.log.read_text(encoding="utf-8")
+        try:
+            if httpx.get(f"{server.url}/readyz").status_code == 200:
+                return
+        except httpx.TransportError:
+            pass
+        time.sleep(0.1)
+    raise AssertionError(server.log.read_text(encoding="utf-8"))
