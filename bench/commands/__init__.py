@@ -8,7 +8,6 @@ COMMANDS = {
     "evaluate": "bench.commands.evaluate:evaluate",
     "benchmark": "bench.commands.evaluate:benchmark",
     "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
-    "fit-trust": "bench.rooms.fit_trust:fit_trust_command",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",

@@ -42,7 +42,6 @@ def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds:
         position_sigma_m=evidence.position_sigma_m,
         unrepeated_share=evidence.unrepeated_share,
         contradicted_share=evidence.contradicted,
-        distinct_cells=evidence.distinct_cells,
         estimate_m=None if estimate is None else centre_of(estimate),
     )
 

@@ -49,7 +49,6 @@ class QueryOutcome:
     position_sigma_m: float | None = None
     unrepeated_share: float | None = None
     contradicted_share: float | None = None
-    distinct_cells: float | None = None
 
     @property
     def right(self) -> bool:

@@ -16,7 +16,7 @@ from app.engine.mapping.keyframe_quality import blur_limit, fault_of, find_repla
 from app.engine.mapping.keyframe_rule import KeyframeRule
 from app.engine.mapping.options import BuildOptions
 from app.engine.mapping.refine_scan import RefinedScan, refined_scan
-from app.engine.mapping.second_features import PlacedKeyframe, second_features
+from app.engine.mapping.second_features import SECOND_LOOK_FEATURES, PlacedKeyframe, second_features
 from app.engine.mapping.select_keyframes import select_keyframes
 from app.engine.mapping.sparse_map import feature_limit, thin_out
 from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
@@ -126,13 +126,12 @@ def build_map(
     upright = states_up(options, source) if z_up is None else z_up
     artifact, index, kept = _pack(described, usable, points, camera, upright, options, models, progress)
     clock.lap("pack")
-    if options.second_features and options.store_images:
+    if options.second_features and options.store_images and options.features in SECOND_LOOK_FEATURES:
         placed_keyframes = [
             PlacedKeyframe(described[row].frame, described[row].view.world_from_camera) for row in kept
         ]
-        second = second_features(
-            source, placed_keyframes, refined.camera, models.extractor("xfeat"), executor, progress
-        )
+        xfeat = models.extractor("xfeat")
+        second = second_features(source, placed_keyframes, refined.camera, xfeat, executor, progress)
         artifact = replace(artifact, second=second)
         clock.lap("second features")
     frames = tuple(described[row].frame for row in kept)

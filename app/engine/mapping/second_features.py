@@ -34,6 +34,9 @@ class SecondFeatureOptions:
 
 OPTIONS = SecondFeatureOptions()
 
+# The features of maps that a second look can judge: what resembles something elsewhere is judged by them.
+SECOND_LOOK_FEATURES = ("sift", "sift-full")
+
 
 @dataclass(frozen=True, slots=True)
 class PlacedKeyframe:

@@ -1,4 +1,4 @@
-"""What looks like something elsewhere in a map, judged by most views of it instead of the one that was matched.
+"""What looks like something elsewhere in a map, judged by every view of it instead of the one that was matched.
 
 A feature knows how far off the most similar feature at another place is. Where the other place was scanned from other
 directions only, that is far although the same thing hangs there; another view of the thing on this side tells.
@@ -28,12 +28,6 @@ class SurroundingsOptions:
         "Features within this radius are views of one thing; a larger one reaches, in a furnished "
         "room, something that is found elsewhere too.",
         chosen="roomfix evaluate-demo and evaluate; docs/features.md.",
-    )
-    resembling_share: float = limit(
-        0.25,
-        "A thing resembles something elsewhere by this share of its views. By the most resembling view alone a denser "
-        "scan would look more repetitive.",
-        chosen="By hand: of up to four views the most resembling one decides, as in a map of few keyframes.",
     )
 
 
@@ -68,14 +62,13 @@ class MapSurroundings:
     def distance_elsewhere(
         self, points_in_world: NDArray[np.float64], excluded: NDArray[np.bool_] | None = None
     ) -> NDArray[np.float32]:
-        """Return the `distance_elsewhere` (n,) of the map's features around points (n, 3), of which a share
-        `OPTIONS.resembling_share` has a smaller one; infinite where there are none.
+        """Return the least `distance_elsewhere` (n,) of the map's features around points (n, 3); infinite where there
+        are none.
 
         `excluded`, from `services.matches.excluded_keyframes`, are keyframes whose features don't count, neither
         here nor elsewhere.
         """
-        owned: list[Rows] = []
-        found: list[NDArray[np.float32]] = []
+        least = np.full(len(points_in_world), np.inf, np.float32)
         cells = _cells(points_in_world)
         for step in np.ndindex(3, 3):
             owners, rows = self._within(cells + np.array([*step, 1]) - 1)
@@ -84,9 +77,8 @@ class MapSurroundings:
             if excluded is not None:
                 near &= ~self._left_out(rows, excluded)
             distances = self._artifact.arrays.distance_elsewhere[rows[near]].astype(np.float32)
-            owned.append(owners[near])
-            found.append(distances)
-        return _quantiles(np.concatenate(owned), np.concatenate(found), len(points_in_world))
+            np.minimum.at(least, owners[near], distances)
+        return least
 
     def _within(self, cells: Rows) -> tuple[Rows, Rows]:
         """Return for every feature in cells (n, 3), and in those above and below, the number of its cell and its
@@ -112,16 +104,3 @@ def _cells(points: NDArray[np.float64] | NDArray[np.float32]) -> Rows:
 def _keys(cells: Rows) -> Rows:
     x, y, z = (cells + (1 << BITS - 1)).T
     return np.asarray((x << 2 * BITS) | (y << BITS) | z)
-
-
-def _quantiles(owners: Rows, distances: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Return the quantile `OPTIONS.resembling_share` (count,) of the distances (n,) of each owner (n,); infinite for
-    owners without any."""
-    ordered = distances[np.lexsort((distances, owners))]
-    counts = np.bincount(owners, minlength=count)
-    first = np.cumsum(counts) - counts
-    taken = first + (OPTIONS.resembling_share * np.maximum(counts - 1, 0)).astype(np.int64)
-    out = np.full(count, np.inf, np.float32)
-    has = counts > 0
-    out[has] = ordered[taken[has]]
-    return out

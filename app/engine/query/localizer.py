@@ -26,13 +26,14 @@ from app.engine.query.query import Query
 from app.engine.query.second_look import OPTIONS as SECOND_LOOK
 from app.engine.query.second_look import SecondMatcher
 from app.engine.query.settings import LocalizerSettings
-from app.engine.query.trust import judge_by_trust, refused_outright, trust_of
 from app.engine.query.verification import (
     Evidence,
     Limits,
     Reason,
+    confidence_of,
     coverage,
     evidence_of,
+    judge,
 )
 from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera
@@ -255,7 +256,7 @@ class Localizer:
             evidence=evidence,
             world_from_camera=best.pose,
             accuracy=accuracy,
-            confidence=min(trust_of(evidence), checked.max_confidence),
+            confidence=min(confidence_of(evidence), checked.max_confidence),
             keyframes=votes_of(best.matches, best.inliers),
             camera=camera,
             timings_ms=query.timings_ms,
@@ -286,13 +287,13 @@ class Localizer:
         )
         unrepeated = matcher.unrepeated_count(inliers)
         evidence = replace(evidence, position_sigma_m=own.position_m, unrepeated=unrepeated)
-        reason = refused_outright(evidence, accuracy.position_m, self._limits)
+        reason = judge(evidence, accuracy.position_m, self._limits)
         if reason is None:
             share = contradicted_in_map(
                 self.map, best.pose, camera, matcher.features, inliers.points_px, matcher.query.allowed
             )
             evidence = replace(evidence, contradicted=share)
-            reason = judge_by_trust(evidence, self._limits)
+            reason = judge(evidence, accuracy.position_m, self._limits)
         return evidence, reason
 
 

@@ -140,9 +140,9 @@ class QueryMatcher:
         return Matches.merge(list(self._matches.values()))
 
     def unrepeated_count(self, matches: Matches) -> int:
-        """Return how many features have a match, among these of this query, that is distinct by most views of
-        what was matched."""
-        # What isn't distinct by the view that was matched counts as repeated whatever the others say.
+        """Return how many features have a match, among these of this query, that is distinct by every view of what
+        was matched."""
+        # What isn't distinct by the view that was matched is not distinct by all of them.
         matches = matches.take(matches.distinct)
         elsewhere = self._map.surroundings.distance_elsewhere(matches.points_in_world, self._excluded)
         distinct = matches.distances < OPTIONS.distinct_ratio * elsewhere

@@ -1,4 +1,4 @@
-"""What looks like something elsewhere by most views of it."""
+"""What looks like something elsewhere by any view of it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def artifact() -> MapArtifact:
 
 
 @pytest.mark.parametrize("allowed", [None, np.array([0, 1])], ids=["all", "some"])
-def test_a_low_quantile_of_the_distances_around_each_point_is_found(
+def test_the_least_distance_around_each_point_is_found(
     artifact: MapArtifact, allowed: np.ndarray | None
 ) -> None:
     arrays = artifact.arrays
@@ -39,27 +39,11 @@ def test_a_low_quantile_of_the_distances_around_each_point_is_found(
     asked = np.random.default_rng(1).uniform(-0.6, 0.6, (100, 3))
     apart = np.linalg.norm(asked[:, None] - arrays.points_in_world[None], axis=2)
     near = (apart <= OPTIONS.radius_m) & counts
-    ordered = np.sort(np.where(near, arrays.distance_elsewhere.astype(np.float32), np.inf), axis=1)
-    taken = (OPTIONS.resembling_share * np.maximum(near.sum(axis=1) - 1, 0)).astype(int)
-    wanted = ordered[np.arange(len(asked)), taken]
+    wanted = np.where(near, arrays.distance_elsewhere.astype(np.float32), np.inf).min(axis=1)
     found = MapSurroundings(artifact).distance_elsewhere(asked, excluded_keyframes(artifact, allowed))
     assert np.isinf(wanted).any()
     assert np.isfinite(wanted).any()
     np.testing.assert_array_equal(found, wanted)
-
-
-def test_more_views_do_not_make_a_thing_look_more_repetitive() -> None:
-    rng = np.random.default_rng(3)
-    medians = []
-    for views in (4, 40):
-        distances = [rng.uniform(0.3, 1.0, 1) for _ in range(views)]
-        poses = [pose_at(0.5 * i, 0.0) for i in range(views)]
-        thing = [np.zeros((1, 3)) for _ in range(views)]
-        seen = map_of(poses, thing, [np.zeros((1, 8), np.uint8) for _ in range(views)], distances)
-        medians.append(float(MapSurroundings(seen).distance_elsewhere(np.zeros((1, 3)))[0]))
-    # The least of forty would be below 0.35 nine times in ten.
-    assert medians[1] > 0.4
-    assert abs(medians[1] - 0.475) < 0.12
 
 
 def test_no_points_are_asked_for(artifact: MapArtifact) -> None:
