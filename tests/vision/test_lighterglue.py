@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.vision.images import to_gray
-from app.vision.lighterglue import LighterGlue, PictureFeatures
+from app.vision.learned.lighterglue import LighterGlue, PictureFeatures
 from app.vision.local_features import XFeat
 from tests.scenes import CAMERA, Room, pose_at
 

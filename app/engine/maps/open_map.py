@@ -15,7 +15,7 @@ from app.vision.features import LocalFeatureExtractor
 from app.vision.global_descriptor import GlobalDescriptor
 from app.vision.images import Rgb
 from app.vision.index import GlobalIndex
-from app.vision.lighterglue import LighterGlue
+from app.vision.learned.lighterglue import LighterGlue
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from threading import Lock
 from app.errors import ConflictError
 from app.vision.features import LocalFeatureExtractor
 from app.vision.global_descriptor import DEFAULT_MODEL, GlobalDescriptor
-from app.vision.lighterglue import LighterGlue
+from app.vision.learned.lighterglue import LighterGlue
 from app.vision.local_features import create_extractor
 
 

@@ -13,7 +13,7 @@ from app.engine.query.matches import Matches, QueryMatcher, excluded_keyframes
 from app.engine.query.query import Query
 from app.engine.stage_timer import clock_s
 from app.limits import limit
-from app.vision.lighterglue import PictureFeatures
+from app.vision.learned.lighterglue import PictureFeatures
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
