@@ -3,7 +3,7 @@ VENV := .venv
 STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
 
-.PHONY: run test check format mutants clean help
+.PHONY: run test check format mutants faults clean help
 
 help:  ## Show the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -11,11 +11,11 @@ help:  ## Show the targets
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Roomfix needs Python 3.11 or later; set PYTHON=python3.x") if sys.version_info < (3, 11) else None'
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,surf]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,scans,surf]'
 	touch $(STAMP)
 
-run: $(STAMP)  ## Build the demonstration venue and serve it on 127.0.0.1:8000
-	$(BIN)/roomfix demo
+run: $(STAMP)  ## Build the demonstration venue, serve it on 127.0.0.1:8000, and phones by https with a QR code
+	$(BIN)/roomfix demo --phones
 
 test: $(STAMP)  ## Run the whole test suite
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
@@ -31,6 +31,11 @@ format: $(STAMP)  ## Format and fix
 
 mutants: $(STAMP)  ## Change the code that refuses wrong answers, and list the changes that no test notices (about an hour)
 	$(BIN)/python -m bench.mutation --figures
+
+FAULTS ?= 200
+
+faults: $(STAMP)  ## Kill, damage and fill disks on purpose, 200 times each (more than an hour; FAULTS=20 for less)
+	FAULTS=$(FAULTS) $(BIN)/python -m pytest tests/faults
 
 clean:  ## Remove the environment and the demonstration data
 	rm -rf $(VENV) .roomfix

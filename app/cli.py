@@ -18,6 +18,7 @@ from app.errors import RoomfixError
 COMMANDS = {
     "serve": "app.commands.serve:serve",
     "worker": "app.commands.serve:worker",
+    "inspect": "app.commands.inspect:inspect",
     "build": "app.commands.build:build",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",

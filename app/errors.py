@@ -103,6 +103,24 @@ class MapDamagedError(RoomfixError):
     code = "map_damaged"
 
 
+class StorageError(RoomfixError):
+    """The disk or the database can't be written or read; an operator has to act."""
+
+    code = "storage_failed"
+
+
+class StorageFullError(StorageError):
+    """No space is left on the disk; nothing was stored."""
+
+    code = "storage_full"
+
+
+class DatabaseDamagedError(StorageError):
+    """The file of the database is not what was stored."""
+
+    code = "database_damaged"
+
+
 class CancelledBuildError(RoomfixError):
     """The build was cancelled while it ran."""
 

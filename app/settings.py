@@ -38,7 +38,14 @@ class Settings(BaseSettings):
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="What goes to the log: debug, info, warning or error."
     )
+    cors_origins: str = Field(
+        "", description="Origins of web pages that may call, separated by commas; * for all of them."
+    )
     host: str = Field("127.0.0.1", description="Address to listen on.")
+    https: bool = Field(
+        False,
+        description="Serve https with a certificate of the data folder's own authority, on all addresses.",
+    )
     port: int = Field(8000, ge=1, le=65535, description="Port to listen on.")
     workers: int = Field(
         2, ge=1, le=64, description="Threads that compute, in the server and in the build worker."
@@ -89,6 +96,11 @@ class Settings(BaseSettings):
         le=100,
         description="Largest standard deviation of an answer's position in metres; default: see docs/limits.md.",
     )
+
+    @property
+    def allowed_origins(self) -> tuple[str, ...]:
+        """The origins whose pages may call."""
+        return tuple(origin.strip() for origin in self.cors_origins.split(",") if origin.strip())
 
     @property
     def resolved_database_url(self) -> str:

@@ -30,8 +30,13 @@ NOT_FOR = {
     "storage": {"settings", "web"},
 }
 # What it may import beside it: routes wake the runner that main gave them, by its protocol alone; the command
-# line names its commands; importers open image files by the rules that queries are opened by.
-ALSO = {"api": {"app.jobs.runner"}, "cli": {"app.commands"}, "importers": {"app.vision.image_files"}}
+# line names its commands; importers open image files by the rules that queries are opened by; pages have limits.
+ALSO = {
+    "api": {"app.jobs.runner"},
+    "cli": {"app.commands"},
+    "importers": {"app.vision.image_files"},
+    "web": {"app.limits"},
+}
 # Rooms of the engine -> the other rooms that they stand on.
 ROOMS = {
     "floors": set[str](),

@@ -10,11 +10,13 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import UploadFile
 
+from app.api.bodies.anchor import Anchor
 from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.form_request import is_multipart
 from app.api.requests.json_body import RequestBody
+from app.api.requests.paging import Paged
 from app.api.schemas import problems
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.errors import InvalidInputError
@@ -97,8 +99,19 @@ class NewAnchor(RequestBody):
     max_age_s: Number | None = Field(None, gt=0, description="Age from which its frame is not used any more")
 
 
-class FrameBody(BaseModel):
+class PushedFrame(BaseModel):
     """What became of a frame."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "frame": "7c9e6679f2b14c0c8a5d54a1f0f3c2b7",
+                "features": 812,
+                "pois_visible": ["exit-sign"],
+                "received_at": "2026-03-01T09:00:00Z",
+            }
+        }
+    )
 
     frame: str
     features: int
@@ -106,30 +119,49 @@ class FrameBody(BaseModel):
     received_at: datetime
 
 
-@router.get("", dependencies=[Depends(require("admin"))], responses=problems(401, 422))
+@router.get(
+    "",
+    name="listAnchors",
+    response_model=list[Anchor],
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 422),
+)
 def list_all(
     state: State,
     caller: CallerOf,
+    page: Paged,
     venue: Annotated[str | None, Query(description="Of this venue only")] = None,
-) -> list[dict[str, Any]]:
+) -> Any:
     """List anchors by their id."""
     with state.services.resources.database.read() as connection:
-        found = list_anchors(connection, caller.venue_or_own(venue))
+        found = page.of(list_anchors(connection, caller.venue_or_own(venue)), lambda anchor: anchor.id)
         frames = list_frames(connection, [anchor.id for anchor in found])
     settings = state.services.resources.settings
     return [anchor_as_dict(anchor, frames.get(anchor.id), settings.anchor_max_age_s) for anchor in found]
 
 
-@router.put("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 409, 422))
-def put(state: State, caller: CallerOf, camera: AnchorId, body: NewAnchor) -> dict[str, Any]:
+@router.put(
+    "/{camera}",
+    name="putAnchor",
+    response_model=Anchor,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 409, 422),
+)
+def put(state: State, caller: CallerOf, camera: AnchorId, body: NewAnchor) -> Any:
     """Add or replace a monitoring camera; one that looks elsewhere now loses its frame and its calibration."""
     caller.check_venue(body.venue)
     state.services.anchors.put(camera, _spec(body))
     return get(state, camera)
 
 
-@router.get("/{camera}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
-def get(state: State, camera: AnchorId) -> dict[str, Any]:
+@router.get(
+    "/{camera}",
+    name="getAnchor",
+    response_model=Anchor,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 422),
+)
+def get(state: State, camera: AnchorId) -> Any:
     """Return an anchor, its newest frame's age and features, and how often it has located a phone."""
     with state.services.resources.database.read() as connection:
         anchor = get_anchor(connection, camera)
@@ -138,7 +170,11 @@ def get(state: State, camera: AnchorId) -> dict[str, Any]:
 
 
 @router.delete(
-    "/{camera}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
+    "/{camera}",
+    name="deleteAnchor",
+    status_code=204,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 422),
 )
 def remove(state: State, camera: AnchorId) -> Response:
     """Delete an anchor with its frame."""
@@ -149,16 +185,17 @@ def remove(state: State, camera: AnchorId) -> Response:
 
 @router.post(
     "/{camera}/frames",
+    name="pushAnchorFrame",
     dependencies=[Depends(require("anchor"))],
     responses=problems(401, 404, 409, 413, 415, 422, 503),
     openapi_extra={"requestBody": IMAGE_BODY},
 )
-async def push(state: State, camera: AnchorId, request: Request) -> FrameBody:
+async def push(state: State, camera: AnchorId, request: Request) -> PushedFrame:
     """Push a camera's newest frame, as a form field or as the body itself. Its features are kept, it is not,
     unless the anchor says so."""
     image = await image_of(request)
     pushed = await state.executor.run(lambda: state.services.anchors.push(camera, image))
-    return FrameBody(
+    return PushedFrame(
         frame=pushed.frame,
         features=pushed.features,
         pois_visible=list(pushed.pois_visible),
@@ -168,11 +205,13 @@ async def push(state: State, camera: AnchorId, request: Request) -> FrameBody:
 
 @router.post(
     "/{camera}/calibrate",
+    name="calibrateAnchor",
+    response_model=Anchor,
     dependencies=[Depends(require("admin"))],
     responses=problems(401, 404, 409, 413, 415, 422, 503),
     openapi_extra={"requestBody": {**IMAGE_BODY, "required": False}},
 )
-async def calibrate(state: State, camera: AnchorId, request: Request) -> dict[str, Any]:
+async def calibrate(state: State, camera: AnchorId, request: Request) -> Any:
     """Find the camera and its POIs in the venue's map, by the picture sent or else the newest stored one. From then on
     the camera's frames get their distances from the map."""
     image = await image_of(request)

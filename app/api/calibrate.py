@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, File, Form, UploadFile
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
@@ -18,7 +18,7 @@ router = APIRouter(
 )
 
 
-class PointBody(BaseModel):
+class CalibrationPoint(BaseModel):
     """One pair of frames: difference in metres or radians, verified matches, kept for validation or fitted to."""
 
     difference: float
@@ -44,7 +44,7 @@ class CurveBody(BaseModel):
     )
     range: tuple[float, float] = Field(description="Differences that the curve is fitted to")
     other_limit: float = Field(description="Largest other difference (rad or m) of its pairs")
-    points: list[PointBody]
+    points: list[CalibrationPoint]
 
 
 class ThresholdsBody(BaseModel):
@@ -54,8 +54,38 @@ class ThresholdsBody(BaseModel):
     attitude_rad: float
 
 
+CURVE: dict[str, Any] = {
+    "a": 19.4,
+    "b": -0.54,
+    "rmse_fit": 12.1,
+    "rmse_validation": 13.0,
+    "pairs_fit": 300,
+    "pairs_validation": 100,
+    "threshold": 0.24,
+    "reached": "within",
+    "left_at_threshold": 51.0,
+    "range": [0.02, 1.0],
+    "other_limit": 0.2,
+    "points": [{"difference": 0.1, "matches": 140, "held_back": False}],
+}
+
+
 class CalibrationBody(BaseModel):
     """Both curves of a scan and the keyframe thresholds that follow."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "wanted_matches": 50,
+                "features": "sift",
+                "frames": 120,
+                "thresholds": {"position_m": 0.24, "attitude_rad": 0.17},
+                "position": CURVE,
+                "attitude": CURVE,
+                "warnings": [],
+            }
+        }
+    )
 
     wanted_matches: float
     features: str
@@ -66,7 +96,7 @@ class CalibrationBody(BaseModel):
     warnings: list[str]
 
 
-@router.post("/calibrate", responses=problems(401, 404, 413, 422, 503))
+@router.post("/calibrate", name="calibrateThresholds", responses=problems(401, 404, 413, 422, 503))
 async def calibrate(
     state: State,
     caller: CallerOf,

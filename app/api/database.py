@@ -7,14 +7,16 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, File, Form, UploadFile
-from pydantic import BaseModel, Field
+from fastapi import APIRouter, Depends, File, Form, Header, Query, UploadFile
+from pydantic import BaseModel, ConfigDict, Field
 from sse_starlette.sse import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
+from app.api.bodies.report import BuildReport
 from app.api.deps import AppState, CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.paging import Paged
 from app.api.schemas import problems
 from app.errors import NotFoundError
 from app.limits import limit
@@ -38,10 +40,24 @@ class BuildEventsOptions:
 
 
 OPTIONS = BuildEventsOptions()
+EVENTS: dict[str, Any] = {
+    "description": "Events named build, whose data is the build as getBuild answers it",
+    "content": {"text/event-stream": {"schema": {"type": "string"}}},
+}
 
 
 class Submitted(BaseModel):
     """A queued build and where to watch it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "build": "0d8f5b5c2f0a4f1e9a6c1b2d3e4f5a6b",
+                "status_url": "/database/builds/0d8f5b5c2f0a4f1e9a6c1b2d3e4f5a6b",
+                "events_url": "/database/builds/0d8f5b5c2f0a4f1e9a6c1b2d3e4f5a6b/events",
+            }
+        }
+    )
 
     build: str
     status_url: str
@@ -50,6 +66,27 @@ class Submitted(BaseModel):
 
 class BuildBody(BaseModel):
     """A build as it is now; `report` when it has succeeded, `error` when it has failed."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "build": "0d8f5b5c2f0a4f1e9a6c1b2d3e4f5a6b",
+                "venue": "museum",
+                "state": "running",
+                "stage": "describe",
+                "done": 120,
+                "total": 480,
+                "attempts": 1,
+                "error": None,
+                "error_code": None,
+                "report": None,
+                "map_version": None,
+                "created_at": "2026-03-01T09:00:00+00:00",
+                "started_at": "2026-03-01T09:00:01+00:00",
+                "finished_at": None,
+            }
+        }
+    )
 
     build: str
     venue: str
@@ -60,7 +97,7 @@ class BuildBody(BaseModel):
     attempts: int
     error: str | None
     error_code: str | None
-    report: dict[str, Any] | None
+    report: BuildReport | None
     map_version: int | None
     created_at: str | None
     started_at: str | None
@@ -89,43 +126,72 @@ class BuildBody(BaseModel):
         )
 
 
-@router.post("/build", status_code=202, responses=problems(401, 404, 413, 422))
+@router.post("/build", name="buildMap", status_code=202, responses=problems(401, 404, 409, 413, 422))
 def build(
     state: State,
     caller: CallerOf,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(description="The venue that the map is for")],
     options: OptionsField = "{}",
+    idempotency_key: Annotated[
+        str | None,
+        Header(
+            min_length=1,
+            max_length=64,
+            description="Any text of the client's own: the same upload sent again with it is the same build",
+        ),
+    ] = None,
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
     caller.check_venue(venue)
-    build_id = submit_build(state.services.resources, venue, read_options(options), archive.file)
+    build_id = submit_build(
+        state.services.resources, venue, read_options(options), archive.file, idempotency_key
+    )
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
 
 
-@router.get("/builds", responses=problems(401, 422))
-def list_all(state: State, caller: CallerOf, venue: str | None = None) -> list[BuildBody]:
+@router.get("/builds", name="listBuilds", response_model_exclude_unset=True, responses=problems(401, 422))
+def list_all(
+    state: State,
+    caller: CallerOf,
+    page: Paged,
+    venue: Annotated[str | None, Query(description="Of this venue only")] = None,
+) -> list[BuildBody]:
     """List builds, newest first."""
     with state.services.resources.database.read() as connection:
-        return [BuildBody.of(item) for item in list_builds(connection, caller.venue_or_own(venue))]
+        found = list_builds(connection, caller.venue_or_own(venue))
+    return [BuildBody.of(item) for item in page.of(found, lambda build: build.id)]
 
 
-@router.get("/builds/{build}", responses=problems(401, 404, 422))
+@router.get(
+    "/builds/{build}", name="getBuild", response_model_exclude_unset=True, responses=problems(401, 404, 422)
+)
 def status(state: State, build: str) -> BuildBody:
     """Return where a build is."""
     return _read(state, build)
 
 
-@router.get("/builds/{build}/events", responses=problems(401, 404, 422))
+@router.get(
+    "/builds/{build}/events",
+    name="watchBuild",
+    response_class=EventSourceResponse,
+    responses={200: EVENTS, **problems(401, 404, 422)},
+)
 async def events(state: State, build: str) -> EventSourceResponse:
     """Send the build as a server-sent event whenever it changes, until it has ended."""
     first = await run_in_threadpool(_read, state, build)
     return EventSourceResponse(_follow(state, first))
 
 
-@router.delete("/builds/{build}", status_code=202, responses=problems(401, 404, 409, 422))
+@router.delete(
+    "/builds/{build}",
+    name="cancelBuild",
+    response_model_exclude_unset=True,
+    status_code=202,
+    responses=problems(401, 404, 409, 422),
+)
 def cancel(state: State, build: str) -> BuildBody:
     """Cancel a build; a running one stops at its next step."""
     return BuildBody.of(withdraw_build(state.services.resources, build))
@@ -135,7 +201,7 @@ async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, s
     sent = None
     while True:
         if body != sent:
-            yield {"event": "build", "data": body.model_dump_json()}
+            yield {"event": "build", "data": body.model_dump_json(exclude_unset=True)}
             sent = body
         if body.state in ("succeeded", "failed", "cancelled"):
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -14,10 +15,11 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app import errors
+from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
-METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
+METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 # The first class that fits decides, so that special ones stand above their base.
 STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
@@ -33,6 +35,8 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.RateLimitError, 429),
     (errors.BusyError, 503),
     (errors.MapDamagedError, 503),
+    (errors.StorageFullError, 507),
+    (errors.StorageError, 503),
 )
 
 
@@ -52,8 +56,8 @@ class ErrorOptions:
     )
     damage_retry_after_s: int = limit(
         60,
-        "The same where a map is damaged on the server.",
-        chosen="By hand: an operator has to restore it.",
+        "The same where a map is damaged on the server, or its disk can't be used.",
+        chosen="By hand: an operator has to act.",
     )
     max_reported_fields: int = limit(
         5,
@@ -68,6 +72,7 @@ RETRY_AFTER_S: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.DatabaseBusyError, OPTIONS.database_retry_after_s),
     (errors.BusyError, OPTIONS.retry_after_s),
     (errors.MapDamagedError, OPTIONS.damage_retry_after_s),
+    (errors.StorageError, OPTIONS.damage_retry_after_s),
 )
 
 
@@ -82,9 +87,7 @@ def problem(
     """Return a problem+json answer."""
     body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": status, "code": code}
     body["detail"] = detail
-    return JSONResponse(
-        {**body, **more}, status_code=status, media_type="application/problem+json", headers=headers
-    )
+    return JSONResponse({**body, **more}, status_code=status, media_type=PROBLEM_MEDIA_TYPE, headers=headers)
 
 
 def problem_of(error: errors.RoomfixError) -> JSONResponse:
@@ -122,14 +125,30 @@ def install_error_handlers(app: FastAPI) -> None:
 
     async def http(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)  # noqa: S101 - registered for this class
-        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request"}
+        codes = {404: "not_found", 405: "method_not_allowed", 400: "bad_request", 422: "invalid_request"}
         detail = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
         headers = dict(error.headers) if error.headers else None
         if error.status_code == 405:
-            headers = {"Allow": ", ".join(allowed_methods(request))}
+            allowed = allowed_methods(request)
+            headers = {"Allow": ", ".join(allowed)}
+            detail = f"This address takes {', '.join(allowed)}."
         return problem(error.status_code, codes.get(error.status_code, "http_error"), detail, headers)
 
+    async def disk(_: Request, error: Exception) -> JSONResponse:
+        number = getattr(error, "errno", None)
+        if number in (errno.ENOSPC, errno.EDQUOT):
+            return problem_of(
+                errors.StorageFullError("No space is left on the server's disk; nothing was stored.")
+            )
+        if number in (errno.EROFS, errno.EACCES, errno.EIO):
+            log.error("the disk can't be used", exc_info=error)
+            return problem_of(
+                errors.StorageError("The server's disk can't be used; an operator has to look at it.")
+            )
+        raise error
+
     app.add_exception_handler(errors.RoomfixError, domain)
+    app.add_exception_handler(OSError, disk)
     app.add_exception_handler(RequestValidationError, validation)
     app.add_exception_handler(HTTPException, http)
 

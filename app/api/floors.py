@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, File, Form, Response, UploadFile
+from fastapi import APIRouter, Depends, File, Form, Request, Response, UploadFile
 from pydantic import ConfigDict, Field, model_validator
 
+from app.api.bodies.floor import Floor, StoredFloor
 from app.api.deps import FloorId, State, VenueId, require
+from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
@@ -55,16 +57,28 @@ class NewFloor(RequestBody):
         return self
 
 
-@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
-def list_all(state: State, venue: VenueId) -> list[dict[str, Any]]:
+@router.get(
+    "",
+    name="listFloors",
+    response_model=list[Floor],
+    dependencies=[Depends(require("locate"))],
+    responses=problems(401, 404, 422),
+)
+def list_all(state: State, venue: VenueId) -> Any:
     """List a venue's floors, lowest first."""
     with state.services.resources.database.read() as connection:
         get_venue(connection, venue)
         return [as_dict(floor) for floor in list_floors(connection, venue)]
 
 
-@router.put("/{floor}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
-def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[str, Any]:
+@router.put(
+    "/{floor}",
+    name="putFloor",
+    response_model=StoredFloor,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 422),
+)
+def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> Any:
     """Add or change a floor; says how well fitted correspondences agree."""
     alignment = parse_plan_from_world(body.plan_from_world, body.z_max_m - body.z_min_m)
     with state.services.resources.database.write() as connection:
@@ -83,15 +97,25 @@ def put(state: State, venue: VenueId, floor: FloorId, body: NewFloor) -> dict[st
     return {**as_dict(stored), "plan_scale": None if alignment is None else alignment.scale}
 
 
-@router.get("/{floor}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
-def get(state: State, venue: VenueId, floor: FloorId) -> dict[str, Any]:
+@router.get(
+    "/{floor}",
+    name="getFloor",
+    response_model=Floor,
+    dependencies=[Depends(require("locate"))],
+    responses=problems(401, 404, 422),
+)
+def get(state: State, venue: VenueId, floor: FloorId) -> Any:
     """Return a floor."""
     with state.services.resources.database.read() as connection:
         return as_dict(get_floor(connection, venue, floor))
 
 
 @router.delete(
-    "/{floor}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
+    "/{floor}",
+    name="deleteFloor",
+    status_code=204,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 422),
 )
 def remove(state: State, venue: VenueId, floor: FloorId) -> Response:
     """Delete a floor with its plan."""
@@ -101,7 +125,11 @@ def remove(state: State, venue: VenueId, floor: FloorId) -> Response:
 
 
 @router.put(
-    "/{floor}/plan", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 413, 415, 422)
+    "/{floor}/plan",
+    name="putPlan",
+    response_model=Floor,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 413, 415, 422),
 )
 def put_plan(
     state: State,
@@ -110,7 +138,7 @@ def put_plan(
     image: Annotated[UploadFile, File(description="PNG or JPEG")],
     meters_per_pixel: Annotated[float, Form(description="Metres that one pixel shows")],
     origin_px: Annotated[str, Form(description="u,v of plan (0, 0) in the image, e.g. 100,820")],
-) -> dict[str, Any]:
+) -> Any:
     """Store a floor's plan image."""
     with state.services.resources.database.read() as connection:
         get_floor(connection, venue, floor)
@@ -122,17 +150,25 @@ def put_plan(
 
 @router.get(
     "/{floor}/plan",
+    name="getPlan",
     dependencies=[Depends(require("locate"))],
-    responses={200: {"content": {"image/png": {}, "image/jpeg": {}}}, **problems(401, 404, 422)},
+    responses={
+        200: {"content": {"image/png": {}, "image/jpeg": {}}},
+        **NOT_MODIFIED,
+        **problems(401, 404, 422),
+    },
     response_class=Response,
 )
-def get_plan(state: State, venue: VenueId, floor: FloorId) -> Response:
+def get_plan(state: State, venue: VenueId, floor: FloorId, request: Request) -> Response:
     """Return a floor's plan image."""
     with state.services.resources.database.read() as connection:
         plan = get_floor(connection, venue, floor).plan
     if plan is None:
         raise NotFoundError(f"Floor {floor!r} has no plan image.")
-    return Response(state.services.resources.blobs.get(plan.blob), media_type=plan.media_type)
+    blobs = state.services.resources.blobs
+    return unless_known(
+        request, plan.blob, lambda: Response(blobs.get(plan.blob), media_type=plan.media_type)
+    )
 
 
 def _pixel(text: str) -> tuple[float, float]:

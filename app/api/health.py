@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fastapi import APIRouter, Depends, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.api.deps import AppState, CallerOf, State, public, require
 from app.api.errors import problem
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.errors import DatabaseBusyError
+from app.errors import RoomfixError
 from app.limits import limit
 
 router = APIRouter(tags=["operation"], route_class=ContractRoute)
@@ -23,11 +23,19 @@ router = APIRouter(tags=["operation"], route_class=ContractRoute)
 class Health(BaseModel):
     """The state of the server."""
 
+    model_config = ConfigDict(json_schema_extra={"example": {"status": "ok"}})
+
     status: str
 
 
 class Readiness(BaseModel):
     """Whether queries can be answered, part by part."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {"status": "ok", "checks": {"database": "ok", "blobs": "ok", "build_worker": "ok"}}
+        }
+    )
 
     status: Literal["ok", "degraded"] = Field(
         description="degraded: queries are answered, but a part needs an operator"
@@ -51,7 +59,8 @@ OPTIONS = ReadinessOptions()
 NEEDED = ("database", "blobs")
 
 
-@router.get("/healthz", dependencies=[Depends(public)])
+@router.head("/healthz", name="headHealth", dependencies=[Depends(public)], include_in_schema=False)
+@router.get("/healthz", name="getHealth", dependencies=[Depends(public)])
 def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
@@ -59,6 +68,7 @@ def healthz() -> Health:
 
 @router.get(
     "/readyz",
+    name="getReadiness",
     response_model=Readiness,
     responses={503: {"model": Readiness}},
     dependencies=[Depends(public)],
@@ -85,8 +95,10 @@ def readyz(state: State) -> Readiness | Response:
 def _database(state: AppState) -> str:
     try:
         state.services.resources.database.ping()
-    except (SQLAlchemyError, DatabaseBusyError) as error:
+    except SQLAlchemyError as error:
         return type(error).__name__
+    except RoomfixError as error:
+        return str(error)
     return "ok"
 
 
@@ -117,6 +129,7 @@ def _maps(state: AppState) -> str:
 
 @router.get(
     "/metrics",
+    name="getMetrics",
     response_class=Response,
     dependencies=[Depends(require("admin"))],
     responses=problems(401),

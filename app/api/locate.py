@@ -3,24 +3,75 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, File, Form, UploadFile
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import CallerOf, State, require
+from app.api.requests.axes import (
+    DEVICE_POSE_IN_WORDS,
+    OPENCV,
+    Axes,
+    AxesName,
+    Frames,
+    parse_frames,
+)
+from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
+from app.engine.query.shown_matches import ShownMatches
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.services.locate_result import LocateRequest, LocateResult, Method
 from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], route_class=ContractRoute)
+
+
+IN_OWN_AXES = Frames()
+EXAMPLE: dict[str, Any] = {
+    "located": True,
+    "reason": None,
+    "method": "rgbd",
+    "venue": "museum",
+    "map_version": 3,
+    "floor": "0",
+    "pose": {
+        "position": {"x": 13.912, "y": 15.635, "z": 1.67},
+        "quaternion": {"x": -0.3618, "y": -0.6083, "z": 0.6562, "w": 0.2617},
+    },
+    "plan": {"x": 14.865, "y": 17.163, "heading_deg": 307.5, "u_px": 1438.2, "v_px": 1453.8, "area": "hall"},
+    "accuracy": {"position_m": 0.017, "orientation_deg": 0.23},
+    "confidence": 0.987,
+    "inliers": 151,
+    "matches": 212,
+    "keyframes": [{"keyframe": 151, "matches": 102, "inliers": 94}],
+    "camera": {
+        "model": "PINHOLE",
+        "width": 640,
+        "height": 480,
+        "params": [498.0, 498.5, 322.4, 236.8],
+        "source": "request",
+    },
+    "narrowed": False,
+    "gravity_checked": None,
+    "timings_ms": {
+        "decode": 3.3,
+        "describe": 37.6,
+        "retrieve": 1.0,
+        "match": 15.2,
+        "pose": 9.1,
+        "total": 67.9,
+    },
+    "anchors": [],
+    "vertical": None,
+    "hints": [],
+}
 
 
 class PlanBody(BaseModel):
@@ -53,8 +104,23 @@ class KeyframeBody(BaseModel):
     inliers: int
 
 
-class LocateBody(BaseModel):
+class ShownMatchesBody(BaseModel):
+    """Matches that agree with the pose, with the keyframe that shares most of them."""
+
+    keyframe: int
+    pairs: list[list[float]] = Field(description="u, v of the image, then u, v of the keyframe's picture")
+
+    @staticmethod
+    def of(shown: ShownMatches) -> ShownMatchesBody:
+        """Return the body of matches, to a tenth of a pixel."""
+        pairs = np.column_stack([shown.query_px, shown.keyframe_px]).round(1)
+        return ShownMatchesBody(keyframe=shown.keyframe, pairs=pairs.tolist())
+
+
+class LocateResultBody(BaseModel):
     """Where the camera is, or the reason why that can't be said. `pose` is world_from_camera."""
+
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLE})
 
     located: bool
     reason: (
@@ -87,10 +153,15 @@ class LocateBody(BaseModel):
     vertical: Literal["gravity", "pois", "upright", "map"] | None = Field(
         description="What an anchor's answer takes as vertical; upright is an assumption"
     )
+    axes: AxesName = Field("opencv", description="Axes of pose and session_from_world")
+    session_from_world: PoseBody | None = Field(
+        None, description="Moves points of the world into the app's own frame; with device_pose only"
+    )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
+    shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
 
 
-@router.post("/locate", responses=problems(401, 404, 413, 415, 422, 503))
+@router.post("/locate", name="locateImage", responses=problems(401, 404, 413, 415, 422, 503))
 async def locate(
     state: State,
     caller: CallerOf,
@@ -106,35 +177,43 @@ async def locate(
     ] = None,
     gravity: Annotated[str | None, Form(description='Direction of down in camera axes, "x,y,z"')] = None,
     prior: Annotated[str | None, Form(description='JSON {"position": {x, y, z}, "radius_m"}')] = None,
-    method: Annotated[Method, Form()] = "auto",
-) -> LocateBody:
+    method: Annotated[Method, Form(description="auto asks the map, then the monitoring cameras")] = "auto",
+    axes: Annotated[str | None, Form(description=AXES_IN_WORDS)] = None,
+    device_pose: Annotated[str | None, Form(description=DEVICE_POSE_IN_WORDS)] = None,
+    matches: Annotated[
+        bool, Form(description="Answer with the matches that agree with the pose too")
+    ] = False,
+) -> LocateResultBody:
     """Locate one image."""
+    frames = parse_frames(axes, device_pose)
     request = LocateRequest(
         image=await image.read(),
         venue=caller.venue_or_own(venue or None),
         floor=floor or None,
         camera=_camera(camera),
-        gravity=_gravity(gravity),
-        prior=_prior(prior),
+        gravity=_gravity(gravity, frames.axes),
+        prior=_prior(prior, frames.axes),
         method=method,
         area=area or None,
+        show_matches=matches,
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
-    return body_of(result)
+    return body_of(result, frames)
 
 
-def body_of(result: LocateResult) -> LocateBody:
-    """Return the body of a result."""
+def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultBody:
+    """Return the body of a result, its poses in the axes that were asked for."""
+    session_from_world = frames.session_from_world(result.world_from_camera)
     pose, plan = result.world_from_camera, result.plan
-    return LocateBody(
+    return LocateResultBody(
         located=result.reason is None,
         reason=result.reason,
         method=result.method,
         venue=result.venue,
         map_version=result.map_version,
         floor=result.floor.id if result.floor is not None else None,
-        pose=PoseBody.of(pose) if pose is not None else None,
+        pose=PoseBody.of(frames.axes.pose_out(pose)) if pose is not None else None,
         plan=None
         if plan is None
         else PlanBody(
@@ -170,7 +249,10 @@ def body_of(result: LocateResult) -> LocateBody:
         timings_ms={stage: round(value, 2) for stage, value in result.timings_ms.items()},
         anchors=list(result.anchors),
         vertical=result.vertical,
+        axes=frames.axes.name,
+        session_from_world=None if session_from_world is None else PoseBody.of(session_from_world),
         hints=list(result.hints),
+        shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
     )
 
 
@@ -186,7 +268,7 @@ def _camera(text: str | None) -> CameraHint | None:
     return parse_camera_hint(text)
 
 
-def _gravity(text: str | None) -> tuple[float, float, float] | None:
+def _gravity(text: str | None, axes: Axes = OPENCV) -> tuple[float, float, float] | None:
     if text is None or not text.strip():
         return None
     try:
@@ -196,10 +278,10 @@ def _gravity(text: str | None) -> tuple[float, float, float] | None:
     length = float(np.linalg.norm([x, y, z]))
     if not np.isfinite(length) or length < 1e-6:
         raise InvalidInputError("gravity must have a direction: finite numbers that are not all zero.")
-    return x, y, z
+    return axes.direction_in((x, y, z))
 
 
-def _prior(text: str | None) -> Prior | None:
+def _prior(text: str | None, axes: Axes = OPENCV) -> Prior | None:
     if text is None or not text.strip():
         return None
     value = _json(text, "prior")
@@ -215,7 +297,7 @@ def _prior(text: str | None) -> Prior | None:
         ) from None
     if not np.isfinite([*numbers, radius_m]).all() or radius_m <= 0:
         raise InvalidInputError("prior must hold finite numbers, with radius_m above zero.")
-    return Prior((numbers[0], numbers[1], numbers[2]), radius_m)
+    return Prior(axes.point_in((numbers[0], numbers[1], numbers[2])), radius_m)
 
 
 def _json(text: str, name: str) -> object:

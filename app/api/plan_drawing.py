@@ -23,6 +23,7 @@ HEADERS = {"Content-Security-Policy": "default-src 'none'; img-src data:; style-
 
 @router.get(
     "",
+    name="drawPlan",
     dependencies=[Depends(require("locate"))],
     responses={200: {"content": {"image/svg+xml": {}}}, **problems(401, 404, 422)},
     response_class=Response,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Query
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
@@ -53,8 +53,36 @@ class StepBody(BaseModel):
     y: float
 
 
+STEP: dict[str, Any] = {
+    "instruction": "Go straight on for 12 m to the lobby.",
+    "turn": "depart",
+    "distance_m": 12.5,
+    "landmark": "lobby",
+    "landmark_name": "Lobby",
+    "passing": [],
+    "mode": "walk",
+    "floor": "0",
+    "to_floor": None,
+    "x": 0.0,
+    "y": 0.0,
+}
+
+
 class RouteBody(BaseModel):
     """A route; its steps' distances add up to `distance_m`."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "venue": "museum",
+                "language": "en",
+                "distance_m": 12.5,
+                "landmarks": ["entrance", "lobby"],
+                "path": [{"floor": "0", "x": 0.0, "y": 0.0}, {"floor": "0", "x": 12.5, "y": 0.0}],
+                "steps": [STEP],
+            }
+        }
+    )
 
     venue: str
     language: str
@@ -64,7 +92,7 @@ class RouteBody(BaseModel):
     steps: list[StepBody]
 
 
-@router.get("", responses=problems(401, 404, 409, 422))
+@router.get("", name="findRoute", responses=problems(401, 404, 409, 422))
 def get(
     state: State,
     venue: VenueId,

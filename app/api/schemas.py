@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field
+from http import HTTPStatus
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+
+PROBLEM_MEDIA_TYPE = "application/problem+json"
 
 
 class Position(BaseModel):
@@ -60,14 +64,34 @@ class CameraBody(BaseModel):
         )
 
 
+class FieldProblem(BaseModel):
+    """What is wrong with one field of a request."""
+
+    field: str
+    message: str
+
+
 class Problem(BaseModel):
     """An error as RFC 9457 describes it, with a stable code."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "type": "about:blank",
+                "title": "Not Found",
+                "status": 404,
+                "code": "not_found",
+                "detail": "There is no venue 'museum'.",
+            }
+        }
+    )
+
     type: str = "about:blank"
-    title: str
+    title: str = Field(description="The status in words")
     status: int
-    code: str
-    detail: str
+    code: str = Field(description="Stable, for programs")
+    detail: str = Field(description="A sentence for people: what to change")
+    fields: list[FieldProblem] = Field([], description="Of an invalid request: field by field")
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
@@ -77,6 +101,6 @@ def problems(*statuses: int) -> dict[int | str, dict[str, object]]:
     """
     with_key = {403, 429} if 401 in statuses else set[int]()
     return {
-        status: {"model": Problem, "content": {"application/problem+json": {}}}
+        status: {"description": HTTPStatus(status).phrase, "content": {PROBLEM_MEDIA_TYPE: {}}}
         for status in sorted({*statuses, *with_key, 503})
     }

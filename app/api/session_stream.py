@@ -16,6 +16,7 @@ from app.api.access.credentials import SUBPROTOCOL
 from app.api.access.gate import admit
 from app.api.deps import AppState
 from app.api.errors import headers_of, problem, status_of
+from app.api.requests.axes import Axes, parse_axes, parse_frames
 from app.api.requests.contract_route import refuse_unknown_query
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.sessions import frame_body, parse_motion, session_frame
@@ -37,7 +38,7 @@ UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
 # What a key of the stream needs.
 SCOPES: tuple[Scope, ...] = ("locate",)
-HINTS = ("camera", "gravity", "motion", "timestamp")
+HINTS = ("camera", "gravity", "motion", "timestamp", "axes", "device_pose")
 # Close code: another connection has taken the session over.
 CLOSE_REPLACED = 4000
 # Close code of RFC 6455: a message is too large.
@@ -91,7 +92,7 @@ class Stream:
         """Let a frame wait in place of the one that does; the way between the two is not forgotten."""
         self.received += 1
         hints, self.hints = self.hints, {}
-        motion = parse_motion(hints.pop("motion", None))
+        motion = parse_motion(hints.pop("motion", None), parse_axes(hints.get("axes")))
         if self.waiting is not None:
             skipped = self.waiting.motion
             motion = None if motion is None or skipped is None else skipped @ motion
@@ -190,7 +191,8 @@ async def _answer(state: AppState, connection: Stream) -> None:
     while True:
         waiting = await connection.take()
         try:
-            frame = _frame(waiting)
+            frames = parse_frames(waiting.hints.get("axes"), waiting.hints.get("device_pose"))
+            frame = _frame(waiting, frames.axes)
             answer = await state.executor.run(
                 lambda frame=frame: state.services.sessions.process(connection.session, frame)  # type: ignore[misc]
             )
@@ -212,7 +214,10 @@ async def _answer(state: AppState, connection: Stream) -> None:
             continue
         result = answer.result
         state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
-        body = {**frame_body(answer).model_dump(mode="json"), "received": waiting.received}
+        body = {
+            **frame_body(answer, frames).model_dump(mode="json", exclude_unset=True),
+            "received": waiting.received,
+        }
         await _send(connection.socket, json.dumps(body, separators=(",", ":")))
 
 
@@ -223,10 +228,10 @@ def _put_back(connection: Stream, waiting: Waiting) -> None:
         connection.arrived.set()
 
 
-def _frame(waiting: Waiting) -> SessionFrame:
+def _frame(waiting: Waiting, axes: Axes) -> SessionFrame:
     hints = waiting.hints
     frame = session_frame(
-        waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp")
+        waiting.data, hints.get("camera"), hints.get("gravity"), None, hints.get("timestamp"), axes=axes
     )
     return replace(frame, motion=waiting.motion)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
@@ -11,15 +10,27 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, Path, Query, Response, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.anchor import StatedCamera
+from app.api.bodies.guidance import SessionGuidance
 from app.api.deps import ID_PATTERN, CallerOf, State, require
-from app.api.locate import LocateBody, _camera, _gravity, body_of
+from app.api.locate import EXAMPLE, IN_OWN_AXES, LocateResultBody, _camera, _gravity, body_of
+from app.api.requests.axes import (
+    DEVICE_POSE_IN_WORDS,
+    OPENCV,
+    Axes,
+    AxesName,
+    Frames,
+    parse_axes,
+    parse_frames,
+    parse_pose,
+)
+from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
-from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import PoseBody, problems
 from app.engine.tracking.memory import pose_from_json
-from app.errors import InvalidInputError, InvalidPoseError
+from app.errors import InvalidInputError
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.services.session_answer import SessionResult
@@ -116,8 +127,8 @@ class TrajectoryPoint(BaseModel):
     position_m: float | None = Field(description="One sigma")
 
     @staticmethod
-    def of(point: SessionPoint) -> TrajectoryPoint:
-        """Return the body of a point."""
+    def of(point: SessionPoint, axes: Axes = OPENCV) -> TrajectoryPoint:
+        """Return the body of a point, its pose in the given axes."""
         pose = pose_from_json(point.pose)
         x, y, heading_deg = point.plan or (None, None, None)
         return TrajectoryPoint(
@@ -128,28 +139,79 @@ class TrajectoryPoint(BaseModel):
             x=x,
             y=y,
             heading_deg=heading_deg,
-            pose=None if pose is None else PoseBody.of(pose),
+            pose=None if pose is None else PoseBody.of(axes.pose_out(pose)),
             position_m=point.position_m,
         )
 
 
-class FrameBody(LocateBody):
+POINT: dict[str, Any] = {
+    "frame": 12,
+    "time_s": 1.2,
+    "tracking": "tracking",
+    "floor": "0",
+    "x": 14.865,
+    "y": 17.163,
+    "heading_deg": 307.5,
+    "pose": EXAMPLE["pose"],
+    "position_m": 0.017,
+}
+SESSION = "4d0f6a1be1f94bd0a5d54a1f0f3c2b7e"
+
+
+class TrackedFrame(LocateResultBody):
     """The answer to a frame: that of /locate and what tracking adds to it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                **EXAMPLE,
+                "session": SESSION,
+                "frame": 12,
+                "tracking": "tracking",
+                "unaided_m": 0.0,
+                "trajectory": [POINT],
+                "guidance": None,
+            }
+        }
+    )
 
     session: str
     frame: int = Field(description="Counts the frames that were answered, from 1")
     tracking: TrackingState
     unaided_m: float = Field(description="Path since a map or an anchor last said where the camera is")
     trajectory: list[TrajectoryPoint] = Field(description="The last points; GET returns all")
-    guidance: dict[str, Any] | None
+    guidance: SessionGuidance | None
+
+
+class SessionCamera(StatedCamera):
+    """A session's camera: as it was stated, or as it was found by a search."""
+
+    source: Literal["search"] | None = Field(None, description="search, where it was found by one")
 
 
 class SessionBody(BaseModel):
     """A session, and with GET where it went."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "session": SESSION,
+                "venue": "museum",
+                "camera": [498.0, 498.5, 322.4, 236.8],
+                "destination": "entrance",
+                "language": "en",
+                "tracking": "tracking",
+                "frames": 12,
+                "created_at": "2026-03-01T09:00:00Z",
+                "expires_at": "2026-03-01T10:00:01Z",
+                "trajectory": [POINT],
+            }
+        }
+    )
+
     session: str
     venue: str
-    camera: dict[str, Any] | list[float] | None
+    camera: SessionCamera | list[float] | None
     destination: str | None
     language: str | None
     tracking: TrackingState
@@ -159,7 +221,12 @@ class SessionBody(BaseModel):
     trajectory: list[TrajectoryPoint] = []
 
     @staticmethod
-    def of(session: Session, timeout: timedelta, points: list[SessionPoint] | None = None) -> SessionBody:
+    def of(
+        session: Session,
+        timeout: timedelta,
+        points: list[SessionPoint] | None = None,
+        axes: Axes = OPENCV,
+    ) -> SessionBody:
         """Return the body of a session."""
         return SessionBody(
             session=session.id,
@@ -171,11 +238,17 @@ class SessionBody(BaseModel):
             frames=session.frames,
             created_at=session.created_at,
             expires_at=session.active_at + timeout,
-            trajectory=[TrajectoryPoint.of(point) for point in points or []],
+            trajectory=[TrajectoryPoint.of(point, axes) for point in points or []],
         )
 
 
-@router.post("", status_code=201, responses=problems(401, 404, 422))
+@router.post(
+    "",
+    name="createSession",
+    response_model_exclude_unset=True,
+    status_code=201,
+    responses=problems(401, 404, 422),
+)
 def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     """Start a session."""
     caller.check_venue(new.venue)
@@ -185,35 +258,45 @@ def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     )
 
 
-@router.get("/{session}", responses=problems(401, 404, 422))
+@router.get(
+    "/{session}", name="getSession", response_model_exclude_unset=True, responses=problems(401, 404, 422)
+)
 def get(
     state: State,
     session: SessionId,
     points: Annotated[
         int, Query(ge=0, le=OPTIONS.max_points, description="Newest points of the trajectory")
     ] = OPTIONS.default_points,
+    axes: Annotated[AxesName, Query(description="Axes of the trajectory's poses")] = "opencv",
 ) -> SessionBody:
     """Return a session and where it went."""
     service = state.services.sessions
     trajectory = service.trajectory(session, points)
-    return SessionBody.of(service.get(session), service.timeout, trajectory)
+    return SessionBody.of(service.get(session), service.timeout, trajectory, parse_axes(axes))
 
 
-@router.patch("/{session}", responses=problems(401, 404, 422))
+@router.patch(
+    "/{session}", name="changeSession", response_model_exclude_unset=True, responses=problems(401, 404, 422)
+)
 def change(state: State, session: SessionId, change: SessionChange) -> SessionBody:
     """Change destination, language or camera."""
     values = change.model_dump(include=change.model_fields_set)
     return SessionBody.of(state.services.sessions.change(session, values), state.services.sessions.timeout)
 
 
-@router.delete("/{session}", status_code=204, responses=problems(401, 404, 422))
+@router.delete("/{session}", name="deleteSession", status_code=204, responses=problems(401, 404, 422))
 def remove(state: State, session: SessionId) -> Response:
     """End a session and delete where it went."""
     state.services.sessions.delete(session)
     return Response(status_code=204)
 
 
-@router.post("/{session}/frames", responses=problems(401, 404, 409, 413, 415, 422, 503))
+@router.post(
+    "/{session}/frames",
+    name="trackFrame",
+    response_model_exclude_unset=True,
+    responses=problems(401, 404, 409, 413, 415, 422, 503),
+)
 async def frame(
     state: State,
     session: SessionId,
@@ -227,42 +310,45 @@ async def frame(
     timestamp: Annotated[
         str | None, Form(description="When it was taken, seconds of the phone's clock")
     ] = None,
-) -> FrameBody:
+    axes: Annotated[str | None, Form(description=AXES_IN_WORDS)] = None,
+    device_pose: Annotated[str | None, Form(description=DEVICE_POSE_IN_WORDS)] = None,
+) -> TrackedFrame:
     """Answer one frame."""
-    request = session_frame(await image.read(), camera, gravity, motion, timestamp)
+    frames = parse_frames(axes, device_pose)
+    request = session_frame(await image.read(), camera, gravity, motion, timestamp, axes=frames.axes)
     answer = await state.executor.run(lambda: state.services.sessions.process(session, request))
     state.metrics.observe_query(
         answer.result.venue, answer.result.reason or "located", answer.result.timings_ms
     )
-    return frame_body(answer)
+    return frame_body(answer, frames)
 
 
 def session_frame(
-    image: bytes, camera: str | None, gravity: str | None, motion: str | None, timestamp: str | None
+    image: bytes,
+    camera: str | None,
+    gravity: str | None,
+    motion: str | None,
+    timestamp: str | None,
+    *,
+    axes: Axes = OPENCV,
 ) -> SessionFrame:
     """Return the frame of a request's fields; raises `InvalidInputError`."""
     return SessionFrame(
-        image, _camera(camera), parse_motion(motion), parse_timestamp(timestamp), _gravity(gravity)
+        image,
+        _camera(camera),
+        parse_motion(motion, axes),
+        parse_timestamp(timestamp),
+        _gravity(gravity, axes),
     )
 
 
-def parse_motion(text: str | None) -> Pose | None:
-    """Return the relative pose of a field; raises `InvalidInputError`."""
-    if text is None or not text.strip():
+def parse_motion(text: str | None, axes: Axes = OPENCV) -> Pose | None:
+    """Return the relative pose of a field in Roomfix's axes; raises `InvalidInputError`."""
+    given = parse_pose(text, "motion")
+    if given is None:
         return None
-    try:
-        value = json.loads(text)
-        refuse_unknown_keys(value, known_names(("position", "quaternion")), "motion")
-        refuse_unknown_keys(value["position"], known_names("xyz"), "motion.position")
-        refuse_unknown_keys(value["quaternion"], known_names("xyzw"), "motion.quaternion")
-        position = [float(value["position"][axis]) for axis in ("x", "y", "z")]
-        quaternion = [float(value["quaternion"][axis]) for axis in ("x", "y", "z", "w")]
-        motion = Pose.from_quaternion(position, quaternion)
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, InvalidPoseError):
-        raise InvalidInputError(
-            'motion must be {"position": {"x", "y", "z"}, "quaternion": {"x", "y", "z", "w"}}, all finite numbers.'
-        ) from None
-    if float(np.linalg.norm(position)) > OPTIONS.max_motion_m:
+    motion = axes.motion_in(given)
+    if float(np.linalg.norm(motion.translation)) > OPTIONS.max_motion_m:
         raise InvalidInputError(
             f"motion is longer than {OPTIONS.max_motion_m:g} m, too far between two frames."
         )
@@ -282,17 +368,17 @@ def parse_timestamp(text: str | None) -> float | None:
     return seconds
 
 
-def frame_body(answer: SessionResult) -> FrameBody:
-    """Return the body of an answer."""
-    located = body_of(answer.result).model_dump()
+def frame_body(answer: SessionResult, frames: Frames = IN_OWN_AXES) -> TrackedFrame:
+    """Return the body of an answer, its poses in the axes that were asked for."""
+    located = body_of(answer.result, frames).model_dump()
     # On a floor whose plan has no place in the world there is a point on the plan and no pose.
     located["located"] = answer.result.reason is None
-    return FrameBody(
+    return TrackedFrame(
         **located,
         session=answer.session,
         frame=answer.frame,
         tracking=answer.tracking,
         unaided_m=round(answer.unaided_m, 4),
-        trajectory=[TrajectoryPoint.of(point) for point in answer.trajectory],
+        trajectory=[TrajectoryPoint.of(point, frames.axes) for point in answer.trajectory],
         guidance=answer.guidance,
     )

@@ -12,6 +12,7 @@ from app.api.deps import ID_PATTERN, CallerOf, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
+from app.api.requests.paging import Paged
 from app.api.schemas import problems
 from app.storage.venues import Venue, create_venue, delete_venue, get_venue, list_venues, rename_venue
 
@@ -39,6 +40,17 @@ class VenueChange(RequestBody):
 class VenueBody(BaseModel):
     """A venue; `map_version` is the map that serves it, null before the first build."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "id": "museum",
+                "name": "City museum",
+                "created_at": "2026-03-01T09:00:00Z",
+                "map_version": 3,
+            }
+        }
+    )
+
     id: str
     name: str
     created_at: datetime
@@ -51,7 +63,13 @@ def _body(venue: Venue) -> VenueBody:
     )
 
 
-@router.post("", status_code=201, dependencies=[Depends(require("admin"))], responses=problems(401, 409, 422))
+@router.post(
+    "",
+    name="createVenue",
+    status_code=201,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 409, 422),
+)
 def create(state: State, caller: CallerOf, venue: NewVenue) -> VenueBody:
     """Add a venue."""
     caller.check_venue(None)
@@ -59,22 +77,30 @@ def create(state: State, caller: CallerOf, venue: NewVenue) -> VenueBody:
         return _body(create_venue(connection, venue.id, venue.name))
 
 
-@router.get("", dependencies=[Depends(require("locate"))], responses=problems(401))
-def list_all(state: State, caller: CallerOf) -> list[VenueBody]:
+@router.get("", name="listVenues", dependencies=[Depends(require("locate"))], responses=problems(401, 422))
+def list_all(state: State, caller: CallerOf, page: Paged) -> list[VenueBody]:
     """List the venues that the key may use."""
     with state.services.resources.database.read() as connection:
         venues = list_venues(connection)
-    return [_body(venue) for venue in venues if caller.venue_id in (None, venue.id)]
+    allowed = [venue for venue in venues if caller.venue_id in (None, venue.id)]
+    return [_body(venue) for venue in page.of(allowed, lambda venue: venue.id)]
 
 
-@router.get("/{venue}", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422))
+@router.get(
+    "/{venue}", name="getVenue", dependencies=[Depends(require("locate"))], responses=problems(401, 404, 422)
+)
 def get(state: State, venue: VenueId) -> VenueBody:
     """Return a venue."""
     with state.services.resources.database.read() as connection:
         return _body(get_venue(connection, venue))
 
 
-@router.patch("/{venue}", dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422))
+@router.patch(
+    "/{venue}",
+    name="changeVenue",
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 422),
+)
 def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
     """Change a venue's name."""
     with state.services.resources.database.write() as connection:
@@ -82,7 +108,11 @@ def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
 
 
 @router.delete(
-    "/{venue}", status_code=204, dependencies=[Depends(require("admin"))], responses=problems(401, 404, 422)
+    "/{venue}",
+    name="deleteVenue",
+    status_code=204,
+    dependencies=[Depends(require("admin"))],
+    responses=problems(401, 404, 422),
 )
 def remove(state: State, venue: VenueId) -> Response:
     """Delete a venue with its floors, maps and builds."""

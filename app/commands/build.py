@@ -24,7 +24,7 @@ from app.commands.console import (
 )
 from app.errors import ConflictError, RoomfixError
 from app.geometry.camera_hint import parse_camera_hint
-from app.importers.archives.archive import NEEDED_SUFFIXES
+from app.importers.archives.archive import is_read
 from app.jobs.local import finish_build_here
 from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
@@ -37,7 +37,7 @@ from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 
 def build(
-    scan: Annotated[Path, typer.Argument(exists=True, help="The scan: a folder, zip or tar.")],
+    scan: Annotated[Path, typer.Argument(exists=True, help="The scan: a folder, zip, tar or recording.")],
     venue: Annotated[str, typer.Option(help="The venue; made if it is not there.")],
     options: Annotated[str, typer.Option(help="JSON, as in POST /database/build.")] = "{}",
     data_dir: DataDir = None,
@@ -82,7 +82,7 @@ def zip_folder(folder: Path, target: Path) -> Path:
     """Write the files of a scan's folder to a zip, stored as they are: images don't shrink."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
         for path in sorted(folder.rglob("*")):
-            if path.is_file() and path.suffix.lower() in NEEDED_SUFFIXES:
+            if path.is_file() and is_read(path.relative_to(folder)):
                 archive.write(path, path.relative_to(folder))
     return target
 

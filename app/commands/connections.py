@@ -117,7 +117,7 @@ class FragmentLimitProtocol(WebSocketsSansIOProtocol):
         super().handle_cont(event)
 
 
-def server_options() -> dict[str, Any]:
+def connection_options() -> dict[str, Any]:
     """Return the protocols as options of `uvicorn.run`."""
     protocol: type[asyncio.Protocol] = DeadlineProtocol
     return {"http": protocol, "ws": FragmentLimitProtocol}

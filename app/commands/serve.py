@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import signal
 import threading
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import uvicorn
 
 from app.api.access.credentials import is_loopback
-from app.commands.connections import server_options
+from app.commands.connections import connection_options
 from app.commands.console import DataDir, log_to_stderr, settings_from
+from app.commands.https import Certificate, make_certificate, own_names, print_phone_access
 from app.jobs.worker import run_worker
 from app.main import create_app
 from app.services.keys.key_service import any_key
 from app.settings import Settings
+from app.web.phones import PhoneAccess
+
+ALL_ADDRESSES = "0.0.0.0"  # noqa: S104 - what --https serves on, with a key
 
 
 def serve(
@@ -22,9 +27,17 @@ def serve(
     port: Annotated[int | None, typer.Option(help="Port to listen on [ROOMFIX_PORT, 8000].")] = None,
     data_dir: DataDir = None,
     open_: Annotated[bool, typer.Option("--open", help="Ask for no key; loopback addresses only.")] = False,
+    https: Annotated[
+        bool,
+        typer.Option(
+            "--https", help="Serve phones on the local network: https, by a certificate authority of its own."
+        ),
+    ] = False,
 ) -> None:
     """Start the server."""
-    settings = settings_from(host=host, port=port, data_dir=data_dir, open=open_ or None)
+    settings = settings_from(host=host, port=port, data_dir=data_dir, open=open_ or None, https=https or None)
+    if settings.https and "host" not in settings.model_fields_set:
+        settings = settings.model_copy(update={"host": ALL_ADDRESSES})
     check_access(settings)
     log_to_stderr(settings.log_level)
     run_server(settings)
@@ -34,7 +47,10 @@ def worker(data_dir: DataDir = None) -> None:
     """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
     settings = settings_from(data_dir=data_dir)
     log_to_stderr(settings.log_level)
-    run_worker(settings, threading.Event(), threading.Event())
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    run_worker(settings, threading.Event(), stop)
 
 
 def check_access(settings: Settings) -> None:
@@ -52,12 +68,28 @@ def check_access(settings: Settings) -> None:
 
 def run_server(settings: Settings) -> None:
     """Serve until interrupted."""
-    uvicorn.run(
-        create_app(settings),
-        host=settings.host,
-        port=settings.port,
-        log_config=None,
-        access_log=False,
-        ws_max_size=settings.max_image_bytes,
-        **server_options(),
-    )
+    access, certificate = phone_access(settings) if settings.https else (None, None)
+    if access is not None:
+        print_phone_access(access)
+    uvicorn.run(create_app(settings, access=access), **server_options(settings, certificate))
+
+
+def phone_access(settings: Settings) -> tuple[PhoneAccess, Certificate]:
+    """Return the address that phones open, and the certificate for it."""
+    names = own_names(settings.host)
+    certificate = make_certificate(settings.data_dir, names)
+    return PhoneAccess(f"https://{names[0]}:{settings.port}/", certificate.authority), certificate
+
+
+def server_options(settings: Settings, certificate: Certificate | None = None) -> dict[str, Any]:
+    """Return what uvicorn is started with."""
+    tls = {"ssl_certfile": certificate.chain, "ssl_keyfile": certificate.key} if certificate else {}
+    return {
+        "host": settings.host,
+        "port": settings.port,
+        "log_config": None,
+        "access_log": False,
+        "ws_max_size": settings.max_image_bytes,
+        **connection_options(),
+        **tls,
+    }

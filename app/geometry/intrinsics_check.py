@@ -38,6 +38,11 @@ class IntrinsicsOptions:
         "Standard deviation of the prior on the principal point's offset, over the longer side of the image.",
         chosen="By hand: more than stabilisation moves it.",
     )
+    square_log: float = limit(
+        0.03,
+        "Logarithm of fx over fy from which on the pixels may be square after all.",
+        chosen="By hand: calibrations differ by 1 %, pictures that were stretched by a third.",
+    )
 
 
 OPTIONS = IntrinsicsOptions()
@@ -130,6 +135,20 @@ def _linearised(
     by_log_focal = by_focal @ np.diag(changed)[:2]
     derivatives = np.concatenate([by_pose, by_log_focal[:, None], by_centre], axis=1)
     return np.asarray(pixels.reshape(-1, 2), dtype=np.float64), derivatives
+
+
+def square_pixels(camera: Camera) -> list[Camera]:
+    """Return cameras with one focal length for both axes, either of the stated two, where these are far apart."""
+    fx, fy, *rest = camera.params
+    if abs(np.log(fx / fy)) <= OPTIONS.square_log:
+        return []
+    cameras = []
+    for focal_px in (fx, fy):
+        try:
+            cameras.append(Camera(camera.model, camera.width, camera.height, (focal_px, focal_px, *rest)))
+        except InvalidCameraError:
+            continue
+    return cameras
 
 
 def changed_camera(camera: Camera, change: ArrayLike) -> Camera:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -86,7 +87,8 @@ class ScanSource:
     """What a format's files say: intrinsics, depth units per metre, the direction of down, and how they were read.
 
     `depth_scale` is None when neither options nor files state it; `default_depth_scale` is the format's own. A depth
-    camera is only needed for a depth of its own; options come first.
+    camera is only needed for a depth of its own; options come first. `confidence` maps depth files to the images of
+    their confidence. Without `has_depth` the frames' depth images are blank. `keeps` must live as long as the scan.
     """
 
     camera: Intrinsics
@@ -94,8 +96,10 @@ class ScanSource:
     default_depth_scale: float
     gravity: tuple[float, float, float] | None = None
     depth_camera: Intrinsics | None = None
-    depth_is_scaled_color: bool = False
     notes: tuple[str, ...] = ()
+    confidence: Mapping[Path, Path] = field(default_factory=dict)
+    has_depth: bool = True
+    keeps: object = None
 
 
 def assemble_scan(
@@ -129,6 +133,8 @@ def assemble_scan(
         depth=depth,
         gravity=source.gravity,
         notes=(*source.notes, *notes, *discarded.sentences(*OF_FILES)),
+        has_depth=source.has_depth,
+        keeps=source.keeps,
     )
 
 
@@ -162,11 +168,16 @@ def _depth_format(
     float_scale, notes = _float_scale(of_floats, scale) if of_floats else (1.0, ())
     given = options.depth_camera or source.depth_camera
     depth_camera = None if given is None else _camera(given, size, "depth_camera")
-    if depth_camera is None and source.depth_is_scaled_color and size != (camera.width, camera.height):
+    if depth_camera is None and _is_scaled(size, camera):
         try:
             depth_camera = camera.scaled_to(*size)
         except InvalidCameraError as error:
             raise InvalidScanError(f"{readable[0][0].depth.name}: {error}") from None
+        notes = (
+            *notes,
+            f"Depth has {size[0]} x {size[1]} pixels, colour {camera.width} x {camera.height}: depth was read as the "
+            "same field of view, with intrinsics scaled to its size.",
+        )
     color_from_depth = options.color_from_depth or Pose.identity()
     return (
         DepthFormat(
@@ -177,9 +188,16 @@ def _depth_format(
             swap_bytes=options.swap_depth_bytes,
             along_rays=options.depth_along_rays,
             shift_px=options.depth_shift_px,
+            confidence=source.confidence,
         ),
         notes,
     )
+
+
+def _is_scaled(size: Size, camera: Camera) -> bool:
+    """Whether depth images have another size than the colour images and the same shape, up to a pixel."""
+    across, along = size[0] * camera.height, size[1] * camera.width
+    return size != (camera.width, camera.height) and abs(across - along) < max(camera.width, camera.height)
 
 
 def _float_scale(frames: list[Frame], stated: float | None) -> tuple[float, tuple[str, ...]]:

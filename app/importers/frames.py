@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +24,8 @@ from app.importers.images.depth_files import read_depth
 
 # Written into 16 bits by several recorders for "no measurement"; 0 is the other such value.
 RAW_DEPTH_SATURATED = 65535
+# ARKit's levels are 0 (low), 1 (medium) and 2 (high); other apps spread them over 0 to 255, low being 0 there too.
+LOW_CONFIDENCE = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,8 @@ class DepthFormat:
     depth is registered to the colour image, pixel by pixel; with it, the depth has a camera of its own, and
     `color_from_depth` moves points to the colour camera. `swap_bytes` exchanges the two bytes of each value of 16 bits;
     `along_rays` says that the values are distances along the rays, not along the optical axis; `shift_px` moves the
-    registered depth to the right and down.
+    registered depth to the right and down. `confidence` maps a depth file to the image of its pixels' confidence, in
+    the depth's own pixels; depth of low confidence, 0, is invalid.
     """
 
     scale: float
@@ -57,6 +61,7 @@ class DepthFormat:
     swap_bytes: bool = False
     along_rays: bool = False
     shift_px: tuple[int, int] = (0, 0)
+    confidence: Mapping[Path, Path] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +71,9 @@ class ScanOptions:
     `camera` and `depth_camera` are a `Camera` or 4, 8 or 9 numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]`, which
     then get the images' size. `depth_scale` is in units per metre. `color_from_depth` needs a `depth_camera`.
     `max_time_difference_s` is how far apart the times of colour, depth and pose may be. `motion` stands in for
-    the poses of a scan that has none. `convention` is how the poses are written; the last three are as in
-    `DepthFormat`. Raises `InvalidInputError` for values that can't be meant.
+    the poses of a scan that has none. `convention` is how the poses are written; the next three are as in
+    `DepthFormat`. `scratch` is the folder for the frames of recordings, by default that of the system. Raises
+    `InvalidInputError` for values that can't be meant.
     """
 
     camera: Camera | tuple[float, ...] | None = None
@@ -80,6 +86,7 @@ class ScanOptions:
     swap_depth_bytes: bool = False
     depth_along_rays: bool = False
     depth_shift_px: tuple[int, int] = (0, 0)
+    scratch: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.depth_scale is not None and not 0 < self.depth_scale < math.inf:
@@ -129,7 +136,8 @@ class Scan:
     `discarded` maps a reason (`no_depth`, `no_pose`, `invalid_pose`, `missing_file`, `unreadable_file`) to
     the names of the colour images. `gravity` is the unit direction of down in the scan's frame, if known. `notes` are
     sentences on what the files left open and how it was read. `trajectory` holds the rows that the poses are from, as
-    they are written, where a format has more of them than frames.
+    they are written, where a format has more of them than frames. Without `has_depth` the depth images are blank, and
+    points have to be triangulated. `keeps` holds what must live as long as the scan: the folder of unpacked frames.
     """
 
     camera: Camera
@@ -139,6 +147,8 @@ class Scan:
     gravity: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
     trajectory: Trajectory | None = None
+    has_depth: bool = True
+    keeps: object = field(default=None, compare=False, repr=False)
 
     def color_bytes(self, frame: Frame) -> bytes:
         """Return the contents of the colour image's file; raises `InvalidScanError` if it can't be read."""
@@ -158,6 +168,8 @@ class Scan:
                 f"{source.width} x {source.height} are expected."
             )
         depth_m = metres(raw, self.depth)
+        if frame.depth in self.depth.confidence:
+            depth_m[_is_of_low_confidence(self.depth.confidence[frame.depth], depth_m.shape)] = 0.0
         if self.depth.along_rays:
             depth_m /= _ray_lengths(source)
         if self.depth.camera is not None:
@@ -176,6 +188,18 @@ def metres(raw: NDArray[np.generic], depth: DepthFormat) -> NDArray[np.float32]:
     else:
         depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = 0.0
     return depth_m
+
+
+def _is_of_low_confidence(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return which pixels of a depth image (height, width) have low confidence by the image beside it."""
+    confidence = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    if confidence is None:
+        raise InvalidScanError(f"{path.name} is not an image, so it can't hold the depth's confidence.")
+    if confidence.ndim == 3:
+        confidence = confidence[..., 0]
+    if confidence.shape != shape:
+        confidence = cv2.resize(confidence, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(confidence == LOW_CONFIDENCE)
 
 
 @lru_cache(maxsize=4)

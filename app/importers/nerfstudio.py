@@ -70,7 +70,6 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
-        depth_is_scaled_color=True,
     )
     return assemble_scan(_frames(folder, entries, scale, discarded), discarded, source, options)
 

@@ -26,47 +26,18 @@ def _ends(*suffixes: str) -> Callable[[set[str]], bool]:
 
 
 _FORMATS: tuple[tuple[Callable[[set[str]], bool], str], ...] = (
-    (
-        _has("odometry.csv", "camera_matrix.csv"),
-        "This is a scan of the app Stray Scanner, which is not read, as its colour is a video. Extract the frames "
-        "(ffmpeg -i rgb.mp4 rgb/%06d.png), give depth_camera for its smaller depth, and " + TO_TUM,
-    ),
-    (
-        _ends(".sens"),
-        "This is a ScanNet recording (.sens), which is not read: extract it with ScanNet's SensReader "
-        "(--export_depth_images --export_color_images --export_poses --export_intrinsics) and send that folder.",
-    ),
-    (
-        _has("lowres_depth", "lowres_wide"),
-        "This is a scan of ARKitScenes, which is not read: " + TO_TUM,
-    ),
-    (
-        _ends(".r3d"),
-        "This is a recording of the app Record3D (.r3d), which is not read: export it as images and poses, then "
-        + TO_TUM,
-    ),
     (_has("mav0"), "This is a recording in the layout of EuRoC, which is not read: " + TO_TUM),
-    (
-        _has("images.txt", "cameras.txt"),
-        "This is a COLMAP model, which has no depth images: a map needs a scan with depth. If there is depth, "
-        + TO_TUM,
-    ),
     (
         _has("results", "traj.txt"),
         "This is a scan in the layout of Replica as NICE-SLAM has it, which is not read: " + TO_TUM,
     ),
     (
         _has("info.json", "textured_output.obj"),
-        "This is an export of the app 3D Scanner App, which is not read: " + TO_TUM,
+        'This is a model of the app 3D Scanner App without its pictures: export "all data" instead.',
     ),
     (
-        _ends(".bag", ".mcap"),
-        "This is a ROS recording, which is not read: extract its images and poses, then " + TO_TUM,
-    ),
-    (
-        _ends(".db"),
-        "This is a database of RTAB-Map, which is not read: export its RGB-D images and its poses (RGB-D SLAM "
-        "format), then " + TO_TUM,
+        _ends(".r3d", ".db"),
+        "The recording is damaged, or not one of Record3D (.r3d) or RTAB-Map (.db): copy it from the phone again.",
     ),
     (
         _ends(".klg", ".oni", ".svo", ".svo2"),

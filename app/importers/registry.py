@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Protocol
 
 from app.errors import InvalidScanError
-from app.importers import nerfstudio, polycam, redwood, scannet, seven_scenes, tum
+from app.importers import nerfstudio, redwood, scannet, seven_scenes, tum
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.importers.frames import Scan, ScanOptions
+from app.importers.layouts import colmap, kapture, rtabmap_export, twelve_scenes
 from app.importers.other_formats import describe_other_format
+from app.importers.phones import arkit_scenes, polycam, record3d, scanner_app, stray_scanner
+from app.importers.recordings import ros_bag, rtabmap, sens
 from app.importers.time_offset import with_time_offset
 from app.limits import limit
 
@@ -29,11 +32,22 @@ class Importer(Protocol):
 # In the order in which a folder is asked.
 FORMATS: dict[str, Importer] = {
     "tum": tum,
+    "12scenes": twelve_scenes,
     "7scenes": seven_scenes,
     "nerfstudio": nerfstudio,
     "polycam": polycam,
     "scannet": scannet,
     "redwood": redwood,
+    "stray-scanner": stray_scanner,
+    "record3d": record3d,
+    "3d-scanner-app": scanner_app,
+    "arkitscenes": arkit_scenes,
+    "sens": sens,
+    "rtabmap": rtabmap,
+    "rtabmap-export": rtabmap_export,
+    "ros-bag": ros_bag,
+    "kapture": kapture,
+    "colmap": colmap,
 }
 
 
@@ -61,16 +75,7 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     `format` is one of `FORMATS`; None or `auto` finds it from the files. Raises `InvalidScanError`, with a
     sentence naming the file or the frame, for a folder that holds no scan that can become a map, or several.
     """
-    if not directory.is_dir():
-        raise InvalidScanError(f"The scan's folder {directory.name!r} does not exist.")
-    name = (format or "auto").lower()
-    if name != "auto" and name not in FORMATS:
-        known = list(FORMATS)
-        raise InvalidScanError(
-            f"The scan format {format!r} is not known; use auto, {', '.join(known[:-1])} or {known[-1]}."
-        )
-    importers = FORMATS if name == "auto" else {name: FORMATS[name]}
-    folder, name = _find_scan(directory, importers)
+    folder, name = find_scan(directory, format)
     if options is not None and options.motion is not None and name != "tum":
         raise InvalidScanError(
             f"A uniform motion gives poses to scans in TUM layout without groundtruth.txt; this one is {name}."
@@ -81,6 +86,19 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     if name != "tum" and given.convention.time_offset_s:
         scan = with_time_offset(scan, given.convention.time_offset_s)
     return _read_by_convention(scan, given.convention)
+
+
+def find_scan(directory: Path, format: str | None = None) -> tuple[Path, str]:  # noqa: A002
+    """Return the folder that holds a scan, and its format; raises as `open_scan`."""
+    if not directory.is_dir():
+        raise InvalidScanError(f"The scan's folder {directory.name!r} does not exist.")
+    name = (format or "auto").lower()
+    if name != "auto" and name not in FORMATS:
+        known = list(FORMATS)
+        raise InvalidScanError(
+            f"The scan format {format!r} is not known; use auto, {', '.join(known[:-1])} or {known[-1]}."
+        )
+    return _find_scan(directory, FORMATS if name == "auto" else {name: FORMATS[name]})
 
 
 def _read_by_convention(scan: Scan, convention: PoseConvention) -> Scan:
@@ -145,6 +163,6 @@ def _nothing_found(directory: Path) -> str:
     there = ", ".join(names[: OPTIONS.shown]) + (", ..." if len(names) > OPTIONS.shown else "")
     return (
         "The format of the scan can't be told from its files: a TUM scan has rgb.txt, depth.txt and groundtruth.txt; a "
-        "7-Scenes scan frame-000000.color.png and so on, at the top or in seq-01; nerfstudio, Polycam (raw), ScanNet "
-        f"(exported) and Open3D (trajectory.log) are read too. At the top are: {there or 'no files'}."
+        "7-Scenes scan frame-000000.color.png and so on, at the top or in seq-01; the other formats that are read are "
+        f"{', '.join(list(FORMATS)[2:])}. At the top are: {there or 'no files'}."
     )

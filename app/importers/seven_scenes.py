@@ -58,8 +58,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     Raises `InvalidScanError` for other files, mostly broken poses, or no usable frame.
     """
     folder = ScanFolder(directory)
-    candidates = list(_candidates(folder))
-    if not candidates:
+    if not detect(directory):
         raise InvalidScanError("The scan has no frame-000000.color.png at its top or in a folder seq-01.")
     camera_file = read_camera_file(directory)
     if options.camera is None and camera_file is None and options.depth_camera is None:
@@ -71,9 +70,17 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         gravity=read_gravity(directory),
     )
     discarded = Discarded()
-    frames, notes = _frames(folder, candidates, options.color_from_depth or Pose.identity(), discarded)
+    frames, notes = frames_in(folder, options, discarded)
     source = replace(source, notes=notes)
     return assemble_scan(frames, discarded, source, options)
+
+
+def frames_in(
+    folder: ScanFolder, options: ScanOptions, discarded: Discarded
+) -> tuple[list[Frame], tuple[str, ...]]:
+    """Return the frames of a folder with names as in 7-Scenes that have all of their files, and how poses were read."""
+    color_from_depth = options.color_from_depth or Pose.identity()
+    return _frames(folder, list(_candidates(folder)), color_from_depth, discarded)
 
 
 def _sequences(directory: Path) -> list[Path]:

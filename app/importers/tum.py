@@ -15,6 +15,7 @@ from app.importers.assembly import Discarded, Intrinsics, ScanSource, assemble_s
 from app.importers.association import Trajectory, associate
 from app.importers.folder import ScanFolder
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.layouts import icl_nuim
 from app.importers.rows.image_rows import ImageRows, parse_associations, parse_image_list
 from app.importers.rows.times import UNITS_PER_S, Times, check_distinct, range_in_words
 from app.importers.rows.trajectory_rows import TrajectoryRows, parse_trajectory
@@ -28,7 +29,10 @@ ASSOCIATIONS = (
 )  # fmt: skip
 # What holds no trajectory, whatever its numbers are.
 NO_TRAJECTORIES = frozenset({"rgb.txt", "depth.txt", "camera.txt", "gravity.txt", TRUTH, *ASSOCIATIONS})
-TRAJECTORY_SUFFIXES = frozenset({".txt", ".csv", ".tum", ".traj", ".log"})
+TRAJECTORY_SUFFIXES = frozenset({".txt", ".csv", ".tum", ".traj", ".log", ".freiburg"})
+# ORB-SLAM writes the poses of all frames, and those of its keyframes beside them.
+ALL_FRAMES = "cameratrajectory.txt"
+KEYFRAMES = "keyframetrajectory.txt"
 
 WITHOUT_POSES = (
     "; add it or, for a walk straight on at an even speed, give start, speed_m_s, direction_deg and fps"
@@ -104,7 +108,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     camera_file = read_camera_file(directory)
     notes = dict.fromkeys([*color_rows.notes, *depth_rows.notes, *poses.notes])
     source = ScanSource(
-        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses.text)),
+        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses)),
         depth_scale=camera_file.depth_scale if camera_file else None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         # A stated walk stands upright in its own frame.
@@ -115,7 +119,10 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     color = _existing(_found(folder, color_rows), folder, discarded)
     poses = _moved(poses, options.convention.time_offset_s)
     frames = _frames(folder, color, _found(folder, depth_rows), poses, discarded, tolerance_s)
-    return replace(assemble_scan(frames, discarded, source, options), trajectory=poses.trajectory)
+    scan = assemble_scan(frames, discarded, source, options)
+    if icl_nuim.is_trajectory(poses.name):
+        return icl_nuim.with_right_hand(scan, options.convention)
+    return replace(scan, trajectory=poses.trajectory)
 
 
 def _image_rows(directory: Path) -> tuple[ImageRows, ImageRows]:
@@ -195,6 +202,8 @@ def _other_trajectory(directory: Path, color: ImageRows) -> Path:
     """Return the only file that holds a trajectory; raises `InvalidScanError` that names those there are."""
     files = sorted(path for path in directory.iterdir() if path.suffix.lower() in TRAJECTORY_SUFFIXES)
     found = [path for path in files if path.name.lower() not in NO_TRAJECTORIES and _holds_poses(path, color)]
+    if any(path.name.lower() == ALL_FRAMES for path in found):
+        found = [path for path in found if path.name.lower() != KEYFRAMES]
     if len(found) == 1:
         return found[0]
     if not found:
@@ -255,8 +264,10 @@ def _matched_ratio(times_s: Times, others_s: Times, tolerance_s: float) -> float
     return float((near <= tolerance_s).mean())
 
 
-def _published_camera(truth: str) -> Intrinsics:
-    sensor = _SENSOR.search(truth)
+def _published_camera(poses: _Poses) -> Intrinsics:
+    if icl_nuim.is_trajectory(poses.name):
+        return icl_nuim.CAMERA
+    sensor = _SENSOR.search(poses.text)
     if sensor is None:
         raise InvalidScanError(
             "The scan's camera is not known: give `camera` in the options, or add camera.txt with one row "

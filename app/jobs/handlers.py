@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from datetime import timedelta
 
 from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
+from app.jobs.lease import LeaseWatch
 from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.run_build import run_build
-from app.storage.builds import BUILD_ID, Build, State, finish_build, recover_builds, report_progress
+from app.storage.builds import Build, State, finish_build, report_progress
+from app.storage.leases import list_leases, take_back
 from app.storage.sweep import GRACE, discard_blobs, sweep_blobs, sweep_scratch
 
 log = logging.getLogger("roomfix.jobs")
@@ -37,9 +39,9 @@ OPTIONS = ProgressOptions()
 class BuildProgress:
     """Writes a build's progress to the database and raises `CancelledBuildError` when it should stop."""
 
-    def __init__(self, resources: Resources, build_id: str) -> None:
+    def __init__(self, resources: Resources, build: Build) -> None:
         self._resources = resources
-        self._build_id = build_id
+        self._build = build
         self._stage = ""
         self._reported = 0.0
 
@@ -50,15 +52,15 @@ class BuildProgress:
             return
         self._stage, self._reported = stage, now
         with self._resources.database.write() as connection:
-            stop = report_progress(connection, self._build_id, stage, done, total)
+            stop = report_progress(connection, self._build.id, stage, done, total, self._build.worker or "")
         if stop:
-            raise CancelledBuildError(f"Build {self._build_id} was cancelled.")
+            raise CancelledBuildError(f"Build {self._build.id} was cancelled.")
 
 
 def handle_build(build: Build, resources: Resources, library: MapLibrary) -> None:
     """Run a claimed build until it has succeeded, failed or was cancelled; its errors are stored, not raised."""
     try:
-        version = run_build(build, resources, library, BuildProgress(resources, build.id))
+        version = run_build(build, resources, library, BuildProgress(resources, build))
         log.info("build %s: map version %d of venue %s", build.id, version, build.venue_id)
     except CancelledBuildError:
         _finish(resources, build, "cancelled", None, None)
@@ -70,30 +72,37 @@ def handle_build(build: Build, resources: Resources, library: MapLibrary) -> Non
     _discard_archives(resources, [build])
 
 
-def recover(resources: Resources) -> None:
-    """Queue the builds of a worker that died again, or end them, and remove their scratch folders.
+def recover(resources: Resources, watch: LeaseWatch) -> None:
+    """Queue the builds of dead workers again, or end them, and remove the scratch folders of what doesn't run here."""
+    with resources.database.read() as connection:
+        dead = watch.run_out(list_leases(connection))
+    taken = []
+    for lease in dead:
+        with resources.database.write() as connection:
+            build = take_back(connection, lease)
+        if build is None:
+            continue
+        taken.append(build)
+        level = logging.ERROR if build.ended else logging.WARNING
+        log.log(level, "build %s lost its worker and is %s: %s", build.id, build.state, build.error or "")
+    if taken:
+        _discard_archives(resources, [build for build in taken if build.ended])
+        remove_scratch(resources, {build.id for build in taken})
 
-    To be called only by a worker that knows that no other one is alive.
-    """
-    with resources.database.write() as connection:
-        requeued, ended = recover_builds(connection)
-    for build in requeued:
-        log.warning("build %s lost its worker and is queued again", build.id)
-    for build in ended:
-        log.error("build %s lost its worker and is %s: %s", build.id, build.state, build.error or "")
-    _discard_archives(resources, ended)
+
+def remove_scratch(resources: Resources, build_ids: set[str]) -> None:
+    """Remove the scratch folders of builds that don't run."""
     for folder in resources.scratch_dir.iterdir():
-        if BUILD_ID.fullmatch(folder.name):
+        if folder.name.split("-")[0] in build_ids:
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def sweep(resources: Resources, grace: timedelta = GRACE) -> None:
-    """Remove blobs that nothing refers to and files that dead processes left, when they are older than `grace`.
-
-    To be called between builds by a worker that knows that no other one is alive.
-    """
+    """Remove blobs that nothing refers to and files that dead processes left, when they are older than `grace`."""
+    with resources.database.read() as connection:
+        running = {lease.build_id for lease in list_leases(connection)}
     blobs = sweep_blobs(resources.database, resources.blobs, grace)
-    files = sweep_scratch(resources.scratch_dir, grace)
+    files = sweep_scratch(resources.scratch_dir, grace, running)
     if blobs or files:
         log.info("swept %d blobs and %d scratch files", blobs, files)
 
@@ -110,7 +119,9 @@ def _finish(resources: Resources, build: Build, state: State, code: str | None, 
     log.info("build %s: %s %s", build.id, state, message or "")
     try:
         with resources.database.write() as connection:
-            finish_build(connection, build.id, state, error_code=code, error=message)
+            finish_build(
+                connection, build.id, state, worker=build.worker or "", error_code=code, error=message
+            )
     except (ConflictError, NotFoundError):
-        # The venue was deleted while the build ran, and the build with it.
-        log.info("build %s is gone", build.id)
+        # The venue was deleted while the build ran, and the build with it, or another worker has taken it over.
+        log.info("build %s is not ours any more", build.id)

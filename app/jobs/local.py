@@ -1,4 +1,4 @@
-"""Builds from the command line: run in this process when no worker holds the data folder, else only followed."""
+"""Builds from the command line: run in this process unless a worker has taken them, else only followed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.jobs.handlers import handle_build, recover
-from app.jobs.lock import WorkerLock
-from app.jobs.worker import LOCK_NAME
+from app.jobs.lease import Heart, LeaseWatch
+from app.jobs.worker_name import worker_name
 from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -33,7 +33,7 @@ OPTIONS = LocalOptions()
 def finish_build_here(resources: Resources, build_id: str, watch: Callable[[Build], None]) -> Build:
     """Return a queued build once it has ended; `watch` is called with it a few times a second.
 
-    The worker of a running server runs it; without one a thread of this process does.
+    A worker of a running server runs it, or a thread of this process, whichever takes it first.
     """
     stop = threading.Event()
     thread = threading.Thread(target=_work, args=(resources, build_id, stop), daemon=True)
@@ -52,16 +52,19 @@ def finish_build_here(resources: Resources, build_id: str, watch: Callable[[Buil
 
 
 def _work(resources: Resources, build_id: str, stop: threading.Event) -> None:
-    """Wait for the lock of the data folder, then run builds from the queue until the given one has ended."""
-    with WorkerLock(resources.settings.data_dir / LOCK_NAME, stop) as held:
-        if not held:
-            return
+    """Run the build unless a worker has taken it, and take it up when that one dies."""
+    worker, watch = worker_name(), LeaseWatch()
+    heart = Heart(resources.database, worker)
+    heart.start()
+    try:
         library = MapLibrary(resources)
-        recover(resources)
-        while not stop.is_set():
+        while not stop.wait(OPTIONS.poll_s):
+            recover(resources, watch)
             with resources.database.write() as connection:
                 if get_build(connection, build_id).ended:
                     return
-                build = claim_build(connection)
+                build = claim_build(connection, worker, build_id)
             if build is not None:
                 handle_build(build, resources, library)
+    finally:
+        heart.stop()

@@ -1,7 +1,6 @@
 """The worker process: takes builds from the queue, one at a time.
 
-At most one worker runs for a data folder. So a worker that starts knows that every build marked as running has lost
-its worker.
+Any number of workers share a database. A build belongs to the worker that its row names while that one's heart beats.
 """
 
 from __future__ import annotations
@@ -15,15 +14,17 @@ import time
 from dataclasses import dataclass
 
 from app.jobs.handlers import handle_build, recover, sweep
-from app.jobs.lock import WorkerLock
+from app.jobs.lease import Heart, LeaseWatch
+from app.jobs.worker_name import worker_name
 from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
 from app.storage.builds import claim_build
+from app.storage.db import Database
+from app.storage.leases import hand_over
 
 log = logging.getLogger("roomfix.worker")
-LOCK_NAME = "worker.lock"
 # The server writes a byte at a time; more of them mean the same.
 PIPE_BYTES = 4096
 
@@ -37,6 +38,11 @@ class WorkerOptions:
         "Time between two checks of the queue; the server of an embedded worker wakes it at once.",
         chosen="By hand: a build takes minutes, so a wait of seconds doesn't matter.",
     )
+    hand_over_wait_s: float = limit(
+        3.0,
+        "Time that a worker that stops waits for the lock of the database, to hand its build over.",
+        chosen="By hand: service managers wait longer; without it the build counts an attempt more.",
+    )
     sweep_interval_s: float = limit(
         3600.0,
         "Time between two sweeps of blobs and scratch files.",
@@ -48,25 +54,27 @@ OPTIONS = WorkerOptions()
 
 
 def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event) -> None:
-    """Run builds until `stop` is set; waits first until no other worker holds the data folder."""
-    with WorkerLock(settings.data_dir / LOCK_NAME, stop) as held:
-        if not held:
-            return
-        resources = Resources.open(settings, is_patient=True)
-        try:
-            _serve(resources, wake, stop)
-        finally:
-            resources.close()
+    """Run builds until `stop` is set; a build that runs then is handed over, and the process ends."""
+    resources = Resources.open(settings, is_patient=True)
+    worker = worker_name()
+    heart = Heart(resources.database, worker)
+    heart.start()
+    threading.Thread(target=_end_when_stopped, args=(settings, worker, stop), daemon=True).start()
+    try:
+        _serve(resources, worker, wake, stop)
+    finally:
+        heart.stop()
+        resources.close()
 
 
-def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -> None:
-    library = MapLibrary(resources)
-    recover(resources)
+def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threading.Event) -> None:
+    library, watch = MapLibrary(resources), LeaseWatch()
     swept = float("-inf")
     while not stop.is_set():
         wake.clear()
+        recover(resources, watch)
         with resources.database.write() as connection:
-            build = claim_build(connection)
+            build = None if stop.is_set() else claim_build(connection, worker)
         if build is not None:
             log.info("build %s of venue %s starts", build.id, build.venue_id)
             handle_build(build, resources, library)
@@ -77,22 +85,36 @@ def _serve(resources: Resources, wake: threading.Event, stop: threading.Event) -
         wake.wait(OPTIONS.poll_s)
 
 
-def _follow_parent(wake: threading.Event) -> None:
-    """Wake the worker at each line from the server; end the process at once when the pipe closes."""
+def _end_when_stopped(settings: Settings, worker: str, stop: threading.Event) -> None:
+    """Wait for `stop`, hand the running build over to the next worker, and end the process."""
+    stop.wait()
+    # Not through the patient database of the worker: a lock that another program holds must not keep the process.
+    database = Database(settings.resolved_database_url)
+    try:
+        with database.write(OPTIONS.hand_over_wait_s) as connection:
+            if hand_over(connection, worker):
+                log.info("the running build is handed over")
+    except Exception:
+        log.exception("the running build could not be handed over; the next worker finds it")
+    os._exit(0)
+
+
+def _follow_parent(wake: threading.Event, stop: threading.Event) -> None:
+    """Wake the worker at each line from the server; stop it when the pipe closes."""
     # Without the buffer of `sys.stdin`: this thread would hold its lock, and an interpreter that exits then aborts.
     while os.read(sys.stdin.fileno(), PIPE_BYTES):
         wake.set()
-    os._exit(0)
+    stop.set()
 
 
 def main() -> None:
     """Run as the embedded worker: standard input is the pipe from the server."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     wake, stop = threading.Event(), threading.Event()
-    # A build can be interrupted anywhere without harm, so the process ends at once.
-    signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
+    # A build can be interrupted anywhere without harm.
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_follow_parent, args=(wake,), daemon=True).start()
+    threading.Thread(target=_follow_parent, args=(wake, stop), daemon=True).start()
     run_worker(Settings(), wake, stop)
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from shutil import copyfileobj
 from typing import Any, BinaryIO
@@ -82,7 +83,7 @@ def main() -> None:
 def _calibrate(settings: Settings, options: BuildOptions, archive: Path) -> dict[str, Any]:
     limits = ArchiveLimits(max_total_bytes=settings.max_unpacked_bytes)
     root = extract_archive(archive, archive.with_name("scan"), limits)
-    source = open_scan(root, options.format, options.scan)
+    source = open_scan(root, options.format, replace(options.scan, scratch=archive.parent))
     with ThreadPoolExecutor(settings.workers) as executor:
         found = calibrate(source, options, open_models(settings), executor, NoProgress())
     return found.as_dict()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +57,9 @@ def examined_scan(
     progress: Progress,
     *,
     up_is_known: bool = False,
+    scratch: Path | None = None,
 ) -> ExaminedScan:
-    """Examine the scan of a folder, read with the options of a request.
+    """Examine the scan of a folder, read with the options of a request; `scratch` is as in `ScanOptions`.
 
     With `repair` the options of a remedy that is beyond doubt are added and the scan is read and examined again. Raises
     `RefusedScanError` for a scan that is refused, with what was found and the option that would mend it.
@@ -84,4 +85,4 @@ def examined_scan(
         repairs.extend(found.wrong)
         values.update(found.remedy)
         parsed = parse_build_options(values)
-        scan = open_scan(root, parsed.format, parsed.scan)
+        scan = open_scan(root, parsed.format, replace(parsed.scan, scratch=scratch))

@@ -9,6 +9,7 @@ from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera_sources import QueryCamera, query_camera
 from app.engine.query.localization import Localization
 from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
+from app.engine.query.shown_matches import shown_matches
 from app.engine.query.upright import localize_upright
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidInputError, MapDamagedError
@@ -114,7 +115,10 @@ class LocateService:
         """Answer from the version that serves in place of the active one, which is the active one unless damaged."""
         opened, version = self._library.serving(active)
         found, narrowed = self._search(place, opened, rgb, camera, request, areas)
-        return map_result(place.venue, version, found, narrowed, place.floors, request, camera)
+        result = map_result(place.venue, version, found, narrowed, place.floors, request, camera)
+        if not request.show_matches or result.reason is not None or found.inliers is None:
+            return result
+        return replace(result, shown_matches=shown_matches(opened.artifact, found.inliers))
 
     def _by_anchor(
         self,

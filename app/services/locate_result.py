@@ -14,6 +14,7 @@ from app.engine.query.hints import Hint
 from app.engine.query.localization import KeyframeVote, Localization
 from app.engine.query.narrowing import Prior
 from app.engine.query.placed import Accuracy, Support
+from app.engine.query.shown_matches import ShownMatches
 from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
@@ -32,7 +33,7 @@ GRAVITY_LIMIT_DEG = 20.0
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
     image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
-    of down in camera axes, `area` an area's id or name."""
+    of down in camera axes, `area` an area's id or name. `show_matches` asks for matches to draw."""
 
     image: bytes
     venue: str | None = None
@@ -42,6 +43,7 @@ class LocateRequest:
     prior: Prior | None = None
     method: Method = "auto"
     area: str | None = None
+    show_matches: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +76,7 @@ class LocateResult:
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
     hints: tuple[Hint, ...] = ()
+    shown_matches: ShownMatches | None = None
 
 
 def map_result(

@@ -7,7 +7,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,15 +98,21 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
     """
     started = time.perf_counter()
     options = parse_build_options(build.options)
-    with _scratch(resources.scratch_dir / build.id) as folder:
+    with _scratch(resources.scratch_dir / f"{build.id}-{build.attempts}") as folder:
         root = _unpack(build, resources, folder, progress)
         progress.report("read", 0, 1)
-        source = open_scan(root, options.format, options.scan)
+        source = open_scan(root, options.format, replace(options.scan, scratch=folder))
         unpacked = time.perf_counter()
         present = _present_map(build, options, library)
         z_is_up = present is not None and present[1].z_up
         examined = examined_scan(
-            root, source, build.options, resources.executor, progress, up_is_known=z_is_up
+            root,
+            source,
+            build.options,
+            resources.executor,
+            progress,
+            up_is_known=z_is_up,
+            scratch=folder,
         )
         source, options = examined.scan, examined.options
         seen = time.perf_counter()
@@ -297,10 +303,17 @@ def _publish(
     progress.report("publish", 0, 1)
     with resources.database.write() as connection:
         # Once more with the lock: a cancellation that was acknowledged counts, however late it came.
-        if report_progress(connection, build.id, "publish", 0, 1):
+        if report_progress(connection, build.id, "publish", 0, 1, build.worker or ""):
             raise CancelledBuildError(f"Build {build.id} was cancelled.")
         version = publish_map(connection, build.venue_id, build.id, artifact_blob, index_blob, report, images)
-        finish_build(connection, build.id, "succeeded", report=report, map_version=version)
+        finish_build(
+            connection,
+            build.id,
+            "succeeded",
+            worker=build.worker or "",
+            report=report,
+            map_version=version,
+        )
     return version
 
 

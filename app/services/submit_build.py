@@ -11,9 +11,9 @@ from shutil import copyfileobj
 from typing import Any, BinaryIO
 
 from app.engine.mapping.options import parse_build_options
-from app.errors import InvalidInputError, InvalidScanError
+from app.errors import ConflictError, InvalidInputError, InvalidScanError
 from app.services.resources import Resources
-from app.storage.builds import Build, cancel_build, create_build
+from app.storage.builds import Build, cancel_build, create_build, find_submission
 from app.storage.db import hold_blobs
 from app.storage.sweep import discard_blobs
 from app.storage.venues import get_venue
@@ -21,11 +21,18 @@ from app.storage.venues import get_venue
 UPLOAD_PREFIX = "upload-"
 
 
-def submit_build(resources: Resources, venue: str, options: object, archive: BinaryIO) -> str:
+def submit_build(
+    resources: Resources,
+    venue: str,
+    options: object,
+    archive: BinaryIO,
+    idempotency_key: str | None = None,
+) -> str:
     """Store a scan's archive, queue its build and return the build's id.
 
     Raises `NotFoundError` for an unknown venue, `InvalidInputError` for options that can't be meant,
-    `InvalidScanError` for an empty archive. What is wrong inside the archive fails the build.
+    `InvalidScanError` for an empty archive. A submission with the `idempotency_key` of an earlier one of the venue is
+    that build; `ConflictError` if scan or options differ. What is wrong inside the archive fails the build.
     """
     parse_build_options(options)
     plain = _plain(options)
@@ -36,10 +43,14 @@ def submit_build(resources: Resources, venue: str, options: object, archive: Bin
         with resources.database.write() as connection:
             get_venue(connection, venue)
             hold_blobs(connection)
+            earlier = find_submission(connection, venue, idempotency_key)
+            if earlier is not None:
+                _check_same(earlier, plain, digest)
+                return earlier.id
             # A build of the same archive may have ended, and discarded it, since it was stored.
             if not resources.blobs.contains(digest):
                 resources.blobs.put_file(path)
-            return create_build(connection, venue, plain, digest)
+            return create_build(connection, venue, plain, digest, idempotency_key)
 
 
 def withdraw_build(resources: Resources, build_id: str) -> Build:
@@ -49,6 +60,13 @@ def withdraw_build(resources: Resources, build_id: str) -> Build:
     if build.ended:
         discard_blobs(resources.database, resources.blobs, [build.archive_blob])
     return build
+
+
+def _check_same(earlier: Build, options: dict[str, Any], archive_blob: str) -> None:
+    if earlier.options != options or earlier.archive_blob != archive_blob:
+        raise ConflictError(
+            f"Build {earlier.id} was submitted with this Idempotency-Key, and with another scan or other options."
+        )
 
 
 @contextmanager

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import logging
 import os
 import uuid
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
 import obstore
+from obstore.exceptions import BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
 
-from app.errors import NotFoundError
+from app.errors import NotFoundError, StorageError, StorageFullError
 from app.limits import limit
 from app.storage.db import now
 
+log = logging.getLogger("roomfix.storage")
 PREFIX = "sha256"
 # obstore writes a local file under a name with this mark, then renames it; a killed process leaves it behind.
 STAGING_MARK = "#"
@@ -58,7 +62,8 @@ class BlobStore:
         """Store bytes and return their SHA-256."""
         digest = hashlib.sha256(data).hexdigest()
         # Written even when it exists: that renews its age, and the sweep deletes only old blobs.
-        obstore.put(self._store, _path(digest), data)
+        with _failures_translated():
+            obstore.put(self._store, _path(digest), data)
         return digest
 
     def put_file(self, path: Path) -> str:
@@ -68,7 +73,8 @@ class BlobStore:
             while chunk := file.read(OPTIONS.read_chunk_bytes):
                 hasher.update(chunk)
         digest = hasher.hexdigest()
-        obstore.put(self._store, _path(digest), path)
+        with _failures_translated():
+            obstore.put(self._store, _path(digest), path)
         return digest
 
     def get(self, digest: str) -> bytes:
@@ -160,6 +166,18 @@ class BlobStore:
                 raise PermissionError(f"{self._root} can't be written.")
             return
         next(iter(obstore.list(self._store, PREFIX)), None)
+
+
+@contextmanager
+def _failures_translated() -> Iterator[None]:
+    """Turn the error of a store that can't be written into `StorageError`."""
+    try:
+        yield
+    except BaseError as error:
+        if f"(os error {errno.ENOSPC})" in str(error):
+            raise StorageFullError("No space is left for blobs; free some, nothing was stored.") from error
+        log.exception("a blob could not be stored")
+        raise StorageError("Blobs can't be stored: the disk or the object store refuses them.") from error
 
 
 def _path(digest: str) -> str:

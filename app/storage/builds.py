@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import uuid
 from dataclasses import dataclass
 from datetime import datetime
@@ -17,7 +16,6 @@ from app.storage.tables import builds
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 ENDED = ("succeeded", "failed", "cancelled")
-BUILD_ID = re.compile(r"[0-9a-f]{32}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +45,7 @@ class Build:
     options: dict[str, Any]
     archive_blob: str
     attempts: int
+    worker: str | None
     cancel_requested: bool
     error_code: str | None
     error: str | None
@@ -62,7 +61,13 @@ class Build:
         return self.state in ENDED
 
 
-def create_build(connection: Connection, venue_id: str, options: dict[str, Any], archive_blob: str) -> str:
+def create_build(
+    connection: Connection,
+    venue_id: str,
+    options: dict[str, Any],
+    archive_blob: str,
+    idempotency_key: str | None = None,
+) -> str:
     """Queue a build and return its id."""
     build_id = uuid.uuid4().hex
     connection.execute(
@@ -77,9 +82,19 @@ def create_build(connection: Connection, venue_id: str, options: dict[str, Any],
             attempts=0,
             cancel_requested=False,
             created_at=now(),
+            idempotency_key=idempotency_key,
         )
     )
     return build_id
+
+
+def find_submission(connection: Connection, venue_id: str, idempotency_key: str | None) -> Build | None:
+    """Return the build of a venue that was submitted with a key, None where there is none."""
+    if idempotency_key is None:
+        return None
+    here = (builds.c.venue_id == venue_id) & (builds.c.idempotency_key == idempotency_key)
+    row = connection.execute(select(builds).where(here)).first()
+    return None if row is None else _build(row)
 
 
 def get_build(connection: Connection, build_id: str) -> Build:
@@ -98,23 +113,35 @@ def list_builds(connection: Connection, venue_id: str | None = None) -> list[Bui
     return [_build(row) for row in connection.execute(query)]
 
 
-def claim_build(connection: Connection) -> Build | None:
-    """Take the oldest queued build and mark it as running, or return None."""
+def claim_build(connection: Connection, worker: str = "", build_id: str | None = None) -> Build | None:
+    """Take the oldest queued build, or the given one if it is queued, for a worker; return None without one."""
     query = select(builds.c.id).where(builds.c.state == "queued").order_by(builds.c.created_at).limit(1)
-    build_id = connection.execute(query.with_for_update(skip_locked=True)).scalar()
-    if build_id is None:
+    if build_id is not None:
+        query = query.where(builds.c.id == build_id)
+    found = connection.execute(query.with_for_update(skip_locked=True)).scalar()
+    if found is None:
         return None
     connection.execute(
         update(builds)
-        .where(builds.c.id == build_id)
-        .values(state="running", stage="start", started_at=now(), attempts=builds.c.attempts + 1)
+        .where(builds.c.id == found)
+        .values(
+            state="running",
+            stage="start",
+            started_at=now(),
+            attempts=builds.c.attempts + 1,
+            worker=worker,
+            heartbeat=builds.c.heartbeat + 1,
+        )
     )
-    return get_build(connection, build_id)
+    return get_build(connection, found)
 
 
-def report_progress(connection: Connection, build_id: str, stage: str, done: int, total: int) -> bool:
-    """Store how far a build is; return whether it should stop, since it was cancelled or its venue was deleted."""
-    here = (builds.c.id == build_id) & (builds.c.state == "running")
+def report_progress(
+    connection: Connection, build_id: str, stage: str, done: int, total: int, worker: str = ""
+) -> bool:
+    """Store how far a worker's build is; return whether it should stop: it was cancelled, its venue was deleted, or it
+    belongs to another worker by now."""
+    here = _of_worker(build_id, worker)
     changed = connection.execute(update(builds).where(here).values(stage=stage, done=done, total=total))
     if changed.rowcount == 0:
         return True
@@ -122,6 +149,21 @@ def report_progress(connection: Connection, build_id: str, stage: str, done: int
 
 
 def finish_build(
+    connection: Connection, build_id: str, state: State, *, worker: str = "", **values: Any
+) -> None:
+    """Record how a worker's build ended, with the values of `end_build`.
+
+    Raises `ConflictError` when it doesn't run any more, or belongs to another worker by now.
+    """
+    if (
+        connection.execute(select(builds.c.id).where(_of_worker(build_id, worker)).with_for_update()).first()
+        is None
+    ):
+        raise ConflictError(f"Build {build_id} is not running.")
+    end_build(connection, build_id, state, **values)
+
+
+def end_build(
     connection: Connection,
     build_id: str,
     state: State,
@@ -131,22 +173,24 @@ def finish_build(
     error_code: str | None = None,
     error: str | None = None,
 ) -> None:
-    """Record how a running build ended; raises `ConflictError` when it doesn't run any more."""
-    here = (builds.c.id == build_id) & (builds.c.state == "running")
-    changed = connection.execute(
+    """Record how a build ended, whoever ran it."""
+    connection.execute(
         update(builds)
-        .where(here)
+        .where(builds.c.id == build_id)
         .values(
             state=state,
             report=report,
             map_version=map_version,
             error_code=error_code,
             error=error,
+            worker=None,
             finished_at=now(),
         )
     )
-    if changed.rowcount == 0:
-        raise ConflictError(f"Build {build_id} is not running.")
+
+
+def _of_worker(build_id: str, worker: str) -> Any:
+    return (builds.c.id == build_id) & (builds.c.state == "running") & (builds.c.worker == worker)
 
 
 def cancel_build(connection: Connection, build_id: str) -> Build:
@@ -158,29 +202,6 @@ def cancel_build(connection: Connection, build_id: str) -> Build:
     connection.execute(update(builds).where(queued).values(state="cancelled", finished_at=now()))
     connection.execute(update(builds).where(builds.c.id == build_id).values(cancel_requested=True))
     return get_build(connection, build_id)
-
-
-def recover_builds(connection: Connection) -> tuple[list[Build], list[Build]]:
-    """Queue the builds again whose worker died, and end those that were to be cancelled or have had all their attempts.
-
-    Returns the builds queued again and the builds ended. To be called only by a worker that knows that no other one is
-    alive.
-    """
-    requeued, ended = [], []
-    for row in connection.execute(select(builds).where(builds.c.state == "running")).all():
-        build = _build(row)
-        if build.cancel_requested:
-            finish_build(connection, build.id, "cancelled")
-            ended.append(get_build(connection, build.id))
-        elif build.attempts >= OPTIONS.max_attempts:
-            message = f"The worker died {build.attempts} times in this build, last in stage {build.stage!r}."
-            finish_build(connection, build.id, "failed", error_code="worker_died", error=message)
-            ended.append(get_build(connection, build.id))
-        else:
-            values = {"state": "queued", "stage": None, "done": 0, "total": 0}
-            connection.execute(update(builds).where(builds.c.id == build.id).values(**values))
-            requeued.append(get_build(connection, build.id))
-    return requeued, ended
 
 
 def _build(row: Row[tuple[Any, ...]]) -> Build:

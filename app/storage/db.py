@@ -19,7 +19,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.exc import DBAPIError
 
-from app.errors import DatabaseBusyError
+from app.errors import DatabaseBusyError, DatabaseDamagedError, StorageError, StorageFullError
 from app.limits import limit
 
 T = TypeVar("T")
@@ -28,8 +28,22 @@ log = logging.getLogger("roomfix.storage")
 MIGRATIONS_DIR = Path(__file__).parent.parent.parent / "migrations"
 # Any number that nothing else in the database locks.
 BLOB_LOCK = 7_266_349
+MIGRATION_LOCK = 7_266_350
 # Result codes of SQLite for a lock that another connection holds; the higher bits say more.
 SQLITE_LOCK_CODES = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+FULL = "No space is left on the disk of the database; free some, nothing was stored."
+UNUSABLE = (
+    "The database can't be read or written: its disk is read-only, or fails. An operator has to look at it."
+)
+MALFORMED = "The file of the database is damaged. `roomfix restore --replace` brings it back from a backup."
+STORAGE_ERRORS: dict[int, tuple[type[StorageError], str]] = {
+    sqlite3.SQLITE_FULL: (StorageFullError, FULL),
+    sqlite3.SQLITE_READONLY: (StorageError, UNUSABLE),
+    sqlite3.SQLITE_IOERR: (StorageError, UNUSABLE),
+    sqlite3.SQLITE_CANTOPEN: (StorageError, UNUSABLE),
+    sqlite3.SQLITE_CORRUPT: (DatabaseDamagedError, MALFORMED),
+    sqlite3.SQLITE_NOTADB: (DatabaseDamagedError, MALFORMED),
+}
 # SQLSTATE of PostgreSQL for a lock that was not given in time, and for transactions that stood in each other's way.
 LOCK_NOT_AVAILABLE = "55P03"
 SERIALIZATION_FAILURE = "40001"
@@ -112,7 +126,16 @@ class Database:
         if self._sqlite:
             with self.engine.connect() as connection:
                 _when_free(lambda: connection.exec_driver_sql("BEGIN IMMEDIATE"))
-        command.upgrade(config, "head")
+        if self._sqlite:
+            command.upgrade(config, "head")
+            return
+        with self.engine.connect() as connection:
+            # Of servers that start together one brings the tables up to date.
+            connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": MIGRATION_LOCK})
+            try:
+                command.upgrade(config, "head")
+            finally:
+                connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": MIGRATION_LOCK})
 
     def ping(self) -> None:
         """Raise if the database doesn't answer."""
@@ -180,18 +203,23 @@ def _when_free(action: Callable[[], T]) -> T:
 
 @contextmanager
 def _locks_translated() -> Iterator[None]:
-    """Turn the error for a lock that another program holds, or a transaction of it, into `DatabaseBusyError`."""
+    """Turn the error for a lock that another program holds, or a transaction of it, into `DatabaseBusyError`, and those
+    for a disk that can't be used into `StorageError`."""
     try:
         yield
-    except (DBAPIError, sqlite3.OperationalError) as error:
+    except (DBAPIError, sqlite3.DatabaseError) as error:
         # The hook that configures a new connection raises the driver's own error.
         cause = error.orig if isinstance(error, DBAPIError) else error
         sentence = SENTENCES.get(str(getattr(cause, "sqlstate", None)))
-        if (getattr(cause, "sqlite_errorcode", None) or 0) & 0xFF in SQLITE_LOCK_CODES:
+        code = (getattr(cause, "sqlite_errorcode", None) or 0) & 0xFF
+        if code in SQLITE_LOCK_CODES:
             sentence = LOCKED
-        if sentence is None:
-            raise
-        raise DatabaseBusyError(sentence) from error
+        if sentence is not None:
+            raise DatabaseBusyError(sentence) from error
+        if code in STORAGE_ERRORS:
+            kind, sentence = STORAGE_ERRORS[code]
+            raise kind(sentence) from error
+        raise
 
 
 def hold_blobs(connection: Connection) -> None:

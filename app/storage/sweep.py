@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
@@ -73,14 +73,17 @@ def _others_run(connection: Connection, build_id: str) -> bool:
     return connection.execute(others.limit(1)).first() is not None
 
 
-def sweep_scratch(folder: Path, age: timedelta) -> int:
-    """Delete what killed processes left in the scratch folder and is older than `age`; return the number of entries."""
+def sweep_scratch(folder: Path, age: timedelta, running: Set[str] = frozenset()) -> int:
+    """Delete what killed processes left in the scratch folder and is older than `age`; return the number of entries.
+
+    Folders of the builds `running` are kept.
+    """
     limit = (now() - age).timestamp()
     count = 0
     for path in folder.iterdir():
         # An upload may end, and remove its file, at any moment.
         with suppress(FileNotFoundError):
-            if path.stat().st_mtime > limit:
+            if path.stat().st_mtime > limit or path.name.split("-")[0] in running:
                 continue
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)

@@ -10,6 +10,7 @@ from sqlalchemy import (
     Float,
     ForeignKey,
     ForeignKeyConstraint,
+    Index,
     Integer,
     LargeBinary,
     MetaData,
@@ -74,9 +75,14 @@ builds = Table(
     Column("error", Text),
     Column("report", JSON),
     Column("map_version", Integer),
+    Column("idempotency_key", String(64)),
+    # While it runs: the worker that it belongs to, and how often its heart has beaten.
+    Column("worker", String(200)),
+    Column("heartbeat", Integer, nullable=False, server_default="0"),
     Column("created_at", DateTime(timezone=True), nullable=False),
     Column("started_at", DateTime(timezone=True)),
     Column("finished_at", DateTime(timezone=True)),
+    Index("ix_builds_idempotency_key", "venue_id", "idempotency_key", unique=True),
 )
 
 map_versions = Table(

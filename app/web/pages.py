@@ -1,19 +1,26 @@
-"""The pages people open: the start page and the API page, with all their assets served from here."""
+"""The pages people open: start page, studio, phone page and API page, with all their assets served from here."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
 from fastapi import FastAPI
 from fastapi.responses import FileResponse
 from starlette.datastructures import MutableHeaders
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.web.phones import PhoneAccess, install_phone_routes
 
 STATIC = Path(__file__).parent / "static"
 # Swagger UI as it is released; the package's own app factory is not used.
 SWAGGER_UI = Path(str(files("fastapi_offline"))) / "static"
+
+# Address -> the file of the page.
+PAGES = {"/": "index.html", "/studio": "studio.html", "/go/{venue}": "go.html", "/docs": "docs.html"}
 
 # blob: is for photos before they are sent and for plans, which are fetched with the key; data: for icons in
 # style sheets. Nothing may come from, or go to, another host.
@@ -54,16 +61,24 @@ class WithHeaders:
         await self._app(scope, receive, send_with_headers)
 
 
-def install_pages(app: FastAPI) -> None:
-    """Add `/`, `/docs` and their assets to the app."""
+def install_pages(app: FastAPI, access: PhoneAccess | None = None) -> None:
+    """Add the pages, their assets and the list of their languages to the app; `access` is how phones reach it."""
 
-    def start_page() -> FileResponse:
-        return FileResponse(STATIC / "index.html", headers=PAGE_HEADERS)
+    def languages() -> list[str]:
+        return sorted(path.stem for path in (STATIC / "languages" / "go").glob("*.json"))
 
-    def api_page() -> FileResponse:
-        return FileResponse(STATIC / "docs.html", headers=PAGE_HEADERS)
+    for address, name in PAGES.items():
+        app.add_api_route(address, _page(name), include_in_schema=False)
+    # One catalogue file is one language: the phone page asks which there are.
+    app.add_api_route("/assets/languages", languages, include_in_schema=False)
+    install_phone_routes(app, access)
+    app.mount("/docs/assets", _assets(SWAGGER_UI), name="swagger-ui")
+    app.mount("/assets", _assets(STATIC), name="assets")
 
-    app.add_api_route("/", start_page, include_in_schema=False)
-    app.add_api_route("/docs", api_page, include_in_schema=False)
-    app.mount("/docs/assets", WithHeaders(StaticFiles(directory=SWAGGER_UI), PAGE_HEADERS), name="swagger-ui")
-    app.mount("/assets", WithHeaders(StaticFiles(directory=STATIC), PAGE_HEADERS), name="assets")
+
+def _page(name: str) -> Callable[[], FileResponse]:
+    return lambda: FileResponse(STATIC / name, headers=PAGE_HEADERS)
+
+
+def _assets(folder: Path) -> ASGIApp:
+    return WithHeaders(GZipMiddleware(StaticFiles(directory=folder)), PAGE_HEADERS)

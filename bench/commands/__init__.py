@@ -10,6 +10,7 @@ COMMANDS = {
     "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
+    "evaluate-formats": "bench.formats.command:evaluate_formats_command",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
     "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",
@@ -26,6 +27,6 @@ COMMANDS = {
     "simulate-figures": "bench.commands.simulate_figures:simulate_figures",
     "capacity": "bench.capacity.command:capacity",
     "trace-query": "bench.commands.trace_query:trace_query",
-    "large-maps": "bench.commands.large_maps:large_maps",
+    "large-maps": "bench.large_maps.command:large_maps",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
 }

@@ -13,6 +13,7 @@ import typer
 from app.commands.build import build_scan, ensure_venue
 from app.commands.console import BarProgress, console, log_to_stderr, progress_bars, settings_from
 from app.commands.serve import run_server
+from app.commands.serve_phones import run_for_phones
 from app.errors import RoomfixError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 DEFAULT_DIR = Path(".roomfix/demo")
 QUERIES = 12
+PHONE_PATH = "go/demo"
 
 
 def demo(
@@ -39,6 +41,11 @@ def demo(
     whole: Annotated[
         bool, typer.Option("--whole", help="Scan both floors (takes minutes), not one wing.")
     ] = False,
+    phones: Annotated[
+        bool,
+        typer.Option("--phones", help="Serve phones too: https on all addresses, with a key in a QR code."),
+    ] = False,
+    https_port: Annotated[int, typer.Option(help="Port for phones.")] = 8443,
     prepare_only: Annotated[
         bool, typer.Option("--prepare-only", help="Build, print, and don't serve.")
     ] = False,
@@ -51,7 +58,10 @@ def demo(
     _print_what_to_try(settings, queries[0])
     if not prepare_only:
         log_to_stderr()
-        run_server(settings)
+        if phones:
+            run_for_phones(settings, https_port, PHONE_PATH)
+        else:
+            run_server(settings)
 
 
 def _check_port(host: str, port: int) -> None:
@@ -139,7 +149,8 @@ def _print_what_to_try(settings: Settings, query: DemoQuery) -> None:
     address = f"http://{settings.host}:{settings.port}"
     camera = ",".join(f"{value:g}" for value in query.camera.params)
     truth = _truth(query, {floor.level: floor for floor in floor_plans()})
-    console.print(f"\nOpen  [bold]{address}/[/bold]  (API: {address}/docs)\nTry:\n")
+    console.print(f"\nOpen  [bold]{address}/[/bold]  (API: {address}/docs)")
+    console.print(f"Studio  {address}/studio\nA simulated phone  {address}/{PHONE_PATH}#simulated\nTry:\n")
     console.print(
         f"curl -s {address}/locate -F venue=demo -F camera={camera} -F image=@{query.path}",
         soft_wrap=True,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import progress_bars, settings_from
+from app.commands.console import console, progress_bars, settings_from
 from app.errors import InvalidInputError
 from app.services.resources import cap_threads
 from bench.commands.demo import DEFAULT_DIR
@@ -24,6 +24,20 @@ from bench.simulation.walks import Outcome
 KINDS = ("on", "lost", "off")
 
 
+NoMap = Annotated[
+    bool,
+    typer.Option(
+        "--no-map", help="No scan at all: floor plans, and monitoring cameras as an operator hangs them."
+    ),
+]
+AnchorsDir = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for these cameras' anchors, made at the first use; by default inside --data-dir."
+    ),
+]
+
+
 def simulate(
     data_dir: Annotated[Path, typer.Option(help="The folder of `roomfix demo --whole`.")] = DEFAULT_DIR,
     runs: Annotated[int, typer.Option(min=1, help="Trips for each setting, the lengths in turn.")] = 40,
@@ -37,6 +51,9 @@ def simulate(
     fps: Annotated[str, typer.Option(help="Frames a second, with commas.")] = "4",
     light: Annotated[str, typer.Option(help="Light as a share of the day's, with commas.")] = "1",
     width: Annotated[int, typer.Option(min=160, max=1920, help="Width of the pictures, pixels.")] = 400,
+    no_map: NoMap = False,
+    anchors: AnchorsDir = None,
+    pois: Annotated[int, typer.Option(min=1, max=4, help="Largest number of POIs of each of them.")] = 4,
     seed: Annotated[int, typer.Option(help="What chance comes from: the same seed, the same trips.")] = 1,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
     log: Annotated[
@@ -49,15 +66,27 @@ def simulate(
 ) -> None:
     """Let walkers follow guidance through the demonstration venue, and count who arrives."""
     settings_of = [
-        Setting(kind, rate, share)
+        Setting(kind, rate, share, no_map)
         for kind in _kinds(relocation)
         for rate in _numbers(fps, "fps", 0.5, 30.0)
         for share in _numbers(light, "light", 0.05, 3.0)
     ]
     wanted = _numbers(lengths, "lengths", 5.0, 500.0)
-    outcomes = _walk(data_dir, settings_of, wanted, runs, width, seed, workers, WalkLog(log))
+    folder = _cameras(anchors or data_dir / f"cameras-{pois}", pois) if no_map else data_dir
+    outcomes = _walk(folder, settings_of, wanted, runs, width, seed, workers, WalkLog(log))
     figures = [row for setting in settings_of for row in figures_of(setting, outcomes[setting])]
     show_figures(figures, outcomes, report, json_file).write("simulate", figures_title)
+
+
+def _cameras(folder: Path, pois: int) -> Path:
+    """Return the folder of the venue with monitoring cameras and no map, filled at its first use."""
+    from bench.render.scene import demo_scene
+    from bench.simulation.no_map import prepare_without_map
+
+    cap_threads()
+    count = prepare_without_map(settings_from(data_dir=folder), demo_scene(), pois)
+    console.print(f"{count} monitoring cameras with up to {pois} POIs each, and no map.")
+    return folder
 
 
 def _walk(
@@ -75,7 +104,7 @@ def _walk(
 
     cap_threads()
     settings = settings_from(data_dir=data_dir)
-    place = Place.open(settings)
+    place = Place.open(settings, settings_of[0].no_map)
     try:
         trips = choose_trips(place, lengths, runs, seed)
     finally:

@@ -44,12 +44,7 @@ def track_anchors(
         bool, typer.Option("--anywhere", help="POIs anywhere, not only on things that catch the eye.")
     ] = False,
     seed: Annotated[int, typer.Option(help="Which monitoring frames and POIs are drawn.")] = 1,
-    pipeline: Annotated[
-        AnchorPipeline,
-        typer.Option(
-            help="default: what the service does; thesis: the monitoring-camera thesis's equations."
-        ),
-    ] = AnchorPipeline.DEFAULT,
+    pipeline: PipelineOption = AnchorPipeline.DEFAULT,
     options: Options = "{}",
     json_file: JsonFile = None,
     figures: FiguresTitle = None,

@@ -27,6 +27,8 @@ from bench.evaluation.pose_errors import QueryOutcome, pose_error
 ZOOMS = (1.1, 1.25, 1.5, 2.0)
 # What the numbers alone can show, and no mistake to compare with.
 BY_NUMBERS = ("right", "landscape numbers, portrait", "cut to 16:9", "half the size")
+# How many times too long fy is stated: numbers of a picture of another shape, scaled for each axis by itself.
+STRETCHES = {"fy 10 % too long": 1.1, "fy a third too long": 4 / 3}
 # A sure answer, as the bar for wrong ones has it.
 SURE_CONFIDENCE = 0.9
 SURE_SIGMAS = 3.0
@@ -84,7 +86,7 @@ HEADER = (
 def evaluate_cameras(localizer: Localizer, split: Split, world_from_scan: Pose) -> list[CameraFigures]:
     """Ask the same pictures with each mistake in their camera, of a map at `world_from_scan`."""
     figures = []
-    for mistake in (*BY_NUMBERS, *(f"zoom {zoom:g}" for zoom in ZOOMS)):
+    for mistake in (*BY_NUMBERS, *STRETCHES, *(f"zoom {zoom:g}" for zoom in ZOOMS)):
         found = CameraFigures(mistake=mistake)
         for query in _queries(split, mistake, world_from_scan):
             _count(localizer, query, found)
@@ -94,7 +96,7 @@ def evaluate_cameras(localizer: Localizer, split: Split, world_from_scan: Pose) 
 
 def _queries(split: Split, mistake: str, world_from_scan: Pose) -> Iterator[StatedQuery]:
     camera = split.database.camera
-    values = CameraHint(values=camera.params[: {"PINHOLE": 4, "OPENCV": 8}.get(camera.model, 9)])
+    stated = camera.params[: {"PINHOLE": 4, "OPENCV": 8}.get(camera.model, 9)]
     for frame in split.queries:
         rgb, pose = frame_rgb(split.database, frame), world_from_scan @ frame.scan_from_camera
         if mistake.startswith("zoom"):
@@ -107,6 +109,7 @@ def _queries(split: Split, mistake: str, world_from_scan: Pose) -> Iterator[Stat
             rgb = np.ascontiguousarray(rgb[top : top + height])
         elif mistake.startswith("half"):
             rgb = np.ascontiguousarray(cv2.resize(rgb, None, fx=2.0, fy=2.0))
+        values = CameraHint(values=(stated[0], stated[1] * STRETCHES.get(mistake, 1.0), *stated[2:]))
         yield StatedQuery(frame.name, rgb, values, pose)
 
 

@@ -26,7 +26,8 @@ class WalkLog:
     def _read(self, line: str, number: int) -> None:
         try:
             values = json.loads(line)
-            outcome = Outcome(**{each.name: values["outcome"][each.name] for each in fields(Outcome)})
+            # Files of earlier walks have no frames beyond three sigmas.
+            outcome = Outcome(**{"beyond_frames": 0, **values["outcome"]})
             self._known[_key(values["walk"])] = outcome
         except (ValueError, KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -41,7 +42,10 @@ class WalkLog:
         """Yield all walks with how they were walked."""
         for key, outcome in self._known.items():
             values = json.loads(key)
-            yield Setting(*(values[each.name] for each in fields(Setting))), outcome
+            yield (
+                Setting(**{each.name: values[each.name] for each in fields(Setting) if each.name in values}),
+                outcome,
+            )
 
     def add(self, walk: Mapping[str, Any], outcome: Outcome) -> None:
         """Add a walk; it is in the file when this returns."""

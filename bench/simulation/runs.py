@@ -12,11 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from app.engine.anchors.features import AnchorDescriber
 from app.engine.floors.floor import Floor
 from app.engine.navigation.places import PlanPlace
 from app.engine.tracking.settings import TrackerSettings
 from app.errors import ConflictError
 from app.geometry.plan import PlanTransform
+from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -78,17 +80,18 @@ class Place:
     services: dict[str, SessionService] = field(default_factory=dict)
 
     @staticmethod
-    def open(settings: Settings) -> Place:
-        """Open a folder; raises `ConflictError` when it holds no mapped demonstration venue."""
+    def open(settings: Settings, no_map: bool = False) -> Place:
+        """Open a folder; raises `ConflictError` when it holds no mapped demonstration venue and needs one."""
         resources = Resources.open(settings)
         library, features = MapLibrary(resources), FeatureLibrary(resources.database)
-        if library.active(VENUE.id) is None:
+        if not no_map and library.active(VENUE.id) is None:
             raise ConflictError("The demonstration venue has no map yet: run roomfix demo --whole first.")
         routes = RouteService(resources.database, features)
         with resources.database.read() as connection:
             floors = {floor.level: floor for floor in list_floors(connection, VENUE.id)}
+        anchors = AnchorLocator(resources, AnchorDescriber()) if no_map else None
         services = {
-            name: SessionService(resources, library, features, routes, tracking=tracking)
+            name: SessionService(resources, library, features, routes, anchors, tracking)
             for name, tracking in RELOCATION.items()
         }
         return Place(resources, floors, features, routes, services)
@@ -148,7 +151,8 @@ def run_jobs(
     known = {number: log.get(job.walk(width)) for number, job in enumerate(jobs)}
     outcomes = {number: outcome for number, outcome in known.items() if outcome is not None}
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _start, (settings, scene, width)) as pool:
+    no_map = any(job.setting.no_map for job in jobs)
+    with ProcessPoolExecutor(workers, context, _start, (settings, scene, width, no_map)) as pool:
         left = [number for number in range(len(jobs)) if number not in outcomes]
         waiting = {pool.submit(_run, jobs[number]): number for number in left}
         for done in as_completed(waiting):
@@ -168,15 +172,16 @@ class _Worker:
 _worker: list[_Worker] = []
 
 
-def _start(settings: Settings, scene: Path, width: int) -> None:
+def _start(settings: Settings, scene: Path, width: int, no_map: bool) -> None:
     cv2.setNumThreads(1)
-    _worker.append(_Worker(Place.open(settings), Phone(loaded_scene(scene), phone_camera(width))))
+    _worker.append(_Worker(Place.open(settings, no_map), Phone(loaded_scene(scene), phone_camera(width))))
 
 
 def _run(job: Job) -> Outcome:
     worker = _worker[0]
     place, setting = worker.place, job.setting
-    navigator = SessionNavigator(place.services[setting.relocation], VENUE.id, worker.phone)
+    service = place.services[setting.relocation]
+    navigator = SessionNavigator(service, VENUE.id, worker.phone, sends_gravity=setting.no_map)
     return walk_trip(
         job.trip,
         DemoBuilding(),

@@ -18,22 +18,26 @@ THESIS_MEAN_M = 0.46
 THESIS_SUCCESS_PERCENT = 90.6
 COLUMNS = (
     "relocation", "frames / s", "light", "path m", "runs", "successful %", "95 % interval", "mean error m",
-    "90 % error m", "located %", "wrong frames", "off route", "walked / route", "other ends", "ms a frame",
+    "90 % error m", "located %", "wrong frames", "wrong by 3 sigmas, 1 m", "off route",
+    "walked / route", "other ends", "ms a frame",
 )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """How trips are walked: use of the map (`on`, `lost`, `off`), frames a second, light as a share of the day's."""
+    """How trips are walked: use of the map (`on`, `lost`, `off`), frames a second, light as a share of the day's.
+    Without a map relocation is by monitoring cameras alone."""
 
     relocation: str
     fps: float
     light: float
+    no_map: bool = False
 
     @property
     def label(self) -> str:
         """The setting in words."""
-        return f"relocation {self.relocation}, {self.fps:g} frames/s, light x{self.light:g}"
+        source = ", no map" if self.no_map else ""
+        return f"relocation {self.relocation}{source}, {self.fps:g} frames/s, light x{self.light:g}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +54,7 @@ class Figures:
     located_percent: float
     frames: int
     wrong_frames: int
+    beyond_frames: int
     off_route_frames: int
     walked_share: float | None
     ends: dict[str, int]
@@ -60,7 +65,7 @@ class Figures:
         low, high = self.interval_percent
         others = {end: count for end, count in self.ends.items() if end != "arrived"}
         return [
-            self.setting.relocation,
+            self.setting.relocation + (", no map" if self.setting.no_map else ""),
             f"{self.setting.fps:g}",
             f"x{self.setting.light:g}",
             "all" if self.length_m is None else f"{self.length_m:g}",
@@ -71,6 +76,7 @@ class Figures:
             _cell(self.p90_error_m),
             f"{self.located_percent:.1f}",
             f"{self.wrong_frames} of {self.frames}",
+            str(self.beyond_frames),
             str(self.off_route_frames),
             _cell(self.walked_share),
             ", ".join(f"{end} {count}" for end, count in others.items()) or "-",
@@ -115,6 +121,7 @@ def _figures(setting: Setting, length_m: float | None, outcomes: Sequence[Outcom
         located_percent=round(sum(one.told_percent * one.frames for one in outcomes) / max(frames, 1), 1),
         frames=frames,
         wrong_frames=sum(one.wrong_frames for one in outcomes),
+        beyond_frames=sum(one.beyond_frames for one in outcomes),
         off_route_frames=sum(one.off_route_frames for one in outcomes),
         walked_share=round(float(np.mean(walked)), 3) if walked else None,
         ends=dict(Counter(one.end for one in outcomes).most_common()),

@@ -19,6 +19,9 @@ PATIENCE_S = 60.0
 PATIENCE_S_PER_M = 3.0
 # A place with a larger error, or on another floor, is wrong.
 WRONG_M = 0.5
+# A place that is off by more than this, and by more than this many stated sigmas, was wrong and not said to be.
+BEYOND_M = 1.0
+BEYOND_SIGMAS = 3.0
 # A walker without guidance for this time, enough to look around and go back three times, is lost.
 SILENCE_S = 60.0
 
@@ -37,11 +40,13 @@ class Shot:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came back for a picture: guidance, the place on a plan if there is one, and how long it took."""
+    """What came back for a picture: guidance, the place on a plan if there is one, how long it took, and the position's
+    sigma as stated."""
 
     guidance: Mapping[str, Any] | None
     place: PlanPlace | None
     milliseconds: float = 0.0
+    sigma_m: float | None = None
 
     @property
     def leads(self) -> bool:
@@ -66,7 +71,8 @@ class Navigator(Protocol):
 class Outcome:
     """What came of a trip. `end` is `arrived`, `arrived elsewhere`, `missed a landmark`, `lost` or
     `gave up`; errors are those of the place on the plan, metres, of the frames with one on the right floor.
-    `wrong_frames` got a place with an error above 0.5 m, or on another floor."""
+    `wrong_frames` got a place with an error above 0.5 m, or on another floor; `beyond_frames` one with an error above
+    1 m and three stated sigmas, or on another floor."""
 
     trip: int
     length_m: float
@@ -87,6 +93,7 @@ class Outcome:
     largest_error_m: float | None
     off_destination_m: float
     mean_ms: float
+    beyond_frames: int = 0
 
     @property
     def is_success(self) -> bool:
@@ -104,6 +111,7 @@ class _Log:
     located: int = 0
     off_route: int = 0
     wrong_floor: int = 0
+    beyond: int = 0
     was_guided: bool = False
 
     def note(self, answer: Answer, truth: PlanPlace) -> None:
@@ -116,7 +124,9 @@ class _Log:
         self.located += 1
         self.off_route += bool(answer.guidance and answer.guidance.get("off_route"))
         if answer.place.floor == truth.floor:
-            self.errors_m.append(apart_m(answer.place, truth))
+            error_m = apart_m(answer.place, truth)
+            self.errors_m.append(error_m)
+            self.beyond += error_m > max(BEYOND_M, BEYOND_SIGMAS * (answer.sigma_m or 0.0))
         else:
             self.wrong_floor += 1
 
@@ -183,6 +193,7 @@ def _outcome(trip: Trip, walker: Walker, progress: Progress, log: _Log, arrived:
         largest_error_m=_rounded(log.errors_m, np.max),
         off_destination_m=round(min(off_m, 999.0), 2),
         mean_ms=round(float(np.mean(log.milliseconds)), 1) if log.milliseconds else 0.0,
+        beyond_frames=log.wrong_floor + log.beyond,
     )
 
 

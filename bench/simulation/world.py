@@ -41,6 +41,8 @@ PASSER_WALKS_S = 4.0
 PASSER_HEIGHT_M = 1.7
 PASSER_WIDTH_M = 0.5
 PASSER_SPEED_M_S = 1.1
+# Standard deviation of a phone's gravity about each axis.
+GRAVITY_SIGMA_RAD = float(np.radians(1.0))
 NEAREST_M = 0.7
 
 
@@ -189,10 +191,13 @@ def _draw(
 class SessionNavigator:
     """Sends a phone's pictures to the session service of a venue, as the server does."""
 
-    def __init__(self, service: SessionService, venue: str, phone: Phone) -> None:
+    def __init__(
+        self, service: SessionService, venue: str, phone: Phone, *, sends_gravity: bool = False
+    ) -> None:
         self._service = service
         self._venue = venue
         self._phone = phone
+        self._sends_gravity = sends_gravity
         self._session = ""
 
     def begin(self, destination: str) -> None:
@@ -206,12 +211,22 @@ class SessionNavigator:
         """Take a picture and return the answer to it."""
         image = self._phone.take(shot, rng)
         begun = time.perf_counter()
-        answer = self._service.process(self._session, SessionFrame(image, time_s=shot.time_s))
+        gravity = _gravity(shot, rng) if self._sends_gravity else None
+        frame = SessionFrame(image, time_s=shot.time_s, gravity=gravity)
+        answer = self._service.process(self._session, frame)
         milliseconds = 1e3 * (time.perf_counter() - begun)
         floor, plan = answer.result.floor, answer.result.plan
         place = None if floor is None or plan is None else PlanPlace(floor.id, plan.x, plan.y)
-        return Answer(answer.guidance, place, milliseconds)
+        accuracy = answer.result.accuracy
+        return Answer(answer.guidance, place, milliseconds, None if accuracy is None else accuracy.position_m)
 
     def end(self) -> None:
         """End the session."""
         self._service.delete(self._session)
+
+
+def _gravity(shot: Shot, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Return down in camera axes as a phone's accelerometer states it."""
+    down = shot.world_from_camera.rotation.T @ np.array([0.0, 0.0, -1.0])
+    x, y, z = down + rng.normal(0.0, GRAVITY_SIGMA_RAD, 3)
+    return float(x), float(y), float(z)

@@ -162,15 +162,18 @@ def test_an_open_server_answers_every_name_of_loopback(empty: Server, host: str)
 
 
 @pytest.mark.parametrize(
-    ("origin", "status"),
+    ("origin", "status", "stream_status"),
     [
-        ("http://localhost:3000", 404),
-        ("http://127.0.0.1:8000", 404),
-        ("https://evil.example", 403),
-        ("null", 403),
+        ("http://127.0.0.1", 404, 404),
+        # Another page of this machine may read, as far as its browser shows it the answer.
+        ("http://localhost:3000", 404, 403),
+        ("https://evil.example", 403, 403),
+        ("null", 403, 403),
     ],
 )
-def test_an_open_server_takes_no_page_of_another_machine(empty: Server, origin: str, status: int) -> None:
+def test_an_open_server_takes_no_page_of_another_machine(
+    empty: Server, origin: str, status: int, stream_status: int
+) -> None:
     path, headers = "/sessions/" + "0" * 32, {"Origin": origin}
     assert empty.client.get(path, headers=headers).status_code == status
     assert isinstance(empty.client, TestClient)
@@ -179,7 +182,7 @@ def test_an_open_server_takes_no_page_of_another_machine(empty: Server, origin: 
         empty.client.websocket_connect(f"ws://127.0.0.1{path}/stream", headers=headers),
     ):
         pass
-    assert refused.value.status_code == status
+    assert refused.value.status_code == stream_status
 
 
 def test_a_server_with_keys_answers_under_any_name(locked: Server) -> None:

@@ -24,7 +24,7 @@ from app.commands.connections import (
     ConnectionOptions,
     DeadlineProtocol,
     FragmentLimitProtocol,
-    server_options,
+    connection_options,
 )
 from tests.jobs.test_kill import free_port
 from tests.server import wait_for
@@ -50,7 +50,7 @@ def port() -> Iterator[int]:
         patch.setattr(FragmentLimitProtocol, "options", ConnectionOptions(max_fragments=50))
         port = free_port()
         app = Starlette(routes=[Route("/", echo, methods=["POST"]), WebSocketRoute("/ws", lengths)])
-        server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="error", **server_options()))
+        server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="error", **connection_options()))
         thread = threading.Thread(target=server.run)
         thread.start()
         wait_for(lambda: server.started)

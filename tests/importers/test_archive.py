@@ -107,13 +107,17 @@ def test_only_what_the_importers_read_is_written(tmp_path: Path, make: Callable[
         "scan/.git/config.txt",
         "scan/run.sh",
         "scan/big.bag",
+        "scan/big.svo2",
     ]
-    archive = make(tmp_path / "a", {name: b"x" * (2 * MIB if "big" in name else 9) for name in names})
+    # A recording may be larger than other files, which hold one frame.
+    big = {"scan/big.bag": np.random.default_rng(1).bytes(2 * MIB), "scan/big.svo2": b"x" * MIB}
+    archive = make(tmp_path / "a", {name: big.get(name, b"x" * 9) for name in names})
     root = extract_archive(archive, tmp_path / "out", SMALL if make is make_zip else None)
     assert root == tmp_path / "out/scan"
-    assert extracted(root) == ["big.bag", "rgb.txt"]
-    # A recording is there by name alone, so that its format can be named.
-    assert (root / "big.bag").stat().st_size == 0
+    assert extracted(root) == ["big.bag", "big.svo2", "rgb.txt"]
+    assert (root / "big.bag").stat().st_size == 2 * MIB
+    # A recording that no importer reads is there by name alone, so that its format can be named.
+    assert (root / "big.svo2").stat().st_size == 0
 
 
 HOSTILE_NAMES = [

@@ -40,7 +40,7 @@ def test_seven_scenes_is_detected(tmp_path: Path, name: str | None) -> None:
 def test_other_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidScanError, match="can't be told"):
         open_scan(tmp_path)
-    with pytest.raises(InvalidScanError, match=r"not known; use auto, tum, 7scenes, .* or redwood"):
+    with pytest.raises(InvalidScanError, match=r"not known; use auto, tum, 12scenes, 7scenes, .* or colmap"):
         open_scan(write_tum(tmp_path), "kitti")
     with pytest.raises(InvalidScanError, match="does not exist"):
         open_scan(tmp_path / "nowhere")
@@ -99,13 +99,22 @@ def test_colour_of_another_size_names_both_sizes_and_the_file(tmp_path: Path) ->
         open_scan(folder, None, ScanOptions(camera=Camera("PINHOLE", 128, 96, (120.0, 120.0, 63.5, 47.5))))
 
 
-def test_depth_of_another_size_needs_its_camera(tmp_path: Path) -> None:
+def test_depth_of_another_shape_needs_its_camera(tmp_path: Path) -> None:
     folder = write_tum(tmp_path, [0.0])
-    write_depth(folder / "depth/0.000000.png", 5000, 32, 24)
+    write_depth(folder / "depth/0.000000.png", 5000, 32, 32)
     with pytest.raises(
-        InvalidScanError, match=r"0\.000000\.png has 32 x 24 pixels, its colour image .* 64 x 48"
+        InvalidScanError, match=r"0\.000000\.png has 32 x 32 pixels, its colour image .* 64 x 48"
     ):
         open_scan(folder)
+
+
+def test_depth_of_another_size_has_scaled_intrinsics(tmp_path: Path) -> None:
+    folder = write_tum(tmp_path, [0.0])
+    write_depth(folder / "depth/0.000000.png", 5000, 32, 24)
+    scan = open_scan(folder)
+    assert scan.depth.camera == Camera("PINHOLE", 32, 24, (30.0, 30.0, 15.5, 11.5))
+    assert any("32 x 24" in note and "scaled" in note for note in scan.notes)
+    np.testing.assert_allclose(scan.depth_m(scan.frames[0])[2:-2, 2:-2], 1.0, rtol=1e-5)
     half = (30.0, 30.0, 15.5, 11.5)
     scan = open_scan(folder, None, ScanOptions(depth_camera=half))
     assert scan.depth.camera == Camera("PINHOLE", 32, 24, half)

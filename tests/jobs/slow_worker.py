@@ -1,8 +1,8 @@
 """The build worker, held where a test wants it: at the stage that the file `hold` in the data folder names.
 
-It waits there, having written `held`, until `hold` names another stage or is gone. `LOCK_WAIT_S` in the environment
-shortens the time that an impatient database waits for a lock. Started by its path, in place of
-`python -m app.jobs.worker`.
+It waits there, having written `held`, until `hold` names another stage or is gone. Of the environment, `LOCK_WAIT_S`
+shortens the time that an impatient database waits for a lock, and `LEASE_S` the time after which a silent worker is
+given up. Started by its path, in place of `python -m app.jobs.worker`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 import time
 from pathlib import Path
 
-from app.jobs import handlers, worker
+from app.jobs import handlers, lease, worker
 from app.storage import db
 
 POLL_S = 0.01
@@ -50,5 +50,7 @@ def _names(path: Path, stage: str) -> bool:
 if __name__ == "__main__":
     if "LOCK_WAIT_S" in os.environ:
         db.OPTIONS = db.DatabaseOptions(lock_wait_s=float(os.environ["LOCK_WAIT_S"]))
+    if "LEASE_S" in os.environ:
+        lease.OPTIONS = lease.LeaseOptions(lease_s=float(os.environ["LEASE_S"]))
     handlers.BuildProgress = HeldProgress  # type: ignore[misc]
     worker.main()

@@ -212,23 +212,6 @@ def test_a_venue_deleted_under_its_build_takes_the_build_along(site: WithRunner,
     site.leaves_nothing_behind(before + 1)
 
 
-def test_a_second_worker_waits_for_the_first(site: WithRunner) -> None:
-    environment = {**os.environ, "ROOMFIX_DATA_DIR": str(site.server.data_dir)}
-    build = site.submit_and_hold("describe")
-    second = subprocess.Popen(SLOW_WORKER, stdin=subprocess.PIPE, env=environment)
-    try:
-        # Were it to run, it would take the running build for one whose worker died, and start it anew.
-        with pytest.raises(subprocess.TimeoutExpired):
-            second.wait(3.0)
-        assert site.server.status(build)["attempts"] == 1
-    finally:
-        second.kill()
-        second.communicate()
-    site.release()
-    ended = site.server.wait(build)
-    assert (ended["state"], ended["attempts"]) == ("succeeded", 1)
-
-
 # From here on the server is killed, too.
 
 

@@ -14,7 +14,7 @@ from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import ConflictError, NotFoundError
-from app.storage import builds, floors, maps, venues
+from app.storage import builds, floors, leases, maps, venues
 from app.storage.db import Database
 from app.storage.tables import map_versions, metadata
 
@@ -162,12 +162,53 @@ def test_a_running_build_learns_that_it_is_cancelled(database: Database, venue: 
 def test_builds_without_a_worker_are_queued_again_and_at_last_failed(database: Database, venue: str) -> None:
     with database.write() as connection:
         build = builds.create_build(connection, venue, {}, "a" * 64)
-        for _ in range(builds.OPTIONS.max_attempts - 1):
-            builds.claim_build(connection)
-            assert [b.id for b in builds.recover_builds(connection)[0]] == [build]
-            assert builds.get_build(connection, build).state == "queued"
-        builds.claim_build(connection)
-        requeued, ended = builds.recover_builds(connection)
-        assert (requeued, [b.id for b in ended]) == ([], [build])
-        assert builds.get_build(connection, build).error_code == "worker_died"
-        assert builds.recover_builds(connection) == ([], [])
+        for _ in range(builds.OPTIONS.max_attempts):
+            builds.claim_build(connection, "w")
+            (lease,) = leases.list_leases(connection)
+            assert (lease.build_id, lease.worker) == (build, "w")
+            taken = leases.take_back(connection, lease)
+            assert taken is not None
+            assert taken.worker is None
+            # Once: whoever comes second finds nothing.
+            assert leases.take_back(connection, lease) is None
+            if taken.attempts < builds.OPTIONS.max_attempts:
+                assert taken.state == "queued"
+        assert (taken.state, taken.error_code) == ("failed", "worker_died")
+        assert leases.list_leases(connection) == []
+
+
+def test_a_build_belongs_to_its_worker_while_its_heart_beats(database: Database, venue: str) -> None:
+    with database.write() as connection:
+        build = builds.create_build(connection, venue, {}, "a" * 64)
+        builds.claim_build(connection, "first")
+        (lease,) = leases.list_leases(connection)
+        assert leases.beat(connection, "other") == 0
+        assert leases.beat(connection, "first") == 1
+        # Who saw the lease before the beat doesn't get the build.
+        assert leases.take_back(connection, lease) is None
+        (lease,) = leases.list_leases(connection)
+        assert leases.take_back(connection, lease) is not None
+        again = builds.claim_build(connection, "second")
+        assert again is not None
+        assert again.attempts == 2
+        # The first worker, should it wake up, is told to stop and can end nothing.
+        assert builds.report_progress(connection, build, "store", 1, 9, "first") is True
+        with pytest.raises(ConflictError):
+            builds.finish_build(connection, build, "failed", worker="first")
+        assert builds.report_progress(connection, build, "describe", 1, 9, "second") is False
+        builds.finish_build(connection, build, "succeeded", worker="second", map_version=1)
+        assert leases.beat(connection, "second") == 0
+
+
+def test_a_build_that_is_handed_over_counts_no_attempt(database: Database, venue: str) -> None:
+    with database.write() as connection:
+        build = builds.create_build(connection, venue, {}, "a" * 64)
+        builds.claim_build(connection, "old")
+        assert leases.hand_over(connection, "new") == 0
+        assert leases.hand_over(connection, "old") == 1
+        queued = builds.get_build(connection, build)
+        assert (queued.state, queued.attempts, queued.worker) == ("queued", 0, None)
+        assert builds.claim_build(connection, "new", "0" * 32) is None
+        taken = builds.claim_build(connection, "new", build)
+        assert taken is not None
+        assert (taken.attempts, taken.worker) == (1, "new")

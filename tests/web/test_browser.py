@@ -2,121 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
-import socket
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 
 import httpx
 import numpy as np
 import pytest
 
 from tests import scenes
+from tests.web.live import KEY, Server, Tab
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
-if not CHROMIUM.exists():
-    pytest.skip(f"no browser at {CHROMIUM}: apt-get install chromium", allow_module_level=True)
-
-KEY = "key-of-the-browser-test"
-FLAGS = [
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-]  # fmt: skip
 METERS_PER_PIXEL, ORIGIN_PX = 0.02, (20.0, 170.0)
-
-
-@dataclass
-class Server:
-    """A live server: its address, and a client that has the key."""
-
-    url: str
-    client: httpx.Client
-
-
-@dataclass
-class Tab:
-    """A page, and what went wrong or left the machine while it was open."""
-
-    page: playwright.Page
-    complaints: list[str]
-
-    def open(self, url: str) -> None:
-        self.page.goto(url)
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    folder = tmp_path_factory.mktemp("served")
-    command = [sys.executable, "-m", "app.cli", "serve", "--host", "127.0.0.1", "--port", str(port)]
-    with (folder / "log").open("wb") as log:
-        process = subprocess.Popen(
-            [*command, "--data-dir", str(folder / "data")],
-            env={**os.environ, "ROOMFIX_ADMIN_KEY": KEY, "ROOMFIX_OPEN": "false"},
-            cwd=Path(__file__).parents[2],
-            stdout=log,
-            stderr=log,
-        )
-    url = f"http://127.0.0.1:{port}"
-    try:
-        with httpx.Client(base_url=url, headers={"Authorization": f"Bearer {KEY}"}, timeout=20) as client:
-            _wait_until_ready(client, process, folder / "log")
-            yield Server(url, client)
-    finally:
-        process.terminate()
-        process.wait(20)
-
-
-def _wait_until_ready(client: httpx.Client, process: subprocess.Popen[bytes], log: Path) -> None:
-    for _ in range(150):
-        assert process.poll() is None, log.read_text(encoding="utf-8")
-        try:
-            if client.get("/readyz").status_code == 200:
-                return
-        except httpx.TransportError:
-            pass
-        time.sleep(0.2)
-    pytest.fail(f"the server did not become ready: {log.read_text(encoding='utf-8')}")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[playwright.Browser]:
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def tab(browser: playwright.Browser) -> Iterator[Tab]:
-    """A new page; after the test it must not have complained, nor asked any other host for anything."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900})
-    context.set_default_timeout(15_000)
-    page, complaints = context.new_page(), []
-
-    def console(message: playwright.ConsoleMessage) -> None:
-        # The browser itself notes the 401 that makes the page ask for the key.
-        if message.type == "error" and "401" not in message.text:
-            complaints.append(message.text)
-
-    def request(made: playwright.Request) -> None:
-        if not made.url.startswith(("http://127.0.0.1:", "blob:", "data:")):
-            complaints.append(f"left the machine: {made.url}")
-
-    page.on("console", console)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("request", request)
-    yield Tab(page, complaints)
-    context.close()
-    assert complaints == []
 
 
 def _give_key(page: playwright.Page) -> None:

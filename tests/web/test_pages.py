@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urljoin
 
 import pytest
 from fastapi.testclient import TestClient
@@ -15,7 +17,8 @@ from app.settings import Settings
 from app.web.pages import STATIC
 
 STATIC_FILES = sorted(path.relative_to(STATIC).as_posix() for path in STATIC.rglob("*") if path.is_file())
-SCRIPTS = sorted((STATIC / "js").glob("*.js"))
+SCRIPTS = sorted((STATIC / "js").rglob("*.js"))
+LANGUAGES = sorted((STATIC / "languages").rglob("*.json"))
 PAGES = sorted(STATIC.glob("*.html"))
 
 
@@ -26,7 +29,9 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
         yield client
 
 
-@pytest.mark.parametrize("path", ["/", "/docs", "/assets/js/main.js", "/docs/assets/swagger-ui-bundle.js"])
+@pytest.mark.parametrize(
+    "path", ["/", "/docs", "/go/any", "/assets/js/main.js", "/docs/assets/swagger-ui-bundle.js"]
+)
 def test_pages_and_assets_carry_the_security_headers(client: TestClient, path: str) -> None:
     answer = client.get(path)
     assert answer.status_code == 200
@@ -49,12 +54,15 @@ def test_a_missing_asset_is_a_problem_and_the_folder_cannot_be_left(client: Test
 @pytest.mark.parametrize("name", STATIC_FILES)
 def test_every_static_file_is_served_with_its_type(client: TestClient, name: str) -> None:
     types = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+    types[".json"] = "application/json"
     answer = client.get(f"/assets/{name}")
     assert answer.status_code == 200
     assert answer.headers["Content-Type"].startswith(types[Path(name).suffix])
 
 
-@pytest.mark.parametrize(("page", "address"), [("index.html", "/"), ("docs.html", "/docs")])
+@pytest.mark.parametrize(
+    ("page", "address"), [("index.html", "/"), ("docs.html", "/docs"), ("go.html", "/go/museum")]
+)
 def test_what_a_page_refers_to_is_there(client: TestClient, page: str, address: str) -> None:
     html = client.get(address).text
     assert html == (STATIC / page).read_text(encoding="utf-8")
@@ -63,7 +71,7 @@ def test_what_a_page_refers_to_is_there(client: TestClient, page: str, address: 
     for reference in references:
         # Relative, so that the pages also work below the path prefix of a proxy.
         assert not reference.startswith("/")
-        assert client.get(f"/{reference.removeprefix('./')}").status_code == 200, reference
+        assert client.get(urljoin(address, reference)).status_code == 200, reference
 
 
 def test_modules_import_only_modules_that_are_there() -> None:
@@ -72,12 +80,56 @@ def test_modules_import_only_modules_that_are_there() -> None:
             assert (script.parent / imported).is_file(), f"{script.name} imports {imported}"
 
 
-def test_ids_that_scripts_look_up_are_in_the_page() -> None:
-    ids = re.findall(r' id="([^"]+)"', (STATIC / "index.html").read_text(encoding="utf-8"))
+def modules_of(page: Path) -> set[Path]:
+    """Return the modules that a page loads, with all that they import."""
+    found: set[Path] = set()
+    html = page.read_text(encoding="utf-8")
+    waiting = [(STATIC / path).resolve() for path in re.findall(r'assets/(js/[^"]+)" type="module"', html)]
+    while waiting:
+        script = waiting.pop()
+        if script not in found:
+            found.add(script)
+            imported = re.findall(r'from "([^"]+)"', script.read_text(encoding="utf-8"))
+            waiting += [(script.parent / name).resolve() for name in imported]
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_ids_that_scripts_look_up_are_in_the_page(page: Path) -> None:
+    ids = re.findall(r' id="([^"]+)"', page.read_text(encoding="utf-8"))
     assert len(ids) == len(set(ids))
-    for script in SCRIPTS:
+    scripts = modules_of(page)
+    assert scripts
+    for script in scripts:
         for wanted in re.findall(r'byId\("([^"]+)"\)', script.read_text(encoding="utf-8")):
             assert wanted in ids, f"{script.name} looks for #{wanted}"
+
+
+def test_every_script_belongs_to_a_page() -> None:
+    classic = {STATIC / "js" / "theme.js"}
+    assert set(SCRIPTS) == classic.union(*(modules_of(page) for page in PAGES))
+
+
+def test_every_language_has_the_same_sentences_with_the_same_names(client: TestClient) -> None:
+    assert client.get("/assets/languages").json() == [path.stem for path in LANGUAGES]
+    catalogues = [json.loads(path.read_text(encoding="utf-8")) for path in LANGUAGES]
+    names = [
+        {key: sorted(re.findall(r"\{(\w+)\}", sentence)) for key, sentence in catalogue.items()}
+        for catalogue in catalogues
+    ]
+    assert len(names) > 1
+    assert all(each == names[0] for each in names)
+
+
+def test_every_sentence_that_the_phone_page_says_is_in_the_catalogue() -> None:
+    catalogue = json.loads(LANGUAGES[0].read_text(encoding="utf-8"))
+    said = {
+        key
+        for script in (STATIC / "js" / "go").glob("*.js")
+        for key in re.findall(r'\b(?:say|translated)\("([^"]+)"', script.read_text(encoding="utf-8"))
+    }
+    assert len(said) > 20
+    assert said <= set(catalogue)
 
 
 def test_every_field_has_a_label() -> None:

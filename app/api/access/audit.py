@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
@@ -35,8 +35,23 @@ class AuditOptions:
 OPTIONS = AuditOptions()
 
 
-class AuditBody(BaseModel):
+class AuditEntryBody(BaseModel):
     """One act: which key made which call to what, when, and from where."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "id": 17,
+                "at": "2026-03-01T09:00:00Z",
+                "key": "3f0c52a91b7de604",
+                "key_name": "Operator",
+                "act": "DELETE /venues/{venue}",
+                "target": "/venues/old",
+                "venue": "old",
+                "address": "192.0.2.7",
+            }
+        }
+    )
 
     id: int = Field(description="Grows with time")
     at: datetime
@@ -50,10 +65,10 @@ class AuditBody(BaseModel):
     address: str | None
 
     @staticmethod
-    def of(entry: AuditEntry) -> AuditBody:
+    def of(entry: AuditEntry) -> AuditEntryBody:
         """Return the body of an entry."""
         act = entry.act
-        return AuditBody(
+        return AuditEntryBody(
             id=entry.id,
             at=entry.at,
             key=act.key_id,
@@ -65,7 +80,7 @@ class AuditBody(BaseModel):
         )
 
 
-@router.get("", responses=problems(401, 422))
+@router.get("", name="listAudit", responses=problems(401, 422))
 def list_all(
     state: State,
     caller: CallerOf,
@@ -75,7 +90,7 @@ def list_all(
     before: Annotated[
         int | None, Query(ge=1, le=2**31 - 1, description="Only entries older than that of this id")
     ] = None,
-) -> list[AuditBody]:
+) -> list[AuditEntryBody]:
     """List what administrators changed, newest first; a key limited to a venue sees that venue's."""
     with state.services.resources.database.read() as connection:
-        return [AuditBody.of(entry) for entry in list_acts(connection, caller.venue_id, before, limit)]
+        return [AuditEntryBody.of(entry) for entry in list_acts(connection, caller.venue_id, before, limit)]

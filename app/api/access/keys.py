@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,6 +13,7 @@ from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
+from app.api.requests.paging import Paged
 from app.api.schemas import problems
 from app.services.keys.key_service import NewKey
 from app.storage.keys import Key, Scope
@@ -47,8 +48,24 @@ class KeyRequest(RequestBody):
     )
 
 
+KEY: dict[str, Any] = {
+    "key": "3f0c52a91b7de604",
+    "name": "Museum app",
+    "scope": "locate",
+    "venue": "museum",
+    "camera": None,
+    "created_by": "ROOMFIX_ADMIN_KEY",
+    "created_at": "2026-03-01T09:00:00Z",
+    "expires_at": "2026-03-31T09:00:00Z",
+    "revoked_at": None,
+    "last_used_at": None,
+}
+
+
 class KeyInfo(BaseModel):
     """A key without its text."""
+
+    model_config = ConfigDict(json_schema_extra={"example": KEY})
 
     key: str = Field(description="Its id")
     name: str
@@ -70,6 +87,8 @@ class KeyInfo(BaseModel):
 class CreatedKey(KeyInfo):
     """A key that was just made, with its text: it can't be shown again."""
 
+    model_config = ConfigDict(json_schema_extra={"example": {**KEY, "text": "rfk_3f0c52a91b7de604_SECRET"}})
+
     text: str = Field(description="What goes into `Authorization: Bearer`")
 
 
@@ -89,6 +108,17 @@ class TokenRequest(RequestBody):
 class CreatedToken(BaseModel):
     """A short-lived token for a phone or a QR code: scope locate, one venue."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "token": "rft_9b1de60452a91b7d_SECRET",
+                "key": "9b1de60452a91b7d",
+                "venue": "museum",
+                "expires_at": "2026-03-01T10:00:00Z",
+            }
+        }
+    )
+
     token: str = Field(description="What goes into `Authorization: Bearer`")
     key: str = Field(description="Its id; DELETE /keys revokes it")
     venue: str
@@ -106,7 +136,7 @@ def _unstored(response: Response, request: Request, made: NewKey) -> None:
     request.scope[VENUE] = made.key.venue_id
 
 
-@router.post("", status_code=201, responses=problems(401, 404, 422))
+@router.post("", name="createKey", status_code=201, responses=problems(401, 404, 422))
 def create_key(
     state: State, caller: CallerOf, body: KeyRequest, request: Request, response: Response
 ) -> CreatedKey:
@@ -118,20 +148,20 @@ def create_key(
     return CreatedKey(**_values(made.key), text=made.text)
 
 
-@router.get("", responses=problems(401))
-def list_all(state: State, caller: CallerOf) -> list[KeyInfo]:
+@router.get("", name="listKeys", responses=problems(401, 422))
+def list_all(state: State, caller: CallerOf, page: Paged) -> list[KeyInfo]:
     """List keys without their texts, revoked and expired ones too; tokens are not listed."""
-    return [KeyInfo.of(key) for key in state.services.keys.list(caller)]
+    return [KeyInfo.of(key) for key in page.of(state.services.keys.list(caller), lambda key: key.id)]
 
 
-@router.delete("/{key}", status_code=204, responses=problems(401, 404, 422))
+@router.delete("/{key}", name="revokeKey", status_code=204, responses=problems(401, 404, 422))
 def revoke_key(state: State, caller: CallerOf, key: KeyId, request: Request) -> Response:
     """Revoke a key with all its tokens, or a single token, from the next call on."""
     request.scope[VENUE] = state.services.keys.revoke(caller, key).venue_id
     return Response(status_code=204)
 
 
-@tokens.post("", status_code=201, responses=problems(401, 404, 422))
+@tokens.post("", name="createToken", status_code=201, responses=problems(401, 404, 422))
 def create_token(
     state: State, caller: CallerOf, body: TokenRequest, request: Request, response: Response
 ) -> CreatedToken:

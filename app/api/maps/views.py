@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Path, Query, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import ID_PATTERN, State, VenueId, require
 from app.api.maps.versions import Version
@@ -20,7 +20,7 @@ router = APIRouter(
     prefix="/venues/{venue}/maps/{version}",
     tags=["maps"],
     route_class=ContractRoute,
-    dependencies=[Depends(require("locate"))],
+    dependencies=[Depends(require("admin"))],
 )
 PLY = "application/ply"
 BINARY = "application/octet-stream"
@@ -64,8 +64,26 @@ class PlanPlaceBody(BaseModel):
     heading_deg: float
 
 
-class KeyframeBody(BaseModel):
+class MapKeyframeBody(BaseModel):
     """A keyframe of a map; `pose` is world_from_camera."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "keyframe": 151,
+                "name": "rgb/1216.800000.jpg",
+                "time_s": 1216.8,
+                "pose": {
+                    "position": {"x": 13.912, "y": 15.635, "z": 1.67},
+                    "quaternion": {"x": -0.3618, "y": -0.6083, "z": 0.6562, "w": 0.2617},
+                },
+                "floor": "0",
+                "plan": {"x": 14.865, "y": 17.163, "heading_deg": 307.5},
+                "features": 412,
+                "picture": True,
+            }
+        }
+    )
 
     keyframe: int
     name: str = Field(description="Its file in the scan")
@@ -77,10 +95,10 @@ class KeyframeBody(BaseModel):
     picture: bool = Field(description="Whether .../keyframes/{keyframe}/picture has its picture")
 
     @staticmethod
-    def of(view: KeyframeView) -> KeyframeBody:
+    def of(view: KeyframeView) -> MapKeyframeBody:
         """Return the body of a keyframe."""
         plan = view.plan
-        return KeyframeBody(
+        return MapKeyframeBody(
             keyframe=view.keyframe,
             name=view.name,
             time_s=view.time_s,
@@ -111,6 +129,17 @@ class CoverageBody(BaseModel):
     """Where on a floor a phone would be located, by the direction in which it looks: a forecast from the keyframes
     around, not a measurement."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "floor": "0",
+                "cell_m": 1.0,
+                "directions_deg": [0.0, 180.0],
+                "cells": [{"x": 2.5, "y": 3.5, "features": [210, 12], "covered": [True, False]}],
+            }
+        }
+    )
+
     floor: str
     cell_m: float
     directions_deg: list[float] = Field(description="Counter-clockwise from plan x")
@@ -119,6 +148,7 @@ class CoverageBody(BaseModel):
 
 @router.get(
     "/points",
+    name="getMapPoints",
     responses={200: {"content": {BINARY: {}, PLY: {}}}, **problems(401, 404, 422)},
     response_class=Response,
 )
@@ -145,14 +175,15 @@ def points(
     return Response(drawn.packed(), media_type=BINARY)
 
 
-@router.get("/keyframes", responses=problems(401, 404, 422))
-def keyframes(state: State, venue: VenueId, version: Version) -> list[KeyframeBody]:
+@router.get("/keyframes", name="listKeyframes", responses=problems(401, 404, 422))
+def keyframes(state: State, venue: VenueId, version: Version) -> list[MapKeyframeBody]:
     """List the map's keyframes in the order of the scan."""
-    return [KeyframeBody.of(view) for view in state.services.map_views.keyframes(venue, version)]
+    return [MapKeyframeBody.of(view) for view in state.services.map_views.keyframes(venue, version)]
 
 
 @router.get(
     "/keyframes/{keyframe}/picture",
+    name="getKeyframePicture",
     responses={200: {"content": {"image/jpeg": {}}}, **problems(401, 404, 422)},
     response_class=Response,
 )
@@ -171,7 +202,7 @@ def picture(
     return Response(data, media_type="image/jpeg")
 
 
-@router.get("/coverage", responses=problems(401, 404, 409, 422))
+@router.get("/coverage", name="getCoverage", responses=problems(401, 404, 409, 422))
 def coverage(
     state: State,
     venue: VenueId,
@@ -195,6 +226,7 @@ def coverage(
 
 @router.get(
     "/map.png",
+    name="drawMap",
     responses={200: {"content": {"image/png": {}}}, **problems(401, 404, 409, 422)},
     response_class=Response,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,12 +18,11 @@ from starlette.requests import HTTPConnection
 from app.api.access.gate import admit, scopes_of
 from app.api.access.log_acts import log_act
 from app.api.requests.body_reader import BODY, Kind
-from app.api.requests.form_request import FormRequest, media_type
+from app.api.requests.form_request import JSON_MEDIA_TYPE, PICTURE, FormRequest, is_raw, media_type
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
 
 FORM_MEDIA_TYPES = ("multipart/form-data", "application/x-www-form-urlencoded")
-JSON_MEDIA_TYPE = "application/json"
 GEOJSON_MEDIA_TYPE = "application/geo+json"
 
 
@@ -67,6 +67,7 @@ class ContractRoute(APIRoute):
     ) -> None:
         self.scopes = scopes_of(dependencies or ())
         checks = [*(dependencies or ()), Depends(refuse_unknown_names)]
+        more["summary"] = more.get("summary") or summary_of(endpoint)
         super().__init__(path, endpoint, dependencies=checks, **more)
         self.declared = declared_names(self)
 
@@ -85,10 +86,18 @@ class ContractRoute(APIRoute):
         return handle_admitted
 
 
+def summary_of(endpoint: Callable[..., Any]) -> str:
+    """Return the first sentence of a route's docstring, which says what it does, without its full stop."""
+    text = " ".join((endpoint.__doc__ or "").split("\n\n")[0].split())
+    return re.split(r"\.(?: |$)|; |: ", text, maxsplit=1)[0].rstrip(".")
+
+
 async def refuse_unknown_names(request: Request) -> None:
     """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant."""
     declared = request.scope["route"].declared
-    errors = _query_errors(declared, request)
+    # A picture that is the body itself has the fields of its form in the query.
+    is_raw_form = takes_picture(declared) and is_raw(request.headers)
+    errors = [] if is_raw_form else _query_errors(declared, request)
     form = await _form(declared, request)
     if form is not None:
         others = {**declared.query, **declared.nested}
@@ -99,6 +108,12 @@ async def refuse_unknown_names(request: Request) -> None:
         if form is not None:
             await form.close()
         raise RequestValidationError(errors)
+
+
+def takes_picture(declared: DeclaredNames) -> bool:
+    """Whether a route's form may come as a plain picture or as JSON too; a route that reads its body itself decides
+    by itself."""
+    return declared.files == PICTURE and declared.media_types == FORM_MEDIA_TYPES
 
 
 def refuse_unknown_query(socket: WebSocket) -> None:
@@ -169,6 +184,8 @@ def _with_dependencies(dependant: Dependant) -> Iterator[Dependant]:
 async def _form(declared: DeclaredNames, request: Request) -> FormData | None:
     """Return the form of a request, None when its body is none or the route takes it as it is."""
     kind = media_type(request.headers)
+    if takes_picture(declared) and (kind == JSON_MEDIA_TYPE or is_raw(request.headers)):
+        return await request.form()
     taken = FORM_MEDIA_TYPES if declared.media_types is None else declared.media_types
     return await request.form() if kind in FORM_MEDIA_TYPES and kind in taken else None
 

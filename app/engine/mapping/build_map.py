@@ -103,7 +103,7 @@ def build_map(
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
     selected = select_keyframes(source, poses, rule, extractor, executor, progress)
-    support = _support(poses, rule, selected) if options.refine_depth else []
+    support = supporting_rows(poses, rule, selected) if options.refine_depth else []
     clock.lap("select")
     chosen = sorted({*selected, *support})
     keyframe_rows = set(selected)
@@ -165,7 +165,7 @@ def states_up(options: BuildOptions, source: FrameSource) -> bool:
     return any(each is not None for each in stated)
 
 
-def _support(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
+def supporting_rows(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
     """Return the rows of the supporting frames."""
     ratio = OPTIONS.spacing_ratio
     thresholds = PoseThresholds(ratio * rule.thresholds.position_m, ratio * rule.thresholds.attitude_rad)

@@ -31,7 +31,10 @@ from app.vision.local_features import FEATURE_NAMES, check_features
 
 # With fewer, hardly any pose passes its checks.
 MIN_FEATURES_PER_KEYFRAME = 50
-FORMATS = ("auto", "tum", "7scenes", "nerfstudio", "polycam", "scannet", "redwood")
+FORMATS = (
+    "auto", "tum", "12scenes", "7scenes", "nerfstudio", "polycam", "scannet", "redwood", "stray-scanner", "record3d",
+    "3d-scanner-app", "arkitscenes", "sens", "rtabmap", "rtabmap-export", "ros-bag", "kapture", "colmap",
+)  # fmt: skip
 MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",

@@ -11,7 +11,7 @@ from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
 from app.geometry.camera import Camera
-from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics
+from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
 from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
@@ -70,6 +70,12 @@ class IntrinsicsCheckOptions:
         "Relative sigma of the focal length by the matches up to which they confirm a camera.",
         chosen=ON_ZOOMED,
     )
+    confirmed_log: float = limit(
+        0.01,
+        "Change of the focal length's logarithm up to which matches confirm a camera: inliers of the stated one show "
+        "only part of what another camera would change.",
+        chosen=ON_ZOOMED,
+    )
     sure_gain_ratio: float = limit(
         1.04,
         "As min_gain_ratio, where the change of the focal length is beyond sure_sigmas.",
@@ -85,8 +91,14 @@ class IntrinsicsCheckOptions:
         chosen=ON_ZOOMED,
     )
     refined_sigma: float = limit(
-        0.035,
-        "Relative standard deviation of a refined focal length: the errors of the map's points are common to all.",
+        0.055,
+        "Relative standard deviation of a focal length that was refined by refined_features inliers or more: the "
+        "errors of the map's points are common to all.",
+        chosen=ON_ZOOMED,
+    )
+    refined_features: int = limit(
+        100,
+        "Inliers below which that standard deviation grows with the inverse of the root of their number.",
         chosen=ON_ZOOMED,
     )
 
@@ -122,10 +134,12 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     if fit is None:
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
-    refined = _refined(best, camera, fit, estimate, search) if is_doubted or not is_verified else None
+    may_be_other = is_doubted or not is_verified or bool(square_pixels(camera))
+    refined = _refined(best, camera, fit, estimate, search) if may_be_other else None
     if refined is not None:
         return refined
-    is_confirmed = not is_doubted and fit.focal_sigma <= OPTIONS.confirmed_sigma
+    is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
+    is_confirmed = not is_doubted and is_near and fit.focal_sigma <= OPTIONS.confirmed_sigma
     return CheckedCamera(
         camera=camera,
         best=best,
@@ -199,7 +213,8 @@ def _max_confidence(fit: FreeIntrinsics | None) -> float:
 
 def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
     """Return what an unknown share of the focal length changes of a pose: it moves along its axis."""
-    sigma = max(OPTIONS.refined_sigma, 0.0 if fit is None else fit.focal_sigma)
+    few = max(1.0, OPTIONS.refined_features / found.inliers.feature_count) ** 0.5
+    sigma = max(OPTIONS.refined_sigma * few, 0.0 if fit is None else fit.focal_sigma)
     distances = np.linalg.norm(found.inliers.points_in_world - found.pose.translation, axis=1)
     return Accuracy(sigma * float(np.median(distances)), float(np.degrees(sigma)) / 2)
 
@@ -214,3 +229,5 @@ def _starts(
         if searched is not None:
             zoom = float(np.log(searched.focal_px / camera.focal_px))
             yield changed_camera(camera, [zoom, 0.0, 0.0]), None
+    for square in square_pixels(camera):
+        yield square, None

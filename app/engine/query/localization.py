@@ -48,6 +48,7 @@ class Localization:
     5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
     for it. `is_refined` says that the matches fit another camera than the stated one far better, and `camera` is it.
     `hints` say what would help a frame that is not located.
+    `inliers` are the matches that agree with the pose, None where the method keeps none.
     """
 
     evidence: Evidence = field(default_factory=Evidence)
@@ -61,6 +62,7 @@ class Localization:
     candidate: Pose | None = None
     is_refined: bool = False
     hints: tuple[Hint, ...] = ()
+    inliers: Matches | None = None
 
     def refused(self, reason: Reason) -> Localization:
         """Return the outcome with its pose refused for a reason."""

@@ -262,6 +262,7 @@ class Localizer:
             timings_ms=query.timings_ms,
             candidate=best.pose,
             is_refined=checked.is_refined,
+            inliers=best.inliers,
         )
         if reason is None:
             return found

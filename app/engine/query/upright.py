@@ -37,6 +37,8 @@ def localize_upright(
         found,
         world_from_camera=None if pose is None else pose @ camera_from_turned(turns).inverse(),
         camera=None if found.camera is None else turned_camera(found.camera, -turns),
+        # Their pixels are those of the turned image.
+        inliers=found.inliers if turns % 4 == 0 else None,
     )
 
 

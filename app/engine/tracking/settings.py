@@ -45,14 +45,6 @@ class TrackerSettings:
     known_scale_every: int = limit(
         8, "Frames from one question to the anchors to the next once the scale is known.", chosen=BY_ANCHORS
     )
-    max_scale_sigma: float = limit(
-        0.05,
-        "Relative sigma of the scale above which odometry is believed for unscaled_path_m alone.",
-        chosen=BY_ANCHORS,
-    )
-    unscaled_path_m: float = limit(
-        0.2, "Path for which odometry is believed while its scale is not known.", chosen=BY_ANCHORS
-    )
     max_gap_s: float = limit(
         1.0,
         "Time without a frame after which points can't be followed.",

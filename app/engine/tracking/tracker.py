@@ -147,12 +147,9 @@ class Tracker:
             stride_m = float(np.linalg.norm(frame.motion.translation))
             if off_m > settings.motion_slack_m + settings.motion_ratio * stride_m:
                 return None
-        unscaled = (
-            memory.fix_scale_sigma > settings.max_scale_sigma
-            and unaided(memory, step)[0] > settings.unscaled_path_m
-        )
+        # A scale that is not known well shows in the sigma, which grows with the path.
         is_vague = accuracy_after(memory, step).position_m > settings.max_sigma_m
-        return None if unscaled or is_vague else step
+        return None if is_vague else step
 
     def _due_fix(
         self, frame: TrackingFrame, camera: Camera, step: OdometryStep, surroundings: Surroundings

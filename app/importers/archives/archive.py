@@ -9,7 +9,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import BinaryIO
 
 from app.errors import InvalidScanError
@@ -20,6 +20,7 @@ from app.importers.archives.archive_readers import (
     damage_reported,
     open_reader,
 )
+from app.importers.archives.lone_recording import lone_recording, suffix_of_recording
 
 # What the importers read, and image files that they refuse by name. All else in an archive, from thumbnails'
 # data bases to meshes, stays in it.
@@ -27,13 +28,17 @@ NEEDED_SUFFIXES = frozenset(
     {
         ".png", ".jpg", ".jpeg", ".jpe", ".webp", ".heic", ".heif", ".avif", ".tif", ".tiff", ".bmp", ".gif",
         ".pgm", ".ppm", ".pnm", ".exr", ".npy", ".npz", ".pfm", ".hdr", ".jp2", ".raw", ".bin", ".depth",
-        ".txt", ".csv", ".json", ".log", ".traj", ".tum",
+        ".txt", ".csv", ".json", ".log", ".traj", ".tum", ".freiburg", ".pincam", ".conf", ".yaml", ".yml",
     }
 )  # fmt: skip
-# Recordings that no importer reads. They are unpacked as empty files, so that what they are can be said.
+# A file of Record3D that has no suffix.
+NEEDED_NAMES = frozenset({"metadata"})
+# Recordings that hold all frames in one file.
 RECORDING_SUFFIXES = frozenset(
-    {".mp4", ".mov", ".mkv", ".avi", ".bag", ".mcap", ".db", ".sens", ".r3d", ".klg", ".oni", ".svo", ".svo2"}
+    {".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".bag", ".mcap", ".db", ".db3", ".sens", ".r3d"}
 )
+# Recordings that no importer reads. They are unpacked as empty files, so that what they are can be said.
+UNREAD_SUFFIXES = frozenset({".klg", ".oni", ".svo", ".svo2"})
 # What file managers add unasked.
 _OF_DESKTOPS = frozenset({"__macosx", "thumbs.db", "desktop.ini"})
 ARCHIVE_SUFFIXES = frozenset({".zip", ".tar", ".tgz", ".gz", ".xz", ".bz2", ".7z", ".rar"})
@@ -55,7 +60,8 @@ def extract_archive(
 ) -> Path:
     """Unpack a scan's archive and return the scan's folder: the destination, or the one that holds it all.
 
-    Zip and tar (plain, gzip, xz or bzip2) are told apart by their contents. `destination` must not exist or
+    Zip and tar (plain, gzip, xz or bzip2) are told apart by their contents; a recording that was sent by itself becomes
+    the only file. `destination` must not exist or
     be empty. `progress(done_bytes, total_bytes)` is called while writing; it cancels by raising. Only files
     that the importers read are written, under names in Unicode's composed form (NFC); recordings that no importer
     reads become empty files. An entry that is there twice is written once if both are the same. On any failure, the
@@ -68,7 +74,10 @@ def extract_archive(
     limits = limits or ArchiveLimits()
     if destination.exists() and any(destination.iterdir()):
         raise FileExistsError(f"{destination} is not empty.")
+    suffix = suffix_of_recording(archive)
     try:
+        if suffix is not None:
+            return lone_recording(archive, destination, suffix, limits)
         listing = _check_listing(archive, limits)
         destination.mkdir(parents=True, exist_ok=True)
         _write(archive, destination, listing, limits, progress)
@@ -78,13 +87,25 @@ def extract_archive(
     return _scan_folder(destination)
 
 
+def names_in_archive(archive: Path, limits: ArchiveLimits | None = None) -> list[str]:
+    """Return the paths that an archive lists, or the name of the only file for a recording; raises as
+    `extract_archive`."""
+    suffix = suffix_of_recording(archive)
+    if suffix is not None:
+        return [f"recording{suffix}"]
+    with open_reader(archive, limits or ArchiveLimits()) as reader:
+        return [
+            checked_path(entry.name).as_posix() for entry in reader.entries() if entry.kind is EntryKind.FILE
+        ]
+
+
 @dataclass(slots=True)
 class _Listing:
-    """The files that an archive declares: sizes in bytes, and how often each is in it."""
+    """The files that an archive declares: sizes in bytes, and how often each is in it; `unread` become empty files."""
 
     sizes: dict[PurePosixPath, int] = field(default_factory=dict)
     counts: Counter[PurePosixPath] = field(default_factory=Counter)
-    recordings: set[PurePosixPath] = field(default_factory=set)
+    unread: set[PurePosixPath] = field(default_factory=set)
     folders: set[PurePosixPath] = field(default_factory=set)
     others: set[str] = field(default_factory=set)
 
@@ -92,11 +113,11 @@ class _Listing:
         """Note a file; raises `InvalidScanError` if it was there before with another size."""
         if self.sizes.setdefault(path, entry.size) != entry.size:
             raise InvalidScanError(_twice(path))
-        if _is_needed(path):
-            limits.check_entry(entry)
+        if is_read(path):
+            limits.check_entry(entry, is_recording=path.suffix.lower() in RECORDING_SUFFIXES)
             self.counts[path] += 1
-        elif _is_recording(path):
-            self.recordings.add(path)
+        elif path.suffix.lower() in UNREAD_SUFFIXES and not _is_hidden(path):
+            self.unread.add(path)
         else:
             self.others.add(path.suffix.lower())
 
@@ -122,7 +143,7 @@ def _check_listing(archive: Path, limits: ArchiveLimits) -> _Listing:
                 listing.folders.add(path)
             else:
                 listing.add(path, entry, limits)
-    written = [*listing.counts, *listing.recordings]
+    written = [*listing.counts, *listing.unread]
     clash = next((path for path in written if path in listing.folders), None)
     if clash is not None:
         raise InvalidScanError(f"The archive holds {str(clash)!r} both as a file and as a folder.")
@@ -169,15 +190,13 @@ def _check_kind(entry: Entry) -> None:
         raise InvalidScanError("The archive is encrypted; send it without a password.")
 
 
-def _is_needed(path: PurePosixPath) -> bool:
-    return not _is_hidden(path) and path.suffix.lower() in NEEDED_SUFFIXES
+def is_read(path: PurePath) -> bool:
+    """Whether an importer may need a file of this path below the scan's folder."""
+    known = path.suffix.lower() in NEEDED_SUFFIXES | RECORDING_SUFFIXES or path.name in NEEDED_NAMES
+    return known and not _is_hidden(path)
 
 
-def _is_recording(path: PurePosixPath) -> bool:
-    return not _is_hidden(path) and path.suffix.lower() in RECORDING_SUFFIXES
-
-
-def _is_hidden(path: PurePosixPath) -> bool:
+def _is_hidden(path: PurePath) -> bool:
     return any(part.startswith(".") or part.lower() in _OF_DESKTOPS for part in path.parts)
 
 
@@ -186,7 +205,7 @@ def _write(
 ) -> None:
     total, done = listing.total_bytes, 0
     archive_bytes = archive.stat().st_size
-    for path in listing.recordings:
+    for path in listing.unread:
         target = destination.joinpath(*path.parts)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.touch(exist_ok=False)

@@ -105,6 +105,11 @@ class ArchiveLimits:
         "Bytes of one file, unpacked.",
         chosen="By hand: 50 megapixels of colour without compression are 150 MB.",
     )
+    max_recording_bytes: int = limit(
+        16 * 1024 * MIB,
+        "Bytes of one recording, such as a video, a bag or a database, unpacked.",
+        chosen="By hand: ten minutes of colour and depth without compression at 640 x 480 and 30 Hz.",
+    )
     max_ratio: float = limit(
         200.0,
         "How many times its size an archive, or an entry of it, may unpack to.",
@@ -121,14 +126,15 @@ class ArchiveLimits:
                 f"The archive has more than {self.max_entries} entries, which is the limit."
             )
 
-    def check_entry(self, entry: Entry) -> None:
+    def check_entry(self, entry: Entry, *, is_recording: bool = False) -> None:
         """Raise `InvalidScanError` if the entry declares too much, alone or against its compressed size."""
+        largest = self.max_recording_bytes if is_recording else self.max_entry_bytes
         if entry.size < 0:
             raise InvalidScanError(f"The archive is damaged: {entry.name[:200]!r} has a negative size.")
-        if entry.size > self.max_entry_bytes:
+        if entry.size > largest:
             raise InvalidScanError(
                 f"The archive's entry {entry.name[:200]!r} has {entry.size / MIB:.0f} MB unpacked; the limit "
-                f"for one file is {self.max_entry_bytes / MIB:.0f} MB."
+                f"for one file is {largest / MIB:.0f} MB."
             )
         if entry.compressed_size is not None and self._is_bomb(entry.size, entry.compressed_size):
             raise InvalidScanError(

@@ -122,8 +122,8 @@ def _add_landmarks(sketch: Sketch) -> None:
     for room in sketch.rooms:
         if room.mode is None and (room.name is None or not room.is_walkable):
             continue
-        if _place_in(sketch, room) is None:
-            point = room.polygon.representative_point()
+        if _place_in(sketch, room, reach_m=0.0) is None:
+            point = _middle(room, sketch.lines)
             name = room.name or MODE_WORDS[room.mode or "stairs"]
             sketch.places.append(Place(x=point.x, y=point.y, name=name))
     for door in sketch.doors:
@@ -131,11 +131,26 @@ def _add_landmarks(sketch: Sketch) -> None:
             sketch.places.append(Place(x=door.x, y=door.y, name=door.name or "Entrance"))
 
 
-def _place_in(sketch: Sketch, room: Room) -> Place | None:
-    """Return the first landmark in a room."""
-    return next(
-        (place for place in sketch.places if room.polygon.intersects(shapely.Point(place.x, place.y))), None
-    )
+def _middle(room: Room, lines: Sequence[Line]) -> shapely.Point:
+    """Return where a room's landmark stands: on a line that leads into the room, else in its middle."""
+    inside = room.polygon.representative_point()
+    ends = [shapely.Point(line.points[row]) for line in lines for row in (0, -1)]
+    ends = [end for end in ends if room.polygon.distance(end) <= OPTIONS.same_point_m]
+    if ends:
+        return min(ends, key=inside.distance)
+    through = [shapely.LineString(line.points) for line in lines]
+    through = [line for line in through if line.intersects(room.polygon)]
+    if through:
+        nearest = min(through, key=inside.distance)
+        return nearest.interpolate(nearest.project(inside))
+    return inside
+
+
+def _place_in(sketch: Sketch, room: Room, reach_m: float) -> Place | None:
+    """Return the first landmark in a room, else the nearest one within reach of its outline."""
+    away_m = [float(room.polygon.distance(shapely.Point(place.x, place.y))) for place in sketch.places]
+    nearest = int(np.argmin(away_m)) if away_m else 0
+    return sketch.places[nearest] if away_m and away_m[nearest] <= reach_m else None
 
 
 def _stacked_ways(sketches: Sequence[Sketch], known: Sequence[Way]) -> Iterator[Way]:
@@ -165,36 +180,41 @@ def _between(mode: str, start: str, end: str, orders: dict[str, int]) -> Way:
     return Way(mode=mode, from_order=orders[start], to_order=orders[end], rooms=(start, end))
 
 
-def _way_ends(sketch: Sketch, ways: Iterable[Way]) -> Points:
-    """Return the points (n, 2) of a level where drawn ways begin or end."""
-    found = [np.empty((0, 2))]
+def _way_ends(sketch: Sketch, ways: Iterable[Way]) -> list[tuple[Points, str]]:
+    """Return the points (2,) of a level where drawn ways begin or end, with their modes."""
+    found = []
     for way in ways:
         if way.points is not None and way.from_order == sketch.order:
-            found.append(way.points[:1])
+            found.append((way.points[0], way.mode))
         if way.points is not None and way.to_order == sketch.order:
-            found.append(way.points[-1:])
-    return np.vstack(found)
+            found.append((way.points[-1], way.mode))
+    return found
 
 
-def _add_links(sketch: Sketch, way_ends: Points) -> None:
-    """Give a level without walkable lines such lines; else give its loose ends landmarks."""
+def _add_links(sketch: Sketch, way_ends: Sequence[tuple[Points, str]]) -> None:
+    """Give a level without walkable lines such lines; give loose ends and the ends of ways landmarks."""
+    for point, mode in way_ends:
+        _add_place(sketch, point, MODE_WORDS[mode])
     places = np.array([(place.x, place.y) for place in sketch.places]).reshape(-1, 2)
     if not sketch.lines:
-        targets = np.unique(np.round(np.vstack([places, way_ends]), 4), axis=0)
+        targets = np.unique(np.round(places, 4), axis=0)
         made = walkways(sketch.rooms, sketch.doors, targets, sketch.walls)
         sketch.lines = [Line(points=points) for points in made]
-    loose = [*_loose_ends([line.points for line in sketch.lines], places)]
-    loose += [(float(x), float(y)) for x, y in way_ends]
-    for x, y in loose:
-        here = shapely.Point(x, y)
-        if any(np.hypot(place.x - x, place.y - y) <= OPTIONS.same_point_m for place in sketch.places):
-            continue
-        around = [room for room in sketch.rooms if room.name and room.polygon.intersects(here)]
-        name = min(around, key=lambda room: room.polygon.area).name if around else None
-        sketch.places.append(Place(x=x, y=y, name=name or "End of path"))
+    for point in _loose_ends([line.points for line in sketch.lines], places):
+        _add_place(sketch, point, "End of path")
 
 
-def _loose_ends(lines: Sequence[Points], places: Points) -> Iterator[tuple[float, float]]:
+def _add_place(sketch: Sketch, point: Points, word: str) -> None:
+    """Add a landmark at a point, named after the room there, unless there is one already."""
+    x, y = float(point[0]), float(point[1])
+    if any(np.hypot(place.x - x, place.y - y) <= OPTIONS.same_point_m for place in sketch.places):
+        return
+    around = [room for room in sketch.rooms if room.name and room.polygon.intersects(shapely.Point(x, y))]
+    name = min(around, key=lambda room: room.polygon.area).name if around else None
+    sketch.places.append(Place(x=x, y=y, name=name or word))
+
+
+def _loose_ends(lines: Sequence[Points], places: Points) -> Iterator[Points]:
     """Yield the ends of lines that touch no landmark and no other line."""
     marks = [shapely.Point(point) for point in places]
     tree = shapely.STRtree([*(shapely.LineString(line) for line in lines), *marks])
@@ -202,7 +222,7 @@ def _loose_ends(lines: Sequence[Points], places: Points) -> Iterator[tuple[float
         for end in (line[0], line[-1]):
             near = tree.query(shapely.Point(end), predicate="dwithin", distance=OPTIONS.same_point_m)
             if set(near.tolist()) <= {own}:
-                yield float(end[0]), float(end[1])
+                yield end
 
 
 class _LandmarkIds:
@@ -216,7 +236,7 @@ class _LandmarkIds:
     def point_in(self, room_id: str) -> tuple[str, tuple[float, float]] | None:
         """Return the id and the position of the landmark in a room."""
         room = next((room for room in self._sketch.rooms if room.id == room_id), None)
-        place = None if room is None else _place_in(self._sketch, room)
+        place = None if room is None else _place_in(self._sketch, room, OPTIONS.same_point_m)
         if place is None:
             return None
         return self.by_place[self._sketch.places.index(place)], (place.x, place.y)

@@ -10,6 +10,7 @@ from app.importers.plans import wrld
 from app.importers.plans.files import PlanFiles, open_plan_files
 from app.importers.plans.imdf import reading as imdf
 from app.importers.plans.model import IndoorMap
+from app.importers.plans.osm import reading as osm
 
 
 class PlanImporter(Protocol):
@@ -23,7 +24,7 @@ class PlanImporter(Protocol):
 
 
 # In the order in which files are asked.
-FORMATS: dict[str, PlanImporter] = {"wrld": wrld, "imdf": imdf}
+FORMATS: dict[str, PlanImporter] = {"wrld": wrld, "imdf": imdf, "osm": osm}
 
 
 def read_indoor_map(path: Path, format_name: str | None = None) -> IndoorMap:

@@ -25,11 +25,6 @@ class CameraFitOptions:
         "Focal lengths are searched up to this many times the stated one, and down to its inverse.",
         chosen="By hand: intrinsics of a picture of twice the size are a factor of 2.",
     )
-    square_log: float = limit(
-        0.03,
-        "Logarithm of fx over fy from which the pixels may be square after all.",
-        chosen="By hand: calibrations differ by 1 %, pictures that were stretched by a third.",
-    )
     grid_steps: int = limit(31, "Focal lengths that are tried first.", chosen="By hand: 6 % apart.")
     searched_matches: int = limit(
         40,
@@ -94,14 +89,6 @@ def fit_principal_point(evidence: Evidence, camera: Camera, poses: PoseArrays) -
         return moved(best.x)
     except InvalidCameraError:
         return camera
-
-
-def square_pixels(camera: Camera) -> Iterator[Camera]:
-    """Yield cameras with one focal length for both axes, either of the stated two, where these are far apart."""
-    fx, fy, *rest = camera.params
-    if abs(np.log(fx / fy)) > OPTIONS.square_log:
-        yield replace(camera, params=(fx, fx, *rest))
-        yield replace(camera, params=(fy, fy, *rest))
 
 
 def turned_intrinsics(camera: Camera) -> Iterator[Camera]:

@@ -77,7 +77,7 @@ def judge_depth_layout(scan: Scan, state: State, pictures: Sequence[SmallPicture
     """
     rows = sorted({*np.linspace(0, len(scan.frames) - 1, OPTIONS.frames).round().astype(int).tolist()})
     exchanged = replace(scan, depth=replace(scan.depth, swap_bytes=not scan.depth.swap_bytes))
-    gains = [_smoothness(exchanged, row) - _smoothness(scan, row) for row in rows[::3]]
+    gains = [_smoothness(exchanged, row) - _smoothness(scan, row) for row in rows[::4]]
     evidence, findings, source = state.evidence, list[Finding](), scan
     if np.median(gains) > OPTIONS.smoother:
         source = exchanged

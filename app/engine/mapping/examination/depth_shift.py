@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft2, rfft2
 
 from app.limits import limit
 from app.vision.images import Gray, shrink
 
-Array = NDArray[np.float64]
+Array = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
 DepthImage = NDArray[np.float32]
 
 
@@ -73,19 +75,21 @@ def measure_depth_shift(pictures: Sequence[SmallPicture]) -> DepthShift | None:
     Cross-correlation of occlusion edges in depth with gradients of the picture, summed over the pictures. None where
     there are hardly any edges in depth.
     """
-    total, edge_pixels, scale, reach = None, 0, 1.0, 0
+    spectra: dict[tuple[int, ...], Spectrum] = {}
+    edge_pixels, scale, reach = 0, 1.0, 0
     for picture in pictures:
         scale = picture.scale
         reach = round(OPTIONS.reach_ratio * max(picture.gray.shape))
         edges = _depth_edges(picture.depth_m)
         edge_pixels += int(edges.sum())
-        found = _correlation(edges, _gradients(picture.gray), reach)
-        total = found if total is None else total + found
-    if total is None or edge_pixels < OPTIONS.min_edge_pixels:
+        found = _cross_spectrum(edges, _gradients(picture.gray), reach)
+        spectra[picture.gray.shape] = spectra.get(picture.gray.shape, 0) + found
+    if edge_pixels < OPTIONS.min_edge_pixels:
         return None
+    total = np.sum([_correlation(spectrum, shape, reach) for shape, spectrum in spectra.items()], axis=0)
     # A picture has more gradients in its middle or its lower half: only what is sharper than that counts.
     sharp = np.asarray(
-        cv2.GaussianBlur(total - cv2.GaussianBlur(total, (0, 0), reach / 4), (0, 0), 1.0), np.float64
+        cv2.GaussianBlur(total - cv2.GaussianBlur(total, (0, 0), reach / 4), (0, 0), 1.0), np.float32
     )
     sharp = (sharp - sharp.mean()) / max(float(sharp.std()), 1e-12)
     row, column = np.unravel_index(int(np.argmax(sharp)), sharp.shape)
@@ -108,7 +112,7 @@ def _depth_edges(depth_m: DepthImage) -> Array:
     farthest = cv2.dilate(depth_m, kernel)
     nearest = cv2.erode(np.where(depth_m > 0, depth_m, np.float32(1e6)).astype(np.float32), kernel)
     step = (depth_m > 0) & (farthest > OPTIONS.min_step_ratio * depth_m) & (nearest > 0.97 * depth_m)
-    return np.asarray(step, dtype=np.float64)
+    return np.asarray(step, dtype=np.float32)
 
 
 def _gradients(gray: Gray) -> Array:
@@ -117,11 +121,20 @@ def _gradients(gray: Gray) -> Array:
     # A strong edge counts as an edge, not as many.
     clipped = np.minimum(size, np.quantile(size, 0.9))
     spread = max(float(clipped.std()), 1e-6)
-    return np.asarray((clipped - clipped.mean()) / spread, dtype=np.float64)
+    return np.asarray((clipped - clipped.mean()) / spread, dtype=np.float32)
 
 
-def _correlation(edges: Array, gradients: Array, reach: int) -> Array:
+def _cross_spectrum(edges: Array, gradients: Array, reach: int) -> Spectrum:
+    """Return the Fourier transform of the cross-correlation of gradients with edges, padded against wrapping."""
+    size = _padded(edges.shape, reach)
+    return np.asarray(rfft2(gradients, size) * np.conj(rfft2(edges, size)))
+
+
+def _correlation(spectrum: Spectrum, shape: tuple[int, ...], reach: int) -> Array:
     """Return the sum of gradients at edges moved by (down, right), (2 reach + 1, 2 reach + 1)."""
-    shape = tuple(cv2.getOptimalDFTSize(side + 2 * reach) for side in edges.shape)
-    product = np.fft.irfft2(np.fft.rfft2(gradients, shape) * np.conj(np.fft.rfft2(edges, shape)), shape)
+    product = irfft2(spectrum, _padded(shape, reach))
     return np.asarray(np.roll(product, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1])
+
+
+def _padded(shape: tuple[int, ...], reach: int) -> tuple[int, ...]:
+    return tuple(cv2.getOptimalDFTSize(side + 2 * reach) for side in shape)

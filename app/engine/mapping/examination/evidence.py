@@ -26,7 +26,7 @@ from app.geometry.se3 import attitude_difference_rad, position_difference_m
 from app.importers.frames import FrameSource
 from app.limits import limit
 from app.vision.images import to_gray
-from app.vision.local_features import RootSift
+from app.vision.local_features import SIFT_SIDE_PX, RootSift
 from app.vision.matching import Unit, match_unit_vectors, to_unit_vectors
 
 Array = NDArray[np.float64]
@@ -50,12 +50,6 @@ class EvidenceOptions:
     )
     features: int = limit(
         800, "Local features of a frame.", chosen="By hand: enough for a hundred matches at half the time."
-    )
-    side_px: int = limit(
-        320,
-        "Length to which a picture's longer side is reduced for its features.",
-        chosen="By hand: two thirds of the time of 400, as maps have them, and the same verdicts "
-        "(docs/figures/examine-mistakes.md).",
     )
     min_matches: int = limit(
         24,
@@ -186,9 +180,10 @@ class _Pair:
 class FrameMatcher:
     """Matches between frames of a scan; the features of each are found once."""
 
-    def __init__(self, source: FrameSource) -> None:
+    def __init__(self, source: FrameSource, side_px: int = SIFT_SIDE_PX) -> None:
+        """`side_px` is the length to which a picture's longer side is reduced for its features."""
         self.source = source
-        self._extractor = RootSift(max_features=OPTIONS.features, max_side_px=OPTIONS.side_px)
+        self._extractor = RootSift(max_features=OPTIONS.features, max_side_px=side_px)
         self._seen: dict[int, _Seen] = {}
         self._lock = threading.Lock()
 

@@ -14,7 +14,6 @@ from app.engine.mapping.examination.agreement import Agreement, Rays, agreement,
 from app.engine.mapping.examination.camera_fit import (
     fit_focal,
     fit_principal_point,
-    square_pixels,
     turned_intrinsics,
 )
 from app.engine.mapping.examination.evidence import Evidence
@@ -22,6 +21,7 @@ from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.readings import other_orders, other_readings
 from app.engine.mapping.examination.time_offset import Track, fit_time_offset
 from app.geometry.camera import Camera
+from app.geometry.intrinsics_check import square_pixels
 from app.importers.association import Trajectory
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.limits import limit

@@ -104,7 +104,7 @@ def _samples(
         span = artifact.rows(int(keyframe))
         if span.stop > span.start:
             rows = np.linspace(span.start, span.stop - 1, OPTIONS.sampled_points).round().astype(int)
-            points = np.asarray(artifact.arrays.points_in_world)[rows].astype(np.float64)
+            points = artifact.arrays.points_in_world[rows].astype(np.float64)
             drawn[row] = (points @ plan_from_world[:3, :3].T + plan_from_world[:3, 3])[:, :2]
     return drawn
 

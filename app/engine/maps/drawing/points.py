@@ -101,4 +101,4 @@ def drawn_points(
         limits = np.array([picture.shape[1] - 1, picture.shape[0] - 1])
         u, v = np.clip(pixels, 0, limits).T
         rgb[mine] = picture[v, u]
-    return DrawnPoints(np.asarray(artifact.arrays.points_in_world)[rows].astype(np.float32), rgb)
+    return DrawnPoints(artifact.arrays.points_in_world[rows].astype(np.float32), rgb)

@@ -15,6 +15,7 @@ from app.importers.plans.files import PlanFiles, json_object
 from app.importers.plans.frame import Frame
 from app.importers.plans.imdf.names import EXTENSION, FEATURE_TYPES, OWN
 from app.importers.plans.model import Points
+from app.importers.plans.shapes import valid_parts
 from app.limits import limit
 
 GeoJson = Mapping[str, Any]
@@ -24,11 +25,6 @@ GeoJson = Mapping[str, Any]
 class ImdfOptions:
     """Which features are taken."""
 
-    min_area_m2: float = limit(
-        0.01,
-        "A part of an outline that is smaller is left out.",
-        chosen="By hand: what rounding leaves where an outline crosses itself; no area of a venue may be smaller.",
-    )
     max_ordinal: int = limit(
         100, "Largest absolute ordinal of a level.", chosen="By hand: the lowest level that a floor may have."
     )
@@ -126,12 +122,3 @@ def polygons_of(geometry: object, frame: Frame, what: str) -> Iterator[shapely.P
             raise InvalidInputError(f"{what} has an outline of fewer than three points.")
         polygon = shapely.Polygon(rows[0], [row for row in rows[1:] if len(np.unique(row, axis=0)) >= 3])
         yield from valid_parts(polygon)
-
-
-def valid_parts(polygon: shapely.Geometry) -> Iterator[shapely.Polygon]:
-    """Yield the valid polygons of an outline that may cross itself, without slivers."""
-    mended = polygon if polygon.is_valid else shapely.make_valid(polygon)
-    for part in shapely.get_parts(mended):
-        for piece in shapely.get_parts(part):
-            if isinstance(piece, shapely.Polygon) and piece.area >= OPTIONS.min_area_m2:
-                yield piece

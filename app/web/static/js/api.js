@@ -1,8 +1,9 @@
-// All calls to the server. Addresses are relative to the page, so that it also works below a path prefix.
+// All calls to the server. Addresses are relative to this file's, so that pages also work below a path prefix.
 
 import { eventData } from "./sse.js";
 
 const KEY = "roomfix.key";
+const ROOT = new URL("../../", import.meta.url);
 let askForKey = async () => null;
 
 /** An error answer: its sentence as the message, the stable code beside it. */
@@ -28,7 +29,7 @@ export const storedKey = {
 
 /** Return a path's absolute address. */
 export function address(path) {
-  return new URL(path, document.baseURI).href;
+  return new URL(path, ROOT).href;
 }
 
 /** Join parts to a path, each escaped. */
@@ -68,6 +69,15 @@ export async function upload(where, form, onProgress, signal) {
 export async function* buildEvents(build, signal) {
   const response = await request(path("database", "builds", build, "events"), { signal });
   for await (const data of eventData(response.body)) yield JSON.parse(data);
+}
+
+/** Return a WebSocket to a session's stream, with the key. */
+export function openStream(session) {
+  const where = new URL(address(`${path("sessions", session)}/stream`));
+  where.protocol = where.protocol.replace("http", "ws");
+  const key = storedKey.get();
+  // A browser can't set the header of a WebSocket.
+  return key ? new WebSocket(where, ["roomfix", `roomfix.key.${key}`]) : new WebSocket(where);
 }
 
 function authorization() {

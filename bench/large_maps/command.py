@@ -14,7 +14,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from app.commands.console import settings_from
+from app.commands.console import errors, settings_from
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
 from bench.evaluation.map_part import part_of_map
@@ -22,7 +22,7 @@ from bench.figures.shown import FiguresTitle, Shown
 from bench.large_maps.measure import Cost, measure
 from bench.large_maps.tiling import Tiled, tile_map
 
-MEASURE = "from bench.commands.large_maps import measure_here; measure_here()"
+MEASURE = "from bench.large_maps.command import measure_here; measure_here()"
 
 
 def large_maps(
@@ -55,6 +55,7 @@ def large_maps(
     for size in keyframes:
         with tempfile.TemporaryDirectory(dir=scratch) as folder:
             costs.append(_measured(tile_map(artifact, index, size // keyframes[0], Path(folder)), images))
+            errors.print(costs[-1])
     shown = Shown()
     shown.table(_table(costs))
     shown.write("large-maps", figures_title)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
@@ -19,11 +19,10 @@ from app.importers.folder import ScanFolder
 from app.importers.frame_files.cameras import common_intrinsics
 from app.importers.frame_files.json_files import number_of, read_json_object
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.phones.arkit import ARKIT_DOWN, confidence_files, pose_of_arkit
 
 DEFAULT_DEPTH_SCALE = 1000.0
 MICROSECONDS_PER_S = 1e6
-ARKIT_FROM_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
-DOWN = (0.0, -1.0, 0.0)
 _CAMERAS = ("keyframes/corrected_cameras", "keyframes/cameras")
 _IMAGES = ("keyframes/corrected_images", "keyframes/images")
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -37,8 +36,9 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a raw export, its corrected poses and images if there are any.
 
-    Depth is that of the colour picture resampled, in 1000 per metre; the export's confidence is not used. Gravity is
-    the world's -y, as ARKit measures it. Raises `InvalidScanError` for files that are missing or not this.
+    Depth is that of the colour picture resampled, in 1000 per metre, without what the export's confidence says to be
+    low. Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError` for files that are missing or not
+    this.
     """
     folder = ScanFolder(directory)
     corrected = all((directory / name).is_dir() for name in (_CAMERAS[0], _IMAGES[0]))
@@ -53,8 +53,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         camera=options.camera or _camera(entries),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
-        gravity=DOWN,
-        depth_is_scaled_color=True,
+        gravity=ARKIT_DOWN,
+        confidence=confidence_files(folder, "keyframes/depth", "keyframes/confidence"),
     )
     return assemble_scan(_frames(folder, entries, images, discarded), discarded, source, options)
 
@@ -106,8 +106,4 @@ def _time_s(entry: dict[str, Any], stem: str) -> float:
 
 def _pose(entry: dict[str, Any], where: str) -> Pose | None:
     values = [number_of(entry, f"t_{row}{column}", where) for row in range(3) for column in range(4)]
-    matrix = np.vstack([np.array(values).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
-    try:
-        return Pose.from_matrix(matrix @ ARKIT_FROM_CAMERA)
-    except InvalidPoseError:
-        return None
+    return pose_of_arkit(np.vstack([np.array(values).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))

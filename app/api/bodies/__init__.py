@@ -1,0 +1,1 @@
+"""Bodies of answers that services return as plain values; each model describes one of them."""

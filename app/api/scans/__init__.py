@@ -1,0 +1,1 @@
+"""Endpoints that take a scan and build nothing."""

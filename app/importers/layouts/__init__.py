@@ -1,0 +1,1 @@
+"""Layouts of files that data sets and other programs have."""

@@ -1,0 +1,162 @@
+"""RTAB-Map's export: folders `rgb`, `depth` and `calib`, and a file of poses, as rtabmap-export writes them.
+
+Source of the layout: tools/Export/main.cpp of github.com/introlab/rtabmap. Poses are those of the camera in a file
+whose name says so (`--poses_camera`), else those of the base; the camera's place on it is in the calibration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.se3 import Pose
+from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.folder import ScanFolder
+from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.rows.trajectory_rows import parse_trajectory
+from app.importers.scan_files import read_text, rows
+
+DEFAULT_DEPTH_SCALE = 1000.0
+# With an id in the last column, which names the pictures.
+ID_COLUMNS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class _Folders:
+    color: Path
+    depth: Path
+    calibration: Path
+    poses: Path
+
+
+@dataclass(frozen=True, slots=True)
+class _Calibration:
+    values: tuple[float, ...]
+    base_from_camera: Pose
+
+
+def detect(directory: Path) -> bool:
+    """Return whether the folder holds the three folders and the poses."""
+    return _folders(directory) is not None
+
+
+def open_scan(directory: Path, options: ScanOptions) -> Scan:
+    """Return the scan of an export; pictures, depth and poses are paired by the node's id, else by time.
+
+    Raises `InvalidScanError` for files that are missing or not this.
+    """
+    found = _folders(directory)
+    if found is None:
+        raise InvalidScanError(
+            "The scan has no folders rgb, depth and calib with a file of poses beside them."
+        )
+    folder, discarded = ScanFolder(directory), Discarded()
+    calibrations = {
+        path.stem: _calibration(path) for path in folder.files_in(found.calibration) if _is_yaml(path)
+    }
+    if not calibrations:
+        raise InvalidScanError(
+            f"The scan's camera is not known: {found.calibration.name} holds no .yaml file."
+        )
+    poses = _poses(found.poses)
+    depths = {path.stem: path for path in folder.files_in(found.depth)}
+    frames = []
+    for color in folder.files_in(found.color):
+        name, row = folder.name_of(color), poses.get(_key(color.stem))
+        calibration = calibrations.get(color.stem) or next(iter(calibrations.values()))
+        if color.stem not in depths:
+            detail = f"{found.depth.name} has no file {color.stem}"
+            discarded.add("no_depth", name, detail)
+        elif row is None:
+            discarded.add("no_pose", name, f"{found.poses.name} has no row for {color.name}")
+        else:
+            time_s, pose = row
+            place = Pose.identity() if "camera" in found.poses.name else calibration.base_from_camera
+            frames.append(Frame(name, time_s, color, depths[color.stem], pose @ place))
+    source = ScanSource(
+        camera=options.camera
+        or common_intrinsics(
+            [c.values for c in calibrations.values()], [f"{stem}.yaml" for stem in calibrations]
+        ),
+        depth_scale=None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+    )
+    return assemble_scan(frames, discarded, source, options)
+
+
+def _is_yaml(path: Path) -> bool:
+    return path.suffix.lower() in (".yaml", ".yml")
+
+
+def _folders(directory: Path) -> _Folders | None:
+    below = sorted(child for child in directory.iterdir() if child.is_dir() and not child.is_symlink())
+    found = {
+        end: [child for child in below if child.name.lower().endswith(end)]
+        for end in ("rgb", "depth", "calib")
+    }
+    poses = sorted(
+        path for path in directory.iterdir() if path.is_file() and path.name.lower().endswith("poses.txt")
+    )
+    # The camera's own poses come first where both were exported.
+    poses.sort(key=lambda path: "camera" not in path.name)
+    if not poses or any(len(folders) != 1 for folders in found.values()):
+        return None
+    return _Folders(found["rgb"][0], found["depth"][0], found["calib"][0], poses[0])
+
+
+def _key(text: str) -> str:
+    """Return what a file's stem and a row's id or time have in common."""
+    try:
+        return f"{float(text):.6f}"
+    except ValueError:
+        return text
+
+
+def _poses(path: Path) -> dict[str, tuple[float, Pose]]:
+    """Return time and pose of each row by its id where the rows have one, and by its time."""
+    text = read_text(path)
+    table = parse_trajectory(text, path.name).values
+    # A header that names the columns in words is a comment in these files.
+    cells = [row.cells() for row in rows(text)]
+    ids = [row[-1] for row in cells if len(row) == ID_COLUMNS]
+    poses: dict[str, tuple[float, Pose]] = {}
+    for i, values in enumerate(table):
+        if not np.isfinite(values).all():
+            continue
+        entry = float(values[0]), Pose.from_quaternion(values[1:4], values[4:8])
+        poses[_key(str(float(values[0])))] = entry
+        if len(ids) == len(table):
+            poses.setdefault(_key(ids[i]), entry)
+    return poses
+
+
+def _calibration(path: Path) -> _Calibration:
+    # OpenCV's reader raises for text that is no YAML of its kind.
+    try:
+        storage = cv2.FileStorage(read_text(path), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        K, D, place = (
+            _numbers_of(storage, key)
+            for key in ("camera_matrix", "distortion_coefficients", "local_transform")
+        )
+    except (cv2.error, SystemError):
+        raise InvalidScanError(f"{path.name} is not a calibration in OpenCV's YAML.") from None
+    if len(K) != 9:
+        raise InvalidScanError(f"{path.name} holds no camera_matrix of nine numbers.")
+    values = tuple(float(K[i]) for i in (0, 4, 2, 5))
+    if np.any(D) and len(D) in (4, 5):
+        values += tuple(D.tolist())
+    matrix = np.vstack([place.reshape(3, 4) if len(place) == 12 else np.eye(3, 4), [0.0, 0.0, 0.0, 1.0]])
+    try:
+        return _Calibration(values, Pose.from_matrix(matrix))
+    except InvalidPoseError:
+        raise InvalidScanError(f"{path.name}: local_transform is no rigid transform.") from None
+
+
+def _numbers_of(storage: cv2.FileStorage, key: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    data = storage.getNode(key).getNode("data")
+    return np.array([data.at(i).real() for i in range(data.size())] if data.isSeq() else [])

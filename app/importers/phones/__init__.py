@@ -1,0 +1,1 @@
+"""Scans of phones' apps, one module an app."""

@@ -1,0 +1,109 @@
+"""ARKitScenes: `lowres_wide`, `lowres_depth`, `confidence`, `lowres_wide_intrinsics` and `lowres_wide.traj`.
+
+Source of the layout: DATA.md of github.com/apple/ARKitScenes. The trajectory has rows `timestamp rx ry rz tx ty tz`, an
+axis-angle vector and a translation of `camera_from_world`; the world's z is up.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidScanError
+from app.geometry.se3 import Pose, rotation_from_vector
+from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.association import Trajectory
+from app.importers.folder import ScanFolder
+from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.phones.arkit import confidence_files
+from app.importers.scan_files import numbers, read_text, rows
+
+COLOR = "lowres_wide"
+DEPTH = "lowres_depth"
+CONFIDENCE = "confidence"
+INTRINSICS = "lowres_wide_intrinsics"
+TRAJECTORY = "lowres_wide.traj"
+DOWN = (0.0, 0.0, -1.0)
+DEFAULT_DEPTH_SCALE = 1000.0
+_NAMED_BY_TIME = re.compile(r".*?(\d+\.\d+)\.(?:png|jpe?g)$", re.IGNORECASE)
+
+
+def detect(directory: Path) -> bool:
+    """Return whether the folder holds the data set's folders."""
+    return all((directory / name).is_dir() for name in (COLOR, DEPTH))
+
+
+def open_scan(directory: Path, options: ScanOptions) -> Scan:
+    """Return the scan of one recording of the data set; pictures are paired with depth by name, with poses by time.
+
+    Raises `InvalidScanError` for files that are missing or not this.
+    """
+    folder = ScanFolder(directory)
+    trajectory = _trajectory(folder)
+    discarded = Discarded()
+    frames = []
+    for color in folder.files_in(directory / COLOR):
+        match = _NAMED_BY_TIME.fullmatch(color.name)
+        if match is None:
+            continue
+        name = folder.name_of(color)
+        depth = folder.find(f"{DEPTH}/{color.stem}.png", "the scan")
+        pose = trajectory.pose_at(float(match.group(1)), options.max_time_difference_s)
+        if depth is None:
+            missing = f"{DEPTH}/{color.stem}.png"
+            discarded.add("no_depth", name, f"{missing} is missing; {folder.instead(missing)}")
+        elif isinstance(pose, str):
+            discarded.add(pose, name)
+        else:
+            frames.append(Frame(name, float(match.group(1)), color, depth, pose))
+    source = ScanSource(
+        camera=options.camera or _intrinsics(folder),
+        depth_scale=None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+        gravity=DOWN,
+        confidence=confidence_files(folder, DEPTH, CONFIDENCE),
+    )
+    return assemble_scan(frames, discarded, source, options)
+
+
+def _trajectory(folder: ScanFolder) -> Trajectory:
+    path = folder.find(TRAJECTORY, "the scan")
+    if path is None:
+        raise InvalidScanError(f"The scan has no camera poses: {TRAJECTORY} is missing.")
+    table = []
+    for row in rows(read_text(path)):
+        values = numbers(row.cells(), f"{path.name} line {row.line}")
+        if len(values) != 7:
+            raise InvalidScanError(
+                f"{path.name} line {row.line}: expected 7 columns, time rx ry rz tx ty tz, and found {len(values)}."
+            )
+        table.append(_row(values))
+    if not table:
+        raise InvalidScanError(f"The scan has no camera poses: {TRAJECTORY} lists none.")
+    return Trajectory.from_rows(np.array(table))
+
+
+def _row(values: list[float]) -> NDArray[np.float64]:
+    """Return `t x y z qx qy qz qw` of `scan_from_camera`, NaN for a row that holds no pose."""
+    if not np.isfinite(values).all():
+        return np.array([values[0], *[np.nan] * 7])
+    pose = Pose(rotation_from_vector(values[1:4]), np.array(values[4:7])).inverse()
+    return np.array([values[0], *pose.translation, *pose.quaternion])
+
+
+def _intrinsics(folder: ScanFolder) -> tuple[float, ...]:
+    files = [] if not (folder.path / INTRINSICS).is_dir() else folder.files_in(folder.path / INTRINSICS)
+    files = [path for path in files if path.suffix.lower() == ".pincam"]
+    if not files:
+        raise InvalidScanError(f"The scan's camera is not known: {INTRINSICS} holds no .pincam file.")
+    each = []
+    for path in files:
+        values = numbers([cell for row in rows(read_text(path)) for cell in row.cells()], path.name)
+        if len(values) != 6:
+            raise InvalidScanError(f"{path.name} must hold six numbers: width height fx fy cx cy.")
+        each.append(tuple(values[2:]))
+    return common_intrinsics(each, [path.name for path in files])

@@ -1,0 +1,1 @@
+"""OpenStreetMap's Simple Indoor Tagging, as GeoJSON or OSM XML."""

@@ -1,0 +1,118 @@
+"""A scan's format by the names of its files alone: the directory of an archive, before it has travelled."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+# What a format's files are called, by regular expressions of paths below the scan's folder. The first is what the
+# format is known by; the others are what a scan of it needs too.
+Part = tuple[str, str]
+PARTS: Mapping[str, tuple[Part, ...]] = {
+    "stray-scanner": (
+        ("odometry.csv", r"odometry\.csv"),
+        ("camera_matrix.csv", r"camera_matrix\.csv"),
+        ("rgb.mp4", r"rgb\.(?:mp4|mov)"),
+    ),
+    "record3d": (("metadata and rgbd/0.depth, or a .r3d file", r"(?:[^/]+\.r3d|rgbd/\d+\.depth)"),),
+    "polycam": (
+        ("keyframes/cameras", r"keyframes/(?:corrected_)?cameras/[^/]+\.json"),
+        ("keyframes/images", r"keyframes/(?:corrected_)?images/[^/]+\.(?:jpe?g|png)"),
+        ("keyframes/depth", r"keyframes/depth/[^/]+\.png"),
+    ),
+    "3d-scanner-app": (
+        ("frame_00000.json", r"frame_\d+\.json"),
+        ("frame_00000.jpg", r"frame_\d+\.jpe?g"),
+        ("depth_00000.png", r"depth_\d+\.png"),
+    ),
+    "arkitscenes": (
+        ("lowres_wide", r"lowres_wide/[^/]+\.(?:png|jpg)"),
+        ("lowres_depth", r"lowres_depth/[^/]+\.png"),
+        ("lowres_wide.traj", r"lowres_wide\.traj"),
+        ("lowres_wide_intrinsics", r"lowres_wide_intrinsics/[^/]+\.pincam"),
+    ),
+    "nerfstudio": (("transforms.json", r"transforms\.json"),),
+    "kapture": (
+        ("sensors/sensors.txt", r"sensors/sensors\.txt"),
+        ("sensors/records_camera.txt", r"sensors/records_camera\.txt"),
+        ("sensors/trajectories.txt", r"sensors/trajectories\.txt"),
+    ),
+    "colmap": (
+        ("cameras.txt or cameras.bin", r"(?:sparse/(?:0/)?)?cameras\.(?:txt|bin)"),
+        ("images.txt or images.bin", r"(?:sparse/(?:0/)?)?images\.(?:txt|bin)"),
+        ("images", r"(?:images?|rgb|color)/.+\.(?:jpe?g|png)"),
+    ),
+    "12scenes": (
+        ("info.txt", r"_?info\.txt"),
+        ("data/frame-000000.color.jpg", r"(?:data/|sequence/)?frame-\d+\.color\.(?:jpg|png)"),
+    ),
+    "7scenes": (
+        ("frame-000000.color.png", r"frame-\d+\.color\.(?:png|jpe?g)"),
+        ("frame-000000.depth.png", r"frame-\d+\.depth\.\w+"),
+        ("frame-000000.pose.txt", r"frame-\d+\.pose\.txt"),
+    ),
+    "tum": (
+        ("rgb.txt", r"(?:rgb|associat\w+)\.txt"),
+        ("groundtruth.txt", r"(?:groundtruth\.txt|[^/]*traj[^/]*\.txt|[^/]+\.freiburg)"),
+    ),
+    "scannet": (
+        ("intrinsic", r"intrinsic/intrinsic_color\.txt"),
+        ("color", r"color/\d+\.(?:jpe?g|png)"),
+        ("depth", r"depth/\d+\.\w+"),
+        ("pose", r"pose/\d+\.txt"),
+    ),
+    "rtabmap-export": (
+        ("calib", r"[^/]*calib/[^/]+\.ya?ml"),
+        ("rgb", r"[^/]*rgb/[^/]+\.(?:jpg|png)"),
+        ("depth", r"[^/]*depth/[^/]+\.png"),
+        ("poses.txt", r"[^/]*poses\.txt"),
+    ),
+    "redwood": (
+        ("trajectory.log", r"(?:scene/)?[^/]+\.log"),
+        ("color", r"(?:color|image|rgb|images)/[^/]+\.(?:png|jpe?g)"),
+        ("depth", r"depths?/[^/]+\.\w+"),
+    ),
+    "sens": ((".sens", r"[^/]+\.sens"),),
+    "rtabmap": ((".db", r"[^/]+\.db"),),
+    "ros-bag": ((".bag, .db3 or .mcap", r"[^/]+\.(?:bag|db3|mcap)"),),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Recognised:
+    """A format, the folder of its scan in the archive ("" for the top), and what a scan of it lacks."""
+
+    format: str
+    folder: str
+    missing: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {"format": self.format, "folder": self.folder, "missing": list(self.missing)}
+
+
+def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
+    """Return what paths with forward slashes look like: formats with nothing missing, else those that lack least.
+
+    No file is opened, so files of other formats with such names may be taken for one.
+    """
+    paths = [name.replace("\\", "/").removeprefix("./") for name in names]
+    found = [item for name, parts in PARTS.items() if (item := _match(name, parts, paths)) is not None]
+    least = min((len(item.missing) for item in found), default=0)
+    return tuple(item for item in found if len(item.missing) == least)
+
+
+def _match(name: str, parts: Sequence[Part], paths: Sequence[str]) -> Recognised | None:
+    first = re.compile(rf"((?:.*/)?){parts[0][1]}", re.IGNORECASE)
+    folder = next((match.group(1) for path in paths if (match := first.fullmatch(path))), None)
+    if folder is None:
+        return None
+    below = [path.removeprefix(folder) for path in paths if path.startswith(folder)]
+    missing = (
+        shown
+        for shown, pattern in parts
+        if not any(re.fullmatch(pattern, path, re.IGNORECASE) for path in below)
+    )
+    return Recognised(name, folder.rstrip("/"), tuple(missing))

@@ -1,0 +1,1 @@
+"""Recordings that hold all frames of a scan in one file."""

@@ -1,0 +1,236 @@
+"""ROS 1 and ROS 2 bags (`.bag`, `.db3`, `.mcap`): colour, depth and camera of a RealSense, Kinect or Orbbec, and poses.
+
+Read with the library `rosbags`. Messages follow the definitions of sensor_msgs, nav_msgs, geometry_msgs and tf2_msgs
+(docs.ros.org). A topic of poses is that of a frame of the robot; transforms lead from there to the colour camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.errors import InvalidScanError
+from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.association import Trajectory, associate
+from app.importers.frame_files.spacing import spaced_rows
+from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
+from app.importers.recordings.files import recordings_in
+from app.importers.recordings.ros_images import depth_of, is_depth, picture_of
+from app.importers.recordings.ros_transforms import Transforms, pose_of
+from app.importers.unpacked import FrameFiles
+
+SUFFIXES = (".bag", ".db3", ".mcap")
+METADATA = "metadata.yaml"
+DEFAULT_DEPTH_SCALE = 1000.0
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+CAMERA = "sensor_msgs/msg/CameraInfo"
+POSES = (
+    "geometry_msgs/msg/PoseStamped",
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+# Words by which drivers name the images that are wanted, the best first.
+COLOR_WORDS = ("color", "rgb", "image_raw", "image")
+DEPTH_WORDS = ("aligned", "registered", "depth_to_rgb", "depth")
+OTHER_WORDS = ("infra", "ir/", "/ir", "fisheye", "left", "right", "confidence", "mask")
+# Poses are interpolated between rows that are as far apart as this.
+MAX_POSE_GAP_S = 0.2
+
+
+@dataclass(slots=True)
+class _Stream:
+    """The messages of a topic: times (n,) in seconds, the images' files, and the frame that they are in."""
+
+    times_s: list[float] = field(default_factory=list)
+    paths: list[Path] = field(default_factory=list)
+    frame: str = ""
+    camera: tuple[float, ...] | None = None
+
+
+@dataclass(slots=True)
+class _Topics:
+    """The topics that are read; None where the bag has none of a kind."""
+
+    color: str
+    depth: str | None
+    poses: str | None
+
+
+def detect(directory: Path) -> bool:
+    """Return whether the folder holds a bag."""
+    return bool(recordings_in(directory, *SUFFIXES))
+
+
+def open_scan(directory: Path, options: ScanOptions) -> Scan:
+    """Return the scan of a bag; colour, depth and poses are paired by their times.
+
+    Depth that is not registered to colour has its own camera, placed by the bag's transforms. Raises
+    `InvalidScanError` for a bag that lacks colour or poses, names the topics that it has, and for a damaged one.
+    """
+    files, discarded = FrameFiles(options.scratch), Discarded()
+    with _opened(directory) as reader:
+        topics = _chosen_topics(reader)
+        color, depth, rows, transforms, frame = _read(reader, topics, files)
+    if options.camera is None and color.camera is None:
+        raise InvalidScanError(f"The bag has no CameraInfo for {topics.color}: give `camera` in the options.")
+    trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
+    frames = _frames(color, depth, trajectory, files, options, discarded)
+    registered = depth is None or depth.frame == color.frame
+    source = ScanSource(
+        camera=options.camera or color.camera or (),
+        depth_camera=None if registered or depth is None else depth.camera,
+        depth_scale=None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+        has_depth=depth is not None,
+        keeps=files,
+    )
+    given = options
+    if not registered and depth is not None and options.color_from_depth is None:
+        given = transforms.with_place_of_depth(options, color.frame, depth.frame, depth.camera)
+    return assemble_scan(frames, discarded, source, given)
+
+
+@contextmanager
+def _opened(directory: Path) -> Iterator[Any]:
+    """Open the bag in a folder with the library, whose errors become an `InvalidScanError`."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise InvalidScanError("ROS bags need the extra: pip install 'roomfix[scans]'.") from None
+    bags = recordings_in(directory, *SUFFIXES)
+    ros1 = [path for path in bags if path.suffix.lower() == ".bag"]
+    paths = ros1 or ([directory] if (directory / METADATA).is_file() else bags[:1])
+    try:
+        with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            yield reader
+    except (AnyReaderError, AssertionError, ValueError, KeyError, OSError) as error:
+        raise InvalidScanError(f"{bags[0].name} can't be read as a ROS bag: {error}.") from None
+
+
+def _chosen_topics(reader: Any) -> _Topics:
+    kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+    images = [topic for topic, kind in kinds.items() if kind in IMAGES]
+    depth = [topic for topic in images if "depth" in topic.lower() and not _has(topic, OTHER_WORDS)]
+    color = [topic for topic in images if topic not in depth and not _has(topic, OTHER_WORDS)]
+    if not color:
+        there = ", ".join(sorted(kinds)[:8])
+        raise InvalidScanError(f"The bag has no topic with colour images; its topics are {there or 'none'}.")
+    poses = [topic for topic, kind in kinds.items() if kind in POSES]
+    return _Topics(
+        color=_best(color, COLOR_WORDS),
+        depth=_best(depth, DEPTH_WORDS) if depth else None,
+        poses=_best(poses, ("camera", "pose", "odom")) if poses else None,
+    )
+
+
+def _has(topic: str, words: tuple[str, ...]) -> bool:
+    return any(word in topic.lower() for word in words)
+
+
+def _best(topics: list[str], words: tuple[str, ...]) -> str:
+    def rank(topic: str) -> tuple[int, int, str]:
+        return (
+            next((i for i, word in enumerate(words) if word in topic.lower()), len(words)),
+            len(topic),
+            topic,
+        )
+
+    return min(topics, key=rank)
+
+
+def _read(
+    reader: Any, topics: _Topics, files: FrameFiles
+) -> tuple[_Stream, _Stream | None, list[list[float]], Transforms, str]:
+    color, depth = _Stream(), _Stream()
+    rows: list[list[float]] = []
+    transforms, frame = Transforms(), ""
+    for connection, stamp_ns, raw in reader.messages():
+        wanted = connection.topic in (topics.color, topics.depth, topics.poses)
+        if not wanted and connection.msgtype not in (CAMERA, *TRANSFORMS):
+            continue
+        message = reader.deserialize(raw, connection.msgtype)
+        if connection.topic == topics.color:
+            _add(color, message, files, "color")
+        elif connection.topic == topics.depth:
+            _add(depth, message, files, "depth")
+        elif connection.msgtype == CAMERA:
+            _add_camera(connection.topic, message, topics, color, depth)
+        elif connection.msgtype in TRANSFORMS:
+            transforms.add(message, connection.topic, stamp_ns)
+        else:
+            pose, frame = pose_of(message)
+            rows.append([_time_s(message), *pose.translation, *pose.quaternion])
+    return color, depth if depth.times_s else None, rows, transforms, frame
+
+
+def _time_s(message: Any) -> float:
+    return float(message.header.stamp.sec) + 1e-9 * float(message.header.stamp.nanosec)
+
+
+def _add(stream: _Stream, message: Any, files: FrameFiles, kind: str) -> None:
+    name = f"{kind}/{len(stream.times_s):06d}"
+    if kind == "depth" and is_depth(message):
+        path = depth_of(message, files, name)
+    elif kind == "color":
+        path = picture_of(message, files, name)
+    else:
+        raise InvalidScanError(
+            f"The bag's depth is encoded as {getattr(message, 'encoding', '?')}: 16UC1 and 32FC1 are read."
+        )
+    stream.times_s.append(_time_s(message))
+    stream.paths.append(path)
+    stream.frame = stream.frame or message.header.frame_id
+
+
+def _add_camera(topic: str, message: Any, topics: _Topics, color: _Stream, depth: _Stream) -> None:
+    """Keep the intrinsics for the stream with the same namespace."""
+    namespace = topic.rpartition("/")[0]
+    K = np.asarray(message.K if hasattr(message, "K") else message.k, dtype=np.float64)
+    D = np.asarray(message.D if hasattr(message, "D") else message.d, dtype=np.float64)
+    values = tuple(float(K[i]) for i in (0, 4, 2, 5))
+    if len(D) in (4, 5) and np.any(D):
+        values += tuple(D.tolist())
+    if topics.color.startswith(f"{namespace}/") and color.camera is None:
+        color.camera = values
+    if topics.depth is not None and topics.depth.startswith(f"{namespace}/") and depth.camera is None:
+        depth.camera = values
+
+
+def _frames(
+    color: _Stream,
+    depth: _Stream | None,
+    trajectory: Trajectory,
+    files: FrameFiles,
+    options: ScanOptions,
+    discarded: Discarded,
+) -> list[Frame]:
+    order = np.argsort(color.times_s, kind="stable").tolist()
+    chosen = [order[i] for i in spaced_rows([color.times_s[i] for i in order])]
+    times_s = np.array([color.times_s[i] for i in chosen])
+    partners = np.full(len(chosen), -1)
+    if depth is not None:
+        partners = associate(times_s, np.array(depth.times_s), max(options.max_time_difference_s, 0.02))
+    frames = []
+    for i, time_s, partner in zip(chosen, times_s.tolist(), partners.tolist(), strict=True):
+        name = f"{color.paths[i].parent.name}/{color.paths[i].stem}"
+        pose = trajectory.pose_at(time_s, MAX_POSE_GAP_S)
+        if depth is not None and partner < 0:
+            discarded.add("no_depth", name)
+        elif isinstance(pose, str):
+            discarded.add(pose, name)
+        else:
+            image = depth.paths[partner] if depth is not None else _blank(color.paths[i], files)
+            frames.append(Frame(name, time_s, color.paths[i], image, pose))
+    return frames
+
+
+def _blank(color: Path, files: FrameFiles) -> Path:
+    return files.blank_depth(*(color_size(color) or (1, 1)))

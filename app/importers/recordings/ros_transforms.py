@@ -1,0 +1,141 @@
+"""Transforms between the frames of a robot in a ROS recording, and the trajectory of its camera by them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from app.errors import InvalidScanError
+from app.geometry.se3 import Pose
+from app.importers.association import Trajectory
+from app.importers.frames import ScanOptions
+
+# Frames that don't move with the robot, the best first: with loop closure, without it.
+FIXED_FRAMES = ("map", "world", "odom", "vicon", "mocap")
+_MAX_CHAIN = 30
+
+
+@dataclass(slots=True)
+class Transforms:
+    """Poses `parent_from_child` by the child's frame: those that never change, and rows over time."""
+
+    fixed: dict[str, tuple[str, Pose]] = field(default_factory=dict)
+    moving: dict[str, tuple[str, list[list[float]]]] = field(default_factory=dict)
+
+    def add(self, message: Any, topic: str, stamp_ns: int) -> None:
+        """Add the transforms of a message on /tf or /tf_static."""
+        for stamped in message.transforms:
+            parent, child = stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/")
+            t, q = stamped.transform.translation, stamped.transform.rotation
+            pose = Pose.from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w])
+            if topic.endswith("static"):
+                self.fixed[child] = parent, pose
+                continue
+            stamp = stamped.header.stamp
+            time_s = float(stamp.sec) + 1e-9 * float(stamp.nanosec) or 1e-9 * stamp_ns
+            rows = self.moving.setdefault(child, (parent, []))[1]
+            rows.append([time_s, *pose.translation, *pose.quaternion])
+
+    def place(self, ancestor: str, frame: str) -> Pose | None:
+        """Return `ancestor_from_frame` by fixed transforms alone, None where they don't lead from one to the other."""
+        ancestor, current = ancestor.lstrip("/"), frame.lstrip("/")
+        found = Pose.identity()
+        for _ in range(_MAX_CHAIN):
+            if current == ancestor:
+                return found
+            if current not in self.fixed:
+                return None
+            current, pose = self.fixed[current]
+            found = pose @ found
+        return None
+
+    def trajectory_of(
+        self, camera_frame: str, rows: list[list[float]], posed_frame: str, topic: str | None
+    ) -> Trajectory:
+        """Return `scan_from_camera` over time, from a topic's poses (n, 8) of a frame, else from transforms.
+
+        A topic that names no frame is taken to give the camera's poses. Raises `InvalidScanError` where neither
+        gives any.
+        """
+        if rows:
+            place = self.place(posed_frame, camera_frame) if posed_frame else Pose.identity()
+            if place is None and posed_frame.lstrip("/") in self.moving:
+                place = None
+            if place is None:
+                raise InvalidScanError(
+                    f"The poses of {topic} are those of {posed_frame}, and no static transform of the bag leads from "
+                    f"there to the colour camera's frame {camera_frame}: record /tf_static too."
+                )
+            return _moved(rows, place)
+        chain = self._moving_chain(camera_frame.lstrip("/"))
+        if not chain:
+            raise InvalidScanError(
+                "The bag has no poses: record a topic of nav_msgs/Odometry or geometry_msgs/PoseStamped, or /tf from "
+                f"a fixed frame to {camera_frame or 'the camera'}."
+            )
+        return _along(chain)
+
+    def _moving_chain(self, frame: str) -> list[Pose | list[list[float]]]:
+        """Return what leads from a fixed frame to `frame`, outermost first; empty if nothing in it moves."""
+        chain: list[Pose | list[list[float]]] = []
+        for _ in range(_MAX_CHAIN):
+            if frame in self.moving:
+                parent, rows = self.moving[frame]
+                chain.insert(0, rows)
+            elif frame in self.fixed:
+                parent, pose = self.fixed[frame]
+                chain.insert(0, pose)
+            else:
+                break
+            frame = parent
+        return chain if any(isinstance(link, list) for link in chain) else []
+
+    def with_place_of_depth(
+        self, options: ScanOptions, color: str, depth: str, camera: tuple[float, ...] | None
+    ) -> ScanOptions:
+        """Return the options with the depth camera's intrinsics and its place, where fixed transforms say it."""
+        roots = {frame for frame, _ in self.fixed.values()}
+        for root in sorted(roots):
+            a, b = self.place(root, color), self.place(root, depth)
+            if a is not None and b is not None and camera is not None:
+                return replace(
+                    options, depth_camera=options.depth_camera or camera, color_from_depth=a.inverse() @ b
+                )
+        return options
+
+
+def pose_of(message: Any) -> tuple[Pose, str]:
+    """Return a message's pose and the frame that it is the pose of, "" where it doesn't say."""
+    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+    p, q = pose.position, pose.orientation
+    return Pose.from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w]), getattr(message, "child_frame_id", "")
+
+
+def _moved(rows: list[list[float]], place: Pose) -> Trajectory:
+    table = []
+    for row in rows:
+        pose = Pose.from_quaternion(row[1:4], row[4:8]) @ place
+        table.append([row[0], *pose.translation, *pose.quaternion])
+    return Trajectory.from_rows(np.array(table))
+
+
+def _along(chain: list[Pose | list[list[float]]]) -> Trajectory:
+    """Return the product of a chain at the times of its most frequent moving link."""
+    moving = {
+        i: Trajectory.from_rows(np.array(link)) for i, link in enumerate(chain) if isinstance(link, list)
+    }
+    times_s = max(moving.values(), key=lambda track: len(track.times_s)).times_s
+    table = []
+    for time_s in times_s.tolist():
+        product = Pose.identity()
+        for i, link in enumerate(chain):
+            # A link that is sent rarely, as map to odom is, holds until the next one.
+            step = moving[i].pose_at(time_s, np.inf) if i in moving else link
+            if not isinstance(step, Pose):
+                break
+            product = product @ step
+        else:
+            table.append([time_s, *product.translation, *product.quaternion])
+    return Trajectory.from_rows(np.array(table).reshape(-1, 8))

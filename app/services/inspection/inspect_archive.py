@@ -1,0 +1,60 @@
+"""Inspection of an uploaded scan: unpacked into the scratch folder, looked at, and gone again."""
+
+from __future__ import annotations
+
+import tempfile
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+from shutil import copyfileobj
+from typing import Any, BinaryIO
+
+from app.engine.mapping.inspection.inspect import inspect_scan
+from app.engine.mapping.options import BuildOptions
+from app.engine.progress import NoProgress, Progress
+from app.errors import InvalidScanError
+from app.importers.archives.archive import extract_archive, names_in_archive
+from app.importers.archives.archive_readers import ArchiveLimits
+from app.importers.recognition import recognised
+from app.importers.registry import find_scan, open_scan
+from app.services.resources import Resources
+
+FOLDER_PREFIX = "inspect-"
+
+
+def inspect_archive(resources: Resources, options: BuildOptions, archive: BinaryIO) -> dict[str, Any]:
+    """Return the inspection of a scan's archive or recording for JSON; nothing of it stays.
+
+    Raises `InvalidScanError` for what no map can be made of; the sentence is that of a build.
+    """
+    with tempfile.TemporaryDirectory(dir=resources.scratch_dir, prefix=FOLDER_PREFIX) as folder:
+        packed = Path(folder) / "archive"
+        with packed.open("wb") as file:
+            copyfileobj(archive, file)
+        if packed.stat().st_size == 0:
+            raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
+        limits = ArchiveLimits(max_total_bytes=resources.settings.max_unpacked_bytes)
+        return inspect_sent(packed, options, resources.executor, NoProgress(), Path(folder), limits)
+
+
+def inspect_sent(
+    sent: Path,
+    options: BuildOptions,
+    executor: Executor,
+    progress: Progress,
+    scratch: Path,
+    limits: ArchiveLimits | None = None,
+) -> dict[str, Any]:
+    """Return the inspection of a folder, an archive or a recording; it is unpacked below `scratch`."""
+    names = _names(sent, limits)
+    root = sent if sent.is_dir() else extract_archive(sent, scratch / "scan", limits)
+    given = replace(options, scan=replace(options.scan, scratch=scratch))
+    _, name = find_scan(root, given.format)
+    found = inspect_scan(open_scan(root, given.format, given.scan), name, given, executor, progress)
+    return {"recognised": [item.as_dict() for item in recognised(names)], **found.as_dict()}
+
+
+def _names(sent: Path, limits: ArchiveLimits | None) -> list[str]:
+    if sent.is_dir():
+        return [path.relative_to(sent).as_posix() for path in sent.rglob("*") if path.is_file()]
+    return names_in_archive(sent, limits)

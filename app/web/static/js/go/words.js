@@ -1,0 +1,45 @@
+// What the page says, from one catalogue file for each language: languages/go/{language}.json.
+
+import { requestJson } from "../api.js";
+
+const REMEMBERED = "roomfix.language";
+const FALLBACK = "en";
+let catalogue = {};
+let current = FALLBACK;
+
+/** Load the language that was chosen before, or else the first of the browser's that there is; return its tag. */
+export async function loadWords() {
+  const available = await requestJson("assets/languages");
+  const asked = new URLSearchParams(location.search).get("language");
+  const wanted = [asked, localStorage.getItem(REMEMBERED), ...navigator.languages];
+  const tags = wanted.filter(Boolean).map((tag) => tag.toLowerCase().split("-")[0]);
+  await chooseLanguage(tags.find((tag) => available.includes(tag)) ?? FALLBACK);
+  return available;
+}
+
+/** Change to a language. */
+export async function chooseLanguage(tag) {
+  const fallback = await requestJson(`assets/languages/go/${FALLBACK}.json`);
+  catalogue = tag === FALLBACK ? fallback : { ...fallback, ...(await requestJson(`assets/languages/go/${tag}.json`)) };
+  current = tag;
+  document.documentElement.lang = tag;
+}
+
+/** Remember a language that the person chose. */
+export const rememberLanguage = (tag) => localStorage.setItem(REMEMBERED, tag);
+
+export const language = () => current;
+
+/** Return a sentence with its {names} filled in. */
+export function say(key, values = {}) {
+  return (catalogue[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => String(values[name] ?? ""));
+}
+
+/** Whether there is a sentence of this key. */
+export const knows = (key) => key in catalogue;
+
+/** Return metres as people read them: half metres below 3, whole ones above. */
+export function metres(value) {
+  const rounded = value < 3 ? Math.round(value * 2) / 2 : Math.round(value);
+  return rounded.toLocaleString(current);
+}

@@ -1,0 +1,209 @@
+// Lays the scan over the plan: by dragging, turning and scaling, then by pairs of points with their residuals.
+
+import { byId, el, guarded, notice, svg } from "../dom.js";
+import { currentVenue } from "../venues.js";
+import { metres } from "../words.js";
+import { ScanPoints } from "./scan-image.js";
+import { apply, changedAbout, fit, fromMatrix, invert, outlier, residuals, toMatrix } from "./similarity.js";
+
+const FIELDS = ["shift-x", "shift-y", "turn", "scale"];
+
+export class AlignTool {
+  constructor(board, floors, onStored) {
+    Object.assign(this, { board, floors, onStored, mode: "move", pairs: [], half: null, similarity: null });
+    for (const button of byId("align-panel").querySelectorAll("[data-tool]")) {
+      button.addEventListener("click", () => this.choose(button.dataset.tool));
+    }
+    for (const id of FIELDS) byId(id).addEventListener("input", () => this.typed());
+    for (const id of ["z-min", "z-max"]) byId(id).addEventListener("change", () => this.picture());
+    byId("fit-pairs").addEventListener("click", () => {
+      this.similarity = fit(this.pairs);
+      this.draw();
+    });
+    byId("align-panel").addEventListener("submit", (event) => {
+      event.preventDefault();
+      guarded(byId("save-align"), byId("board-error"), () => this.save());
+    });
+  }
+
+  /** Begin with the shown floor and the map that serves; says what is missing. */
+  async begin() {
+    Object.assign(this, { pairs: [], half: null, image: null, similarity: null });
+    const { current } = this.floors;
+    const version = currentVenue()?.map_version ?? null;
+    byId("save-align").disabled = true;
+    this.say(!current ? "Add a floor first." : version === null ? "Upload a scan first: there is nothing to lay over the plan yet." : "The scan is loading …");
+    this.draw();
+    if (!current || version === null) return;
+    this.scan = await ScanPoints.of(version);
+    if (this.floors.current !== current) return;
+    byId("z-min").value = String(Number(current.z_min_m.toFixed(2)));
+    byId("z-max").value = String(Number(current.z_max_m.toFixed(2)));
+    this.histogram();
+    await this.picture();
+    this.similarity = current.plan_from_world ? fromMatrix(current.plan_from_world) : this.guess();
+    byId("save-align").disabled = false;
+    this.choose("move");
+  }
+
+  async picture() {
+    if (!this.scan) return;
+    const [low, high] = [Number(byId("z-min").value), Number(byId("z-max").value)];
+    if (this.image) URL.revokeObjectURL(this.image.url);
+    this.image = await this.scan.drawn(low, high);
+    if (!this.image) byId("board-error").replaceChildren(notice("info", "The scan has no points at these heights."));
+    else byId("board-error").replaceChildren();
+    this.histogram();
+    this.draw();
+  }
+
+  /** Lay the middle of the scan over the middle of the plan. */
+  guess() {
+    const { plan } = this.floors.current;
+    const centre = plan ? this.board.metres([plan.width_px / 2, plan.height_px / 2]) : [0, 0];
+    const [x, y] = this.centre();
+    return { x: centre[0] - x, y: centre[1] - y, turn: 0, scale: 1 };
+  }
+
+  /** The middle of the scan in the world. */
+  centre() {
+    if (!this.image) return [0, 0];
+    const { x, y, width, height, metresPerPx } = this.image;
+    return [x + (width * metresPerPx) / 2, y - (height * metresPerPx) / 2];
+  }
+
+  histogram() {
+    const { from, to, bins } = this.scan.heights();
+    const step = 100 / bins.length;
+    const [low, high] = [Number(byId("z-min").value), Number(byId("z-max").value)];
+    const bars = bins.map((share, i) => {
+      const z = from + ((i + 0.5) / bins.length) * (to - from);
+      const inside = z >= low && z <= high;
+      return svg("rect", { x: i * step, y: 30 - 30 * share, width: step * 0.9, height: 30 * share, class: inside ? "bar-in" : "bar-out" });
+    });
+    byId("histogram").replaceChildren(...bars);
+  }
+
+  choose(mode) {
+    this.mode = mode;
+    this.half = null;
+    for (const button of byId("align-panel").querySelectorAll("[data-tool]")) {
+      button.setAttribute("aria-pressed", String(button.dataset.tool === mode));
+    }
+    const words = {
+      move: "Drag the scan to where it belongs.",
+      turn: "Drag around the middle of the scan to turn it.",
+      pair: "Click a point of the scan, then the same point of the plan. Three pairs far apart are good.",
+    };
+    this.say(words[mode]);
+    this.draw();
+  }
+
+  say(sentence) {
+    byId("pair-words").textContent = sentence;
+  }
+
+  typed() {
+    const [x, y, degrees, scale] = FIELDS.map((id) => Number(byId(id).value));
+    if (!this.similarity || !(scale > 0)) return;
+    // The fields say where the middle of the scan is, which stays when it is turned.
+    const turned = changedAbout(this.similarity, apply(this.similarity, this.centre()), { turn: (degrees * Math.PI) / 180, scale });
+    const [cx, cy] = apply(turned, this.centre());
+    this.similarity = { ...turned, x: turned.x + x - cx, y: turned.y + y - cy };
+    this.draw(false);
+  }
+
+  dragStart(point) {
+    if (!this.similarity || !this.image || this.mode === "pair") return false;
+    this.from = { point, similarity: this.similarity, middle: apply(this.similarity, this.centre()) };
+    return true;
+  }
+
+  drag([x, y]) {
+    const { point, similarity, middle } = this.from;
+    if (this.mode === "move") {
+      this.similarity = { ...similarity, x: similarity.x + x - point[0], y: similarity.y + y - point[1] };
+    } else {
+      const angle = (at) => Math.atan2(at[1] - middle[1], at[0] - middle[0]);
+      this.similarity = changedAbout(similarity, middle, { turn: similarity.turn + angle([x, y]) - angle(point) });
+    }
+    this.draw();
+  }
+
+  click(point) {
+    if (this.mode !== "pair" || !this.similarity) return;
+    if (!this.half) {
+      this.half = { world: invert(this.similarity, point) };
+      this.say("Now click the same point of the plan.");
+    } else {
+      this.pairs.push({ ...this.half, plan: point });
+      this.half = null;
+      this.say(`${this.pairs.length} pairs. ${this.pairs.length < 3 ? "Click the next point of the scan." : "Fit to the pairs, or add more."}`);
+    }
+    this.draw();
+  }
+
+  draw(fields = true) {
+    const { board } = this;
+    board.glyphs = [];
+    board.layer.replaceChildren();
+    if (!this.similarity) return;
+    if (this.image) board.layer.append(this.overlay());
+    for (const [i, pair] of this.pairs.entries()) {
+      const here = apply(this.similarity, pair.world);
+      board.layer.append(
+        svg("polyline", { points: board.line([here, pair.plan]), class: "pair-line" }),
+        board.glyph(here, svg("circle", { r: 6, class: "pin-scan" })),
+        board.glyph(pair.plan, svg("circle", { r: 6, class: "pin" }), svg("text", { x: 9, y: 5 }, String(i + 1))),
+      );
+    }
+    if (this.half) board.layer.append(board.glyph(apply(this.similarity, this.half.world), svg("circle", { r: 6, class: "pin-scan" })));
+    if (fields) this.showFields();
+    this.list();
+  }
+
+  overlay() {
+    const { x, y, width, height, metresPerPx, url } = this.image;
+    const at = (u, v) => this.board.units(apply(this.similarity, [x + u * metresPerPx, y - v * metresPerPx]));
+    const [[ox, oy], [rx, ry], [dx, dy]] = [at(0, 0), at(1, 0), at(0, 1)];
+    const transform = `matrix(${rx - ox} ${ry - oy} ${dx - ox} ${dy - oy} ${ox} ${oy})`;
+    return svg("image", { href: url, width, height, transform, class: "scan" });
+  }
+
+  showFields() {
+    const { turn, scale } = this.similarity;
+    const [x, y] = apply(this.similarity, this.centre());
+    const degrees = (turn * 180) / Math.PI;
+    const values = [x.toFixed(2), y.toFixed(2), degrees.toFixed(1), scale.toFixed(3)];
+    FIELDS.forEach((id, i) => {
+      byId(id).value = String(Number(values[i]));
+    });
+  }
+
+  list() {
+    const off = residuals(this.similarity, this.pairs);
+    const wrong = outlier(this.pairs);
+    byId("fit-pairs").disabled = this.pairs.length < 2;
+    byId("pairs").replaceChildren(
+      ...this.pairs.map((_, i) => {
+        const remove = el("button", { type: "button", class: "small", "aria-label": `Remove pair ${i + 1}` }, "Remove");
+        remove.addEventListener("click", () => {
+          this.pairs.splice(i, 1);
+          this.draw();
+        });
+        const words = i === wrong ? `${metres(off[i])} off: this pair contradicts the others` : `${metres(off[i])} off`;
+        return el("li", { class: i === wrong ? "wrong" : null }, `${words} `, remove);
+      }),
+    );
+  }
+
+  async save() {
+    const heights = { z_min_m: Number(byId("z-min").value), z_max_m: Number(byId("z-max").value) };
+    const z = this.floors.current.plan_from_world?.[2][3] ?? 0;
+    await this.floors.put({ ...heights, plan_from_world: toMatrix(this.similarity, z) });
+    const off = residuals(this.similarity, this.pairs);
+    const rms = off.length ? ` The pairs are ${metres(Math.sqrt(off.reduce((sum, value) => sum + value * value, 0) / off.length))} off.` : "";
+    byId("board-error").replaceChildren(notice("good", `The alignment is stored.${rms}`));
+    this.onStored();
+  }
+}

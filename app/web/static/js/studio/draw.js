@@ -1,0 +1,302 @@
+// Areas, landmarks and links: drawn, moved, named and deleted on the plan, with undo, redo and a draft.
+
+import { requestJson } from "../api.js";
+import { byId, el, guarded, notice, showError, svg } from "../dom.js";
+import { currentVenue, venuePath } from "../venues.js";
+import { History } from "./history.js";
+
+// Points closer than this on the screen are taken for the same.
+const SNAP_PX = 14;
+const WORDS = {
+  select: "Click a feature to name, move or delete it.",
+  landmark: "Click where people can go, or be guided by: doors, counters, exhibits.",
+  link: "Click along a way that can be walked, from landmark to landmark. Click the last point twice to end it.",
+  area: "Click the corners of a room. Click the last corner twice to close it.",
+  route: "Click where a walk begins, then where it ends.",
+};
+
+export class DrawTool {
+  constructor(board, floors, onStored) {
+    Object.assign(this, { board, floors, onStored, mode: "select", chosen: null, points: [], route: null });
+    this.history = new History(() => this.changed());
+    for (const button of byId("draw-panel").querySelectorAll("[data-tool]")) {
+      button.addEventListener("click", () => this.choose(button.dataset.tool));
+    }
+    byId("undo").addEventListener("click", () => this.history.undo());
+    byId("redo").addEventListener("click", () => this.history.redo());
+    byId("remove").addEventListener("click", () => this.remove());
+    byId("finish").addEventListener("click", () => this.finish());
+    byId("feature-name").addEventListener("change", () => this.rename());
+    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.save()).then(() => this.changed()));
+    addEventListener("keydown", (event) => this.shortcut(event));
+  }
+
+  async begin() {
+    Object.assign(this, { chosen: null, points: [], route: null });
+    const { current } = this.floors;
+    byId("draw-panel").inert = current === null;
+    if (!current) return;
+    const collection = await requestJson(this.floors.path("features"));
+    if (this.floors.current !== current) return;
+    if (this.history.begin(`${currentVenue().id}.${current.id}`, collection.features)) {
+      byId("board-error").replaceChildren(notice("info", "What you drew and didn't save is back. Save it, or undo it."));
+    }
+    this.choose("select");
+  }
+
+  get features() {
+    return this.history.value === null ? [] : this.history.get();
+  }
+
+  choose(mode) {
+    Object.assign(this, { mode, points: [], route: null });
+    if (mode !== "select") this.chosen = null;
+    for (const button of byId("draw-panel").querySelectorAll("[data-tool]")) {
+      button.setAttribute("aria-pressed", String(button.dataset.tool === mode));
+    }
+    byId("draw-words").textContent = mode === "route" && this.history.dirty ? "Save first: routes use what is saved." : WORDS[mode];
+    this.draw();
+  }
+
+  shortcut(event) {
+    if (byId("draw-panel").hidden || !(event.ctrlKey || event.metaKey) || event.target.matches("input, textarea")) return;
+    const key = event.key.toLowerCase();
+    if (key === "z" && !event.shiftKey) this.history.undo();
+    else if (key === "y" || (key === "z" && event.shiftKey)) this.history.redo();
+    else return;
+    event.preventDefault();
+  }
+
+  key(event) {
+    if (event.key === "Escape") this.choose(this.mode);
+    else if ((event.key === "Delete" || event.key === "Backspace") && this.chosen !== null) this.remove();
+    else return false;
+    return true;
+  }
+
+  click(raw) {
+    const point = this.snapped(raw);
+    if (this.mode === "select") return this.select(this.hit(raw));
+    if (this.mode === "landmark") {
+      const number = 1 + this.features.filter((each) => kindOf(each) === "landmark").length;
+      return this.add("Point", point, { kind: "landmark", name: `Landmark ${number}` });
+    }
+    if (this.mode === "route") return this.tryRoute(point);
+    const last = this.points.at(-1);
+    if (last && Math.hypot(last[0] - point[0], last[1] - point[1]) < 6 * this.board.metresPerPx) return this.finish();
+    this.points.push(point);
+    return this.draw();
+  }
+
+  finish() {
+    const { points } = this;
+    this.points = [];
+    if (this.mode === "link" && points.length > 1) {
+      this.add("LineString", points, { kind: "link", mode: "walk" }, false);
+    } else if (this.mode === "area" && points.length > 2) {
+      const number = 1 + this.features.filter((each) => kindOf(each) === "area").length;
+      this.add("Polygon", [[...points, points[0]]], { kind: "area", name: `Area ${number}` });
+    } else {
+      this.draw();
+    }
+  }
+
+  add(type, coordinates, properties, select = true) {
+    const rounded = JSON.parse(JSON.stringify(coordinates, (_, value) => (typeof value === "number" ? Number(value.toFixed(3)) : value)));
+    this.history.change((all) => all.push({ type: "Feature", geometry: { type, coordinates: rounded }, properties }));
+    if (!select) return;
+    this.chosen = this.features.length - 1;
+    this.changed();
+    byId("feature-name").focus();
+    byId("feature-name").select();
+  }
+
+  select(index) {
+    this.chosen = index;
+    this.changed();
+  }
+
+  rename() {
+    const name = byId("feature-name").value.trim();
+    if (this.chosen !== null && name) this.history.change((all) => (all[this.chosen].properties.name = name));
+  }
+
+  remove() {
+    const { chosen } = this;
+    this.chosen = null;
+    this.history.change((all) => all.splice(chosen, 1));
+  }
+
+  dragStart(point) {
+    if (this.mode !== "select") return false;
+    const found = this.vertex(point);
+    if (found) this.dragged = { ...found, before: this.history.value };
+    return found !== null;
+  }
+
+  drag(raw) {
+    const { feature, place } = this.dragged;
+    const [x, y] = this.snapped(raw, feature).map((value) => Number(value.toFixed(3)));
+    const all = JSON.parse(this.dragged.before);
+    for (const spot of place(all[feature])) spot.splice(0, 2, x, y);
+    this.preview = all;
+    this.draw();
+  }
+
+  drop() {
+    const { preview } = this;
+    this.preview = null;
+    if (preview) this.history.change((all) => all.splice(0, all.length, ...preview));
+  }
+
+  /** Return the vertex that is pressed, and what finds it in a copy: both ends of a closed ring are one. */
+  vertex(point) {
+    const near = SNAP_PX * this.board.metresPerPx;
+    let [best, found] = [near, null];
+    this.features.forEach((each, feature) => {
+      positions(each).forEach((spot, i) => {
+        const distance = Math.hypot(spot[0] - point[0], spot[1] - point[1]);
+        if (distance >= best) return;
+        best = distance;
+        found = { feature, place: (copy) => positions(copy).filter((other, j) => j === i || (kindOf(copy) === "area" && other[0] === spot[0] && other[1] === spot[1])) };
+      });
+    });
+    return found;
+  }
+
+  /** Return the nearest position of another feature, if it is close on the screen, else the point itself. */
+  snapped(point, without = -1) {
+    let [best, found] = [SNAP_PX * this.board.metresPerPx, point];
+    const spots = this.features.flatMap((each, i) => (i === without ? [] : positions(each)));
+    for (const spot of [...spots, ...this.points]) {
+      const distance = Math.hypot(spot[0] - point[0], spot[1] - point[1]);
+      if (distance < best) [best, found] = [distance, [spot[0], spot[1]]];
+    }
+    return found;
+  }
+
+  /** Return the feature at a point: points before lines before areas, of areas the last drawn. */
+  hit(point) {
+    const near = SNAP_PX * this.board.metresPerPx;
+    const all = this.features;
+    const close = (index) => distanceTo(all[index], point) < near;
+    const order = ["Point", "LineString"].flatMap((type) => all.flatMap((each, i) => (each.geometry.type === type ? [i] : [])));
+    const areas = all.flatMap((each, i) => (each.geometry.type === "Polygon" && isInside(each.geometry.coordinates[0], point) ? [i] : []));
+    return order.find(close) ?? areas.at(-1) ?? null;
+  }
+
+  async tryRoute(point) {
+    if (this.points.length !== 1) {
+      Object.assign(this, { points: [point], route: null });
+      return this.draw();
+    }
+    const floor = this.floors.current.id;
+    const [from, to] = [this.points[0], point].map(([x, y]) => `${floor}:${x.toFixed(3)},${y.toFixed(3)}`);
+    this.points.push(point);
+    try {
+      this.route = await requestJson(`${venuePath("route")}?${new URLSearchParams({ from, to })}`);
+      byId("draw-words").textContent = `${this.route.distance_m.toFixed(1)} m: ${this.route.steps.map((step) => step.instruction).join(" ")}`;
+    } catch (error) {
+      byId("draw-words").textContent = error.message;
+    }
+    return this.draw();
+  }
+
+  changed() {
+    const { history } = this;
+    const chosen = this.chosen === null ? null : (this.features[this.chosen] ?? null);
+    if (chosen === null) this.chosen = null;
+    byId("undo").disabled = history.past.length === 0;
+    byId("redo").disabled = history.future.length === 0;
+    byId("save-features").disabled = !history.dirty;
+    byId("remove").hidden = chosen === null;
+    byId("feature-form").hidden = chosen === null || kindOf(chosen) === "link";
+    if (chosen && document.activeElement !== byId("feature-name")) byId("feature-name").value = chosen.properties.name ?? "";
+    else if (chosen && byId("feature-name").value === "") byId("feature-name").value = chosen.properties.name ?? "";
+    this.list();
+    this.draw();
+  }
+
+  list() {
+    byId("feature-list").replaceChildren(
+      ...this.features.map((each, i) => {
+        const name = each.properties.name ?? `${each.properties.mode ?? "walk"} of ${positions(each).length} points`;
+        const button = el("button", { type: "button", class: "small", "aria-pressed": String(i === this.chosen) }, `${kindOf(each)}: ${name}`);
+        button.addEventListener("click", () => {
+          this.choose("select");
+          this.select(i);
+        });
+        return el("li", {}, button);
+      }),
+    );
+  }
+
+  draw() {
+    const { board } = this;
+    board.glyphs = [];
+    const all = this.preview ?? this.features;
+    const rank = { Polygon: 0, LineString: 1, Point: 2 };
+    const order = all.map((each, i) => [each, i]).sort(([a], [b]) => rank[a.geometry.type] - rank[b.geometry.type]);
+    const shapes = order.map(([each, i]) => this.shape(each, i === this.chosen));
+    if (this.route) {
+      const here = this.route.path.filter((point) => point.floor === this.floors.current.id);
+      shapes.push(svg("polyline", { points: board.line(here.map(({ x, y }) => [x, y])), class: "route" }));
+    }
+    if (this.points.length > 1 && this.mode !== "route") shapes.push(svg("polyline", { points: board.line(this.points), class: "drawing" }));
+    shapes.push(...this.points.map((point) => board.glyph(point, svg("circle", { r: 5, class: "pin" }))));
+    board.layer.replaceChildren(...shapes);
+    byId("finish").hidden = !(["link", "area"].includes(this.mode) && this.points.length > 1);
+  }
+
+  shape(feature, isChosen) {
+    const { board } = this;
+    const { type, coordinates } = feature.geometry;
+    const kind = `${kindOf(feature)}${isChosen ? " chosen" : ""}`;
+    if (type === "Point") return board.glyph(coordinates, svg("circle", { r: 7, class: kind }), svg("text", { x: 10, y: 4 }, feature.properties.name ?? ""));
+    if (type === "LineString") return svg("polyline", { points: board.line(coordinates), class: kind });
+    const middle = coordinates[0].slice(1).reduce(([a, b], [x, y], _, { length }) => [a + x / length, b + y / length], [0, 0]);
+    const rings = coordinates.map((ring) => `M ${ring.map((point) => board.units(point).join(" ")).join(" L ")} Z`).join(" ");
+    const label = board.glyph(middle, svg("text", { "text-anchor": "middle" }, feature.properties.name ?? ""));
+    return svg("g", {}, svg("path", { d: rings, class: kind, "fill-rule": "evenodd" }), label);
+  }
+
+  async save() {
+    showError(byId("board-error"), null);
+    const body = { type: "FeatureCollection", features: this.features };
+    const stored = await requestJson(this.floors.path("features"), { method: "PUT", json: body });
+    const now = await requestJson(this.floors.path("features"));
+    this.history.stored(now.features);
+    const warnings = stored.warnings ?? [];
+    byId("board-error").replaceChildren(notice("good", "Saved."), ...warnings.map((words) => notice("info", words)));
+    this.onStored();
+  }
+}
+
+const kindOf = (feature) => feature.properties.kind;
+
+/** Return the positions of a feature, the very arrays. */
+function positions({ geometry: { type, coordinates } }) {
+  if (type === "Point") return [coordinates];
+  return type === "LineString" ? coordinates : coordinates.flat();
+}
+
+function distanceTo({ geometry: { type, coordinates } }, [x, y]) {
+  if (type === "Point") return Math.hypot(coordinates[0] - x, coordinates[1] - y);
+  return Math.min(
+    ...coordinates.slice(1).map(([bx, by], i) => {
+      const [ax, ay] = coordinates[i];
+      const length = (bx - ax) ** 2 + (by - ay) ** 2;
+      const along = length ? Math.min(1, Math.max(0, ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length)) : 0;
+      return Math.hypot(ax + along * (bx - ax) - x, ay + along * (by - ay) - y);
+    }),
+  );
+}
+
+function isInside(ring, [x, y]) {
+  let inside = false;
+  for (let i = 1; i < ring.length; i += 1) {
+    const [[ax, ay], [bx, by]] = [ring[i - 1], ring[i]];
+    if (ay > y !== by > y && x < ax + ((y - ay) / (by - ay)) * (bx - ax)) inside = !inside;
+  }
+  return inside;
+}

@@ -1,0 +1,68 @@
+// A value with undo and redo, kept in the browser until it is saved: nothing unsaved is lost.
+
+const MAX_STEPS = 200;
+
+export class History {
+  /** `onChange` runs after each change, undo and redo. */
+  constructor(onChange) {
+    Object.assign(this, { onChange, key: null, past: [], future: [], value: null, saved: null });
+  }
+
+  /** Begin with what the server has; an unsaved draft under this key comes back. Returns whether there was one. */
+  begin(key, value) {
+    this.key = `roomfix.draft.${key}`;
+    this.saved = JSON.stringify(value);
+    const draft = localStorage.getItem(this.key);
+    const restored = draft !== null && draft !== this.saved;
+    Object.assign(this, { past: restored ? [this.saved] : [], future: [], value: restored ? draft : this.saved });
+    this.onChange();
+    return restored;
+  }
+
+  get() {
+    return JSON.parse(this.value);
+  }
+
+  /** Make a change: `change` gets a copy of the value and alters it. */
+  change(change) {
+    const copy = this.get();
+    change(copy);
+    const text = JSON.stringify(copy);
+    if (text === this.value) return;
+    this.past.push(this.value);
+    this.past.splice(0, this.past.length - MAX_STEPS);
+    this.future = [];
+    this.set(text);
+  }
+
+  undo() {
+    if (!this.past.length) return;
+    this.future.push(this.value);
+    this.set(this.past.pop());
+  }
+
+  redo() {
+    if (!this.future.length) return;
+    this.past.push(this.value);
+    this.set(this.future.pop());
+  }
+
+  /** Say that the server has the value as it is now, which `value` is the server's form of. */
+  stored(value) {
+    this.saved = JSON.stringify(value);
+    this.past = [];
+    this.future = [];
+    this.set(this.saved);
+  }
+
+  get dirty() {
+    return this.value !== this.saved;
+  }
+
+  set(text) {
+    this.value = text;
+    if (this.dirty) localStorage.setItem(this.key, text);
+    else localStorage.removeItem(this.key);
+    this.onChange();
+  }
+}

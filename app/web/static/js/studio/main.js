@@ -1,0 +1,96 @@
+// Starts the studio: key, venues, the board with its tools, and the views that the address's fragment chooses between.
+
+import { byId, showError } from "../dom.js";
+import { setUpKey } from "../key.js";
+import { currentVenue, loadVenues, onVenueChange, setUpVenues } from "../venues.js";
+import { AlignTool } from "./align.js";
+import { Board } from "./board.js";
+import { CameraTool } from "./cameras.js";
+import { DrawTool } from "./draw.js";
+import { Floors } from "./floors.js";
+import { setUpPhoto } from "./photo.js";
+import { PlanTool } from "./plan.js";
+import { Scans } from "./scans.js";
+import { setUpShare, showShare } from "./share.js";
+import { showSteps } from "./steps.js";
+
+// View -> [title, words, panel] of those that use the board; the others have a section of their own.
+const BOARD_VIEWS = {
+  plan: ["The floor plan", "Choose a picture of the plan, then tell its scale.", "plan-panel"],
+  align: ["Scan over plan", "Lay the scan, seen from above, over the plan. The numbers do the same as the mouse.", "align-panel"],
+  draw: ["Places and ways", "What people can go to, and where they can walk.", "draw-panel"],
+  cameras: ["Monitoring cameras", "A camera that hangs somewhere can say where a phone is that sees the same.", "camera-panel"],
+};
+const VIEWS = ["start", "scan", ...Object.keys(BOARD_VIEWS), "try", "share"];
+
+const board = new Board();
+const stored = () => {};
+const floors = new Floors(board, () => beginTool());
+const tools = {
+  plan: new PlanTool(board, floors, stored),
+  align: new AlignTool(board, floors, stored),
+  draw: new DrawTool(board, floors, stored),
+  cameras: new CameraTool(board, floors, stored),
+};
+const scans = new Scans(() => showView());
+
+function currentView() {
+  const name = location.hash.slice(1);
+  return VIEWS.includes(name) ? name : "start";
+}
+
+async function showView() {
+  const view = currentView();
+  const onBoard = view in BOARD_VIEWS;
+  for (const name of ["start", "scan", "try", "share"]) byId(`view-${name}`).hidden = name !== view;
+  byId("view-board").hidden = !onBoard;
+  for (const [name, [, , panel]] of Object.entries(BOARD_VIEWS)) byId(panel).hidden = name !== view;
+  for (const link of document.querySelectorAll(".bar nav a")) {
+    if (link.getAttribute("href") === `#${view}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  if (view === "start") await showSteps(floors);
+  else if (view === "scan") await scans.show();
+  else if (view === "share") await showShare();
+  else if (onBoard) {
+    [byId("title-board").textContent, byId("board-lead").textContent] = BOARD_VIEWS[view];
+    board.viewport.fit();
+    await beginTool();
+  }
+}
+
+async function beginTool() {
+  const view = currentView();
+  if (!(view in BOARD_VIEWS)) return;
+  const tool = tools[view];
+  byId("board-error").replaceChildren();
+  board.use(tool);
+  try {
+    await tool.begin?.();
+  } catch (error) {
+    showError(byId("board-error"), error);
+  }
+}
+
+async function venueChanged() {
+  showError(byId("page-error"), null);
+  try {
+    floors.current = null;
+    await floors.load();
+    await showView();
+  } catch (error) {
+    showError(byId("page-error"), error);
+  }
+}
+
+setUpKey();
+setUpVenues();
+setUpPhoto();
+setUpShare();
+onVenueChange(venueChanged);
+addEventListener("hashchange", () => {
+  if (location.hash === "#content") return;
+  showView().catch((error) => showError(byId("page-error"), error));
+  scrollTo(0, 0);
+});
+loadVenues().catch((error) => showError(byId("page-error"), error));

@@ -1,0 +1,74 @@
+// A photo located, with the matches that speak for the place drawn between it and the keyframe that shares most.
+
+import { request, requestJson } from "../api.js";
+import { byId, el, guarded, notice, svg } from "../dom.js";
+import { currentVenue, venuePath } from "../venues.js";
+import { metres, reasonWords } from "../words.js";
+
+const MAX_LINES = 150;
+const GAP_SHARE = 0.03;
+
+export function setUpPhoto() {
+  byId("try-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    guarded(byId("try"), byId("try-error"), locate);
+  });
+}
+
+async function locate() {
+  const photo = byId("photo").files[0];
+  const form = new FormData();
+  form.set("venue", currentVenue()?.id ?? "");
+  form.set("image", photo, photo.name);
+  form.set("matches", "true");
+  const camera = byId("photo-camera").value.trim();
+  if (camera) form.set("camera", camera);
+  const answer = await requestJson("locate", { method: "POST", form });
+  sessionStorage.setItem(`roomfix.tried.${currentVenue().id}`, "yes");
+  const place = byId("try-result");
+  if (!answer.located) {
+    place.replaceChildren(notice("info", ...reasonWords(answer.reason).map((words) => el("span", {}, `${words} `))));
+    return;
+  }
+  const where = answer.plan
+    ? `At ${answer.plan.x.toFixed(2)}, ${answer.plan.y.toFixed(2)} m on ${answer.floor}, looking ${Math.round(answer.plan.heading_deg)}°.`
+    : "Located in the map; it has no place on a plan yet.";
+  const sure = `Within ${metres(answer.accuracy.position_m)}, ${Math.round(100 * answer.confidence)} % sure. ${answer.inliers} of ${answer.matches} matches agree.`;
+  place.replaceChildren(el("section", { class: "card" }, el("h2", {}, "Located"), el("p", {}, where), el("p", {}, sure)));
+  if (answer.shown_matches) place.append(await drawing(photo, answer));
+}
+
+async function drawing(photo, answer) {
+  const { keyframe, pairs } = answer.shown_matches;
+  const left = await size(URL.createObjectURL(photo));
+  let right = null;
+  try {
+    const response = await request(venuePath("maps", String(answer.map_version), "keyframes", String(keyframe), "picture"));
+    right = await size(URL.createObjectURL(await response.blob()));
+  } catch {
+    return notice("info", "The map was built without pictures, so the matches can't be drawn.");
+  }
+  // Both pictures are drawn equally high.
+  const scale = left.height / right.height;
+  const shift = left.width * (1 + GAP_SHARE);
+  const width = shift + right.width * scale;
+  const step = Math.max(1, Math.ceil(pairs.length / MAX_LINES));
+  const lines = pairs
+    .filter((_, i) => i % step === 0)
+    .map(([u, v, ku, kv]) => svg("line", { x1: u, y1: v, x2: shift + ku * scale, y2: kv * scale, class: "match" }));
+  const picture = svg(
+    "svg",
+    { viewBox: `0 0 ${width} ${left.height}`, class: "matches", role: "img", "aria-label": `${pairs.length} matches between the photo, left, and keyframe ${keyframe}, right` },
+    svg("image", { href: left.url, width: left.width, height: left.height }),
+    svg("image", { href: right.url, x: shift, width: right.width * scale, height: left.height }),
+    ...lines,
+  );
+  return el("figure", { class: "card" }, picture, el("figcaption", {}, `${pairs.length} matches with keyframe ${keyframe}.`));
+}
+
+async function size(url) {
+  const image = new Image();
+  image.src = url;
+  await image.decode();
+  return { url, width: image.naturalWidth, height: image.naturalHeight };
+}

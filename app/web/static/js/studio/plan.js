@@ -1,0 +1,94 @@
+// The plan image of a floor: an upload whose scale is told by two clicks and the distance between them.
+
+import { requestJson } from "../api.js";
+import { byId, guarded, notice, svg } from "../dom.js";
+
+export class PlanTool {
+  constructor(board, floors, onStored) {
+    Object.assign(this, { board, floors, onStored, ends: [], file: null });
+    byId("plan-image").addEventListener("change", () => this.choose(byId("plan-image").files[0]));
+    byId("distance").addEventListener("input", () => this.say());
+    byId("scale-again").addEventListener("click", () => {
+      this.ends = [];
+      this.draw();
+    });
+    byId("plan-panel").addEventListener("submit", (event) => {
+      event.preventDefault();
+      guarded(byId("save-plan"), byId("board-error"), () => this.save());
+    });
+  }
+
+  /** Show a file before it is sent. One unit is one pixel until its scale is known. */
+  async choose(file) {
+    this.file = file ?? null;
+    this.ends = [];
+    if (!file) return this.floors.show(this.floors.current.id);
+    const image = new Image();
+    image.src = URL.createObjectURL(file);
+    try {
+      await image.decode();
+      this.size = [image.naturalWidth, image.naturalHeight];
+      this.board.show({ url: image.src, width: this.size[0], height: this.size[1], metersPerPixel: 1, origin: [0, 0] });
+    } catch {
+      byId("board-error").replaceChildren(notice("error", "The browser can't read this picture. Save it as PNG or JPEG."));
+      this.file = null;
+    }
+    return this.draw();
+  }
+
+  click(point) {
+    this.ends = this.ends.length === 1 ? [this.ends[0], point] : [point];
+    this.draw();
+  }
+
+  /** Metres between the two clicks in the board's present frame. */
+  get measured() {
+    if (this.ends.length < 2) return null;
+    const [[x0, y0], [x1, y1]] = this.ends;
+    return Math.hypot(x1 - x0, y1 - y0) || null;
+  }
+
+  get metersPerPixel() {
+    const distance = Number(byId("distance").value);
+    if (!this.measured || !(distance > 0)) return null;
+    return Number(((this.board.frame.metersPerUnit * distance) / this.measured).toPrecision(7));
+  }
+
+  say() {
+    const scale = this.metersPerPixel;
+    const [width, height] = this.size ?? [];
+    const size = scale && this.size ? ` The whole plan is ${(width * scale).toFixed(1)} m by ${(height * scale).toFixed(1)} m.` : "";
+    byId("scale-words").textContent = scale
+      ? `${scale} m per pixel.${size}`
+      : `Click the ${this.ends.length ? "second" : "first"} of two points whose distance you know.`;
+    byId("save-plan").disabled = !scale || !this.floors.current;
+  }
+
+  draw() {
+    const { plan } = this.floors.current ?? {};
+    if (!this.file) this.size = plan ? [plan.width_px, plan.height_px] : null;
+    const shapes = this.ends.length === 2 ? [svg("polyline", { points: this.board.line(this.ends), class: "measure" })] : [];
+    this.board.glyphs = [];
+    shapes.push(...this.ends.map((end) => this.board.glyph(end, svg("circle", { r: 6, class: "pin" }))));
+    this.board.layer.replaceChildren(...shapes);
+    this.say();
+  }
+
+  async save() {
+    const { plan } = this.floors.current;
+    const form = new FormData();
+    // The stored image again, when only its scale changes.
+    const image = this.file ?? (await (await fetch(this.floors.url)).blob());
+    form.set("image", image, this.file?.name ?? "plan");
+    form.set("meters_per_pixel", String(this.metersPerPixel));
+    // Plan (0, 0) is the lower left corner of the image.
+    const origin = plan && !this.file ? plan.origin_px : [0, this.size[1] - 1];
+    form.set("origin_px", origin.join(","));
+    await requestJson(this.floors.path("plan"), { method: "PUT", form });
+    Object.assign(this, { file: null, ends: [] });
+    byId("plan-image").value = "";
+    await this.floors.load(this.floors.current.id);
+    byId("board-error").replaceChildren(notice("good", "The plan is stored."));
+    this.onStored();
+  }
+}

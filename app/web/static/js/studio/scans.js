@@ -1,0 +1,172 @@
+// Scans: upload, progress, report with pictures, what the examination found, repair; and the versions of the map.
+
+import { request, requestJson, upload } from "../api.js";
+import { Progress, endedBuild } from "../builds.js";
+import { byId, el, guarded, notice, showError } from "../dom.js";
+import { currentVenue, loadVenues, venuePath } from "../venues.js";
+import { count, metres, moment } from "../words.js";
+
+const RUNNING = ["queued", "running"];
+const PICTURE_PX = 640;
+
+export class Scans {
+  constructor(onChange) {
+    this.onChange = onChange;
+    this.progress = new Progress(byId("progress"), () => this.ended());
+    this.urls = [];
+    byId("scan-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      guarded(byId("upload"), byId("scan-error"), () => this.build());
+    });
+  }
+
+  async show() {
+    const venue = currentVenue();
+    byId("upload").disabled = venue === null || this.progress.uploading;
+    for (const id of ["versions", "builds", "report"]) byId(id).replaceChildren();
+    if (!venue) return byId("versions").replaceChildren(notice("info", "Add a venue first, with the plus sign above."));
+    try {
+      const [maps, builds] = await Promise.all([
+        requestJson(venuePath("maps")),
+        requestJson(`database/builds?venue=${encodeURIComponent(venue.id)}`),
+      ]);
+      if (currentVenue()?.id !== venue.id) return undefined;
+      for (const url of this.urls.splice(0)) URL.revokeObjectURL(url);
+      const none = notice("info", "No map yet. Upload a scan to build one.");
+      byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(map)) : [none]));
+      this.progress.follow(builds.find((one) => RUNNING.includes(one.state)) ?? null, venue.id);
+      this.report(builds[0]);
+      const failed = builds.slice(1).filter((one) => one.state === "failed").slice(0, 3);
+      byId("builds").replaceChildren(...failed.map(endedBuild));
+    } catch (error) {
+      showError(byId("versions"), error);
+    }
+    return undefined;
+  }
+
+  async ended() {
+    await loadVenues(currentVenue()?.id);
+    await this.show();
+    this.onChange();
+  }
+
+  async build(more = {}) {
+    const archive = byId("archive").files[0];
+    const venue = currentVenue().id;
+    const form = new FormData();
+    form.set("venue", venue);
+    form.set("options", JSON.stringify({ ...this.options(), ...more }));
+    form.set("archive", archive, archive.name);
+    const submitted = await this.progress.upload((onProgress, signal) => upload("database/build", form, onProgress, signal));
+    byId("report").replaceChildren();
+    this.progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
+  }
+
+  options() {
+    const values = {};
+    if (byId("extend").checked) values.mode = "extend";
+    if (byId("repair").checked) values.repair = true;
+    const text = byId("scan-options").value.trim();
+    if (!text) return values;
+    try {
+      return { ...values, ...JSON.parse(text) };
+    } catch (error) {
+      throw new Error(`The build options are not JSON: ${error.message}`);
+    }
+  }
+
+  /** Show what came of the newest build. */
+  report(build) {
+    if (!build || RUNNING.includes(build.state)) return;
+    const place = byId("report");
+    if (build.state === "failed") {
+      place.replaceChildren(el("section", { class: "card" }, el("h2", {}, "The scan was refused"), el("p", {}, build.error), this.repairButton(build)));
+      return;
+    }
+    if (build.state !== "succeeded") return;
+    const { report } = build;
+    const lines = [];
+    const check = report.self_check;
+    lines.push(`${count(report.keyframes)} keyframes from ${count(report.frames)} frames.`);
+    const rejected = Object.entries(report.discarded ?? {}).filter(([, number]) => number > 0);
+    if (rejected.length) lines.push(`Left out: ${rejected.map(([reason, number]) => `${count(number)} ${reason.replaceAll("_", " ")}`).join(", ")}.`);
+    if (check?.tried) lines.push(`${check.located} of ${check.tried} of its own frames are located in it, typically ${metres(check.median_position_m ?? 0)} off.`);
+    const examined = report.examination;
+    const verdicts = {
+      confirmed: "Pictures, depth and poses agree with each other.",
+      doubtful: "Something about the scan is doubtful:",
+      unknown: "The pictures share too little to examine the scan.",
+    };
+    if (examined) lines.push(verdicts[examined.verdict] ?? "");
+    const repairs = (report.repairs ?? []).map((repair) => notice("good", `Repaired: ${repair.sentence ?? JSON.stringify(repair)}`));
+    const warnings = (report.warnings ?? []).map((words) => notice("info", words));
+    const title = el("h2", {}, `Report on version ${build.map_version}`);
+    place.replaceChildren(el("section", { class: "card" }, title, ...lines.map((line) => el("p", {}, line)), ...repairs, ...warnings));
+  }
+
+  repairButton(build) {
+    if (!/"repair": true/.test(build.error ?? "")) return null;
+    const error = el("div", { role: "alert" });
+    const button = el("button", { type: "button", class: "primary" }, "Repair and build again");
+    button.addEventListener("click", () =>
+      guarded(button, error, () => {
+        if (!byId("archive").files.length) throw new Error("Choose the scan's archive again above, then press this button.");
+        return this.build({ repair: true });
+      }),
+    );
+    return el("div", {}, button, error);
+  }
+
+  versionCard(map) {
+    const error = byId("versions-error");
+    const title = el("h2", {}, `Version ${map.version}`);
+    const head = el("div", { class: "map-head" }, title, map.active ? el("span", { class: "tag" }, "Serving") : null);
+    head.append(el("time", { datetime: map.created_at }, moment(map.created_at)));
+    if (!map.active) head.append(this.action("Serve this one", map, ["activate"], "POST", error), this.deleteButton(map, error));
+    const picture = el("img", { class: "top-view", alt: `Version ${map.version} from above: its points, and the scan's path in blue` });
+    request(`${venuePath("maps", String(map.version), "map.png")}?width=${PICTURE_PX}`)
+      .then((response) => response.blob())
+      .then((blob) => {
+        picture.src = URL.createObjectURL(blob);
+        this.urls.push(picture.src);
+      })
+      .catch(() => picture.remove());
+    const { statistics } = map;
+    const figures = `${count(statistics.map_keyframes ?? statistics.keyframes)} keyframes, ${count(statistics.features ?? 0)} features`;
+    const ply = el("button", { type: "button", class: "small" }, "Points as PLY");
+    ply.addEventListener("click", () => guarded(ply, error, () => this.download(map)));
+    const card = el("section", { class: map.active ? "card map active" : "card map" }, head, el("p", { class: "help" }, figures), picture);
+    card.append(el("div", { class: "actions" }, ply));
+    return card;
+  }
+
+  async download(map) {
+    const response = await request(`${venuePath("maps", String(map.version), "points")}?format=ply&max_points=1000000`);
+    const url = URL.createObjectURL(await response.blob());
+    el("a", { href: url, download: `${currentVenue().id}-${map.version}.ply` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  }
+
+  action(words, map, parts, method, error) {
+    const button = el("button", { type: "button", class: "small" }, words);
+    button.addEventListener("click", () =>
+      guarded(button, error, async () => {
+        await request(venuePath("maps", String(map.version), ...parts), { method });
+        await this.ended();
+      }),
+    );
+    return button;
+  }
+
+  deleteButton(map, error) {
+    const button = el("button", { type: "button", class: "small danger" }, "Delete");
+    button.addEventListener("click", () => {
+      if (!confirm(`Delete version ${map.version}? It can't be brought back.`)) return;
+      guarded(button, error, async () => {
+        await request(venuePath("maps", String(map.version)), { method: "DELETE" });
+        await this.ended();
+      });
+    });
+    return button;
+  }
+}

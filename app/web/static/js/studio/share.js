@@ -1,0 +1,52 @@
+// The QR code that opens the phone page of the venue, with a token or key that may do nothing but locate there.
+
+import { address, path, request, requestJson } from "../api.js";
+import { byId, guarded, showError } from "../dom.js";
+import { currentVenue } from "../venues.js";
+
+const REMEMBERED = "roomfix.address";
+const DAY_S = 86_400;
+let shown = null;
+
+export function setUpShare() {
+  byId("address").addEventListener("change", () => localStorage.setItem(REMEMBERED, byId("address").value));
+  byId("make-code").addEventListener("click", (event) => guarded(event.target, byId("share-error"), makeCode));
+  byId("print").addEventListener("click", () => print());
+}
+
+/** Show the form for the chosen venue, without a code. */
+export async function showShare() {
+  showError(byId("share-error"), null);
+  byId("qr").hidden = true;
+  byId("go-link").textContent = "";
+  byId("make-code").disabled = currentVenue() === null;
+  if (!currentVenue()) showError(byId("share-error"), new Error("Add a venue first, with the plus sign above."));
+  byId("address").value ||= localStorage.getItem(REMEMBERED) ?? (await phoneAddress());
+}
+
+async function makeCode() {
+  const venue = currentVenue();
+  const link = await linkTo(byId("address").value, venue.id);
+  const response = await request(`assets/qr.svg?text=${encodeURIComponent(link)}`);
+  if (shown) URL.revokeObjectURL(shown);
+  shown = URL.createObjectURL(await response.blob());
+  Object.assign(byId("qr"), { src: shown, hidden: false, alt: `QR code of the phone page of ${venue.name}` });
+  Object.assign(byId("go-link"), { href: link, textContent: link.split("#")[0] });
+  sessionStorage.setItem(`roomfix.shared.${venue.id}`, "yes");
+}
+
+/** The address that phones reach this server at, as the server knows it; else the one of this page. */
+async function phoneAddress() {
+  const { https } = await requestJson("assets/addresses").catch(() => ({ https: null }));
+  return https ?? address("");
+}
+
+/** Return the link of the phone page. What lets the phone in stands in the fragment, which is never sent. */
+async function linkTo(base, venue) {
+  const link = new URL(path("go", venue), base.endsWith("/") ? base : `${base}/`);
+  const made =
+    byId("validity").value === "day"
+      ? (await requestJson("tokens", { method: "POST", json: { venue, expires_in_s: DAY_S } })).token
+      : (await requestJson("keys", { method: "POST", json: { name: "QR code", scope: "locate", venue } })).text;
+  return `${link.href}#token=${encodeURIComponent(made)}`;
+}

@@ -1,0 +1,1 @@
+"""A scan written in every format that is read, to show that each becomes the same map."""

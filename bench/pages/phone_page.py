@@ -1,0 +1,188 @@
+"""The phone page in Chromium, its camera fed with a rendered walk: how well the dot follows, and how fast."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry.plan import plan_position
+from bench.demo import VENUE, floor_plans
+from bench.recordings.phone_walk import DESTINATION, FPS, PhoneWalk
+
+# Width and height at which a sent picture is compared with the walk's frames.
+TINY_PX = (32, 24)
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--use-fake-ui-for-media-stream",
+    "--use-fake-device-for-media-stream",
+)
+# Reads what the page shows: the dot's place, the number of its frame, the state and the words.
+READ_PAGE = """() => {
+    const you = document.querySelector(".you"), go = document.getElementById("go");
+    return { ...you.dataset, stale: you.classList.contains("stale"), state: go.dataset.state ?? "",
+             words: document.getElementById("say-words").textContent };
+}"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What the page showed at a moment, and the seconds since the camera was asked for."""
+
+    at_s: float
+    page: dict[str, Any]
+
+
+@dataclass(kw_only=True)
+class Record:
+    """Frames that were sent and answers that came, with their times, and what the page showed."""
+
+    started_s: float = 0.0
+    sent: list[tuple[float, bytes]] = field(default_factory=list)
+    answers: list[tuple[float, dict[str, Any]]] = field(default_factory=list)
+    sights: list[Sight] = field(default_factory=list)
+
+    def note_sent(self, payload: str | bytes) -> None:
+        """Note a frame."""
+        if isinstance(payload, bytes):
+            self.sent.append((time.monotonic() - self.started_s, payload))
+
+    def note_received(self, payload: str | bytes) -> None:
+        """Note an answer."""
+        self.answers.append((time.monotonic() - self.started_s, json.loads(payload)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhonePageReport:
+    """Seconds until the first located answer; answers a second; errors of the dot in metres, against the frame that it
+    is drawn for and against where the walker is when it is read; share of readings with a fresh dot."""
+
+    first_answer_s: float
+    answers_per_s: float
+    located_ratio: float
+    frame_errors_m: NDArray[np.float64]
+    present_errors_m: NDArray[np.float64]
+    arrived: bool
+    instructions: tuple[str, ...]
+
+
+@contextmanager
+def served(data_dir: Path) -> Iterator[str]:
+    """Serve a data folder, open, in a process of its own; yields its address."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [
+        sys.executable,
+        "-m",
+        "app.cli",
+        "serve",
+        "--open",
+        "--port",
+        str(port),
+        "--data-dir",
+        str(data_dir),
+    ]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)  # noqa: S603 - our own command
+    address = f"http://127.0.0.1:{port}"
+    try:
+        for _ in range(300):
+            try:
+                if httpx.get(f"{address}/readyz").status_code == 200:
+                    break
+            except httpx.TransportError:
+                pass
+            time.sleep(0.2)
+        yield address
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+def record_walk(address: str, walk: PhoneWalk, picture: Path | None = None) -> Record:
+    """Open the phone page with the walk as its camera, ask for its destination, and watch until the walk is over."""
+    from playwright.sync_api import WebSocket, sync_playwright
+
+    record = Record()
+
+    def listen(socket: WebSocket) -> None:
+        socket.on("framesent", record.note_sent)
+        socket.on("framereceived", record.note_received)
+
+    with sync_playwright() as driver:
+        chromium = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+        flags = [*FLAGS, f"--use-file-for-fake-video-capture={walk.video}"]
+        browser = driver.chromium.launch(executable_path=chromium, args=flags)
+        page = browser.new_context(viewport={"width": 390, "height": 780}).new_page()
+        page.on("websocket", listen)
+        page.goto(f"{address}/go/{VENUE.id}")
+        page.get_by_role("button", name="Where to?").wait_for(state="hidden")
+        page.locator("#plan-svg image").wait_for()
+        record.started_s = time.monotonic()
+        page.get_by_role("button", name="Show me where I am").click()
+        page.get_by_role("button", name="Where to?").click()
+        page.get_by_label("Name of a place").fill(DESTINATION)
+        page.locator("#places button").first.click()
+        while (now := time.monotonic() - record.started_s) < len(walk.frames) / FPS:
+            record.sights.append(Sight(now, page.evaluate(READ_PAGE)))
+            if picture is not None and now > len(walk.frames) / FPS / 2:
+                page.screenshot(path=picture)
+                picture = None
+            page.wait_for_timeout(50)
+        browser.close()
+    return record
+
+
+def report_of(record: Record, walk: PhoneWalk) -> PhonePageReport:
+    """Compare what the page showed with the truth."""
+    floors = {floor.level: floor for floor in floor_plans()}
+    truth = np.array([plan_position(floors[0].plan_from_world, pose)[:2] for pose in walk.world_from_camera])
+    shown = _frames_shown([data for _, data in record.sent], walk.frames)
+    # The video began when the camera opened: known by each sent frame, to a frame.
+    begun_s = float(np.median([at - frame / FPS for (at, _), frame in zip(record.sent, shown, strict=True)]))
+    by_frame, now, fresh = [], [], []
+    for sight in record.sights:
+        fresh.append("x" in sight.page and not sight.page["stale"])
+        if not fresh[-1]:
+            continue
+        dot = np.array([float(sight.page["x"]), float(sight.page["y"])])
+        by_frame.append(np.linalg.norm(dot - truth[shown[int(sight.page["frame"]) - 1]]))
+        at = int(np.clip(round((sight.at_s - begun_s) * FPS), 0, len(truth) - 1))
+        now.append(np.linalg.norm(dot - truth[at]))
+    located = [at for at, body in record.answers if body.get("located")]
+    words = [sight.page["words"] for sight in record.sights if sight.page["state"] in ("leading", "arrived")]
+    return PhonePageReport(
+        first_answer_s=located[0] if located else float("inf"),
+        answers_per_s=len(record.answers) / max(record.answers[-1][0] - record.answers[0][0], 1e-9),
+        located_ratio=float(np.mean(fresh)),
+        frame_errors_m=np.array(by_frame),
+        present_errors_m=np.array(now),
+        arrived=any(sight.page["state"] == "arrived" for sight in record.sights),
+        instructions=tuple(dict.fromkeys(words)),
+    )
+
+
+def _frames_shown(sent: Sequence[bytes], frames: Sequence[Path]) -> list[int]:
+    """Return the number of the walk's frame that each sent picture shows: the one that differs least."""
+    known = np.stack([_tiny(path.read_bytes()) for path in frames])
+    return [int(np.abs(known - _tiny(data)).mean(axis=(1, 2)).argmin()) for data in sent]
+
+
+def _tiny(data: bytes) -> NDArray[np.float32]:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return cv2.resize(np.asarray(image), TINY_PX, interpolation=cv2.INTER_AREA).astype(np.float32)

@@ -1,0 +1,90 @@
+"""Stated cameras that are not the picture's own: the matches show it, and the answer is right or not sure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from app.engine.query.localizer import Localizer
+from app.geometry.camera import Camera
+from app.geometry.se3 import position_difference_m
+from app.vision.images import Rgb
+from tests.rendered_maps import localizer_of
+from tests.scenes import CAMERA, Room, View, pose_at
+
+SURE_CONFIDENCE = 0.9
+SURE_SIGMAS = 3.0
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    return Room(seed=3)
+
+
+@pytest.fixture(scope="module")
+def localizer(room: Room) -> Localizer:
+    """The map of a few views of a corner."""
+    return localizer_of(
+        [room.view(pose_at(1.2 + 0.2 * i, 1.0 + 0.1 * i, yaw_deg=20 + 8 * i)) for i in range(6)]
+    )
+
+
+@pytest.fixture(scope="module")
+def query(room: Room) -> View:
+    return room.view(pose_at(1.5, 1.3, yaw_deg=38))
+
+
+def zoomed(rgb: Rgb, zoom: float) -> Rgb:
+    cx, cy = CAMERA.principal_point_px
+    warp = np.array([[zoom, 0.0, (1 - zoom) * cx], [0.0, zoom, (1 - zoom) * cy]])
+    return np.asarray(cv2.warpAffine(rgb, warp, (CAMERA.width, CAMERA.height)), np.uint8)
+
+
+def stretched(ratio: float) -> Camera:
+    fx, fy, *rest = CAMERA.params
+    return replace(CAMERA, params=(fx, fy * ratio, *rest))
+
+
+def test_the_right_camera_is_used_as_stated(localizer: Localizer, query: View) -> None:
+    found = localizer.localize(query.rgb, CAMERA)
+    assert found.world_from_camera is not None
+    assert not found.is_refined
+    assert position_difference_m(found.world_from_camera, query.world_from_camera) < 0.02
+
+
+@pytest.mark.parametrize("zoom", [1.15, 1.3, 1.6])
+def test_a_digital_zoom_is_found_or_makes_the_answer_unsure(
+    zoom: float, localizer: Localizer, query: View
+) -> None:
+    found = localizer.localize(zoomed(query.rgb, zoom), CAMERA)
+    if found.world_from_camera is None:
+        return
+    assert found.accuracy is not None
+    error_m = position_difference_m(found.world_from_camera, query.world_from_camera)
+    assert error_m < SURE_SIGMAS * found.accuracy.position_m or found.confidence < SURE_CONFIDENCE
+    assert found.is_refined == (found.camera is not None and found.camera.focal_px > 1.05 * CAMERA.focal_px)
+
+
+@pytest.mark.parametrize("ratio", [1.1, 4 / 3, 0.75])
+def test_focal_lengths_that_differ_are_one_where_the_matches_say_so(
+    ratio: float, localizer: Localizer, query: View
+) -> None:
+    found = localizer.localize(query.rgb, stretched(ratio))
+    assert found.world_from_camera is not None
+    assert found.is_refined
+    assert found.camera is not None
+    assert found.camera.params[:2] == pytest.approx(CAMERA.params[:2], rel=0.02)
+    assert position_difference_m(found.world_from_camera, query.world_from_camera) < 0.03
+
+
+def test_a_picture_that_was_stretched_with_its_numbers_keeps_them(localizer: Localizer, query: View) -> None:
+    tall = np.asarray(cv2.resize(query.rgb, (320, 320), interpolation=cv2.INTER_CUBIC), np.uint8)
+    fx, fy, cx, cy = CAMERA.params
+    camera = Camera("PINHOLE", 320, 320, (fx, fy * 4 / 3, cx, (cy + 0.5) * 4 / 3 - 0.5))
+    found = localizer.localize(tall, camera)
+    assert found.world_from_camera is not None
+    assert not found.is_refined
+    assert position_difference_m(found.world_from_camera, query.world_from_camera) < 0.02

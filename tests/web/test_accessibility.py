@@ -1,0 +1,135 @@
+"""Every page and dialog by axe-core, at any width and zoom, in the dark, by keyboard; and how heavy pages are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests import scenes
+from tests.plans import area, collection, landmark, link
+from tests.web.live import KEY, Server, Tab, live_server, watched_tab
+
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
+BOARD_VIEWS = ("plan", "align", "draw", "cameras")
+STUDIO_VIEWS = ("start", "scan", *BOARD_VIEWS, "try", "share")
+START_VIEWS = ("locate", "maps", "floors")
+# Page, and what is opened on it by a click: dialogs, and views that a fragment chooses.
+PLACES = [
+    *((f"/#{view}", None) for view in START_VIEWS),
+    *((f"/studio#{view}", None) for view in STUDIO_VIEWS),
+    ("/studio#start", "#new-venue"),
+    ("/studio#plan", "#new-floor"),
+    ("/go/house", None),
+    ("/go/house", "search"),
+    ("/go/none", None),
+]
+LIMITS_KB = {"/go/house": 150, "/studio": 350, "/": 150}
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server with a venue of two floors, a plan and features, without a map."""
+    with live_server(tmp_path_factory.mktemp("axe")) as server:
+        client = server.client
+        client.post("/venues", json={"id": "house", "name": "House"}).raise_for_status()
+        for level, name in enumerate(("Ground floor", "Upper floor")):
+            floor = {"name": name, "level": level, "z_min_m": 3.0 * level, "z_max_m": 3.0 * level + 3}
+            client.put(f"/venues/house/floors/{level}", json=floor).raise_for_status()
+        image = scenes.encode(np.full((300, 400, 3), 250, np.uint8), ".png")
+        fields = {"meters_per_pixel": 0.05, "origin_px": "0,299"}
+        client.put("/venues/house/floors/0/plan", data=fields, files={"image": image}).raise_for_status()
+        features = collection(
+            area("hall", 1, 1, 9, 9), landmark("door", 2, 2), landmark("desk", 8, 8), link((2, 2), (8, 8))
+        )
+        client.put("/venues/house/floors/0/features", json=features).raise_for_status()
+        yield server
+
+
+def visit(server: Server, tab: Tab, place: str, opened: str | None) -> None:
+    """Go to a place with the key in hand, and open what is to be opened."""
+    page = tab.page
+    page.add_init_script(f"sessionStorage.setItem('roomfix.key', '{KEY}')")
+    tab.open(server.url + place)
+    page.wait_for_load_state("networkidle")
+    if opened == "search":
+        # The button is there once the camera is; the dialog is the same.
+        page.evaluate("() => { document.getElementById('tools').hidden = false; }")
+        page.locator("#search").click()
+    elif opened:
+        page.locator(opened).click()
+    page.wait_for_timeout(150)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(server: Server, browser: Any, scheme: str) -> None:
+    found = []
+    for place, opened in PLACES:
+        with watched_tab(browser, ("404",), color_scheme=scheme, locale="en-US") as tab:
+            visit(server, tab, place, opened)
+            result = axe.Axe().run(tab.page)
+            for violation in result.response["violations"]:
+                nodes = [node["html"][:160] for node in violation["nodes"][:4]]
+                found.append((place, opened, violation["id"], nodes))
+    assert not found, "\n".join(map(str, found))
+
+
+@pytest.mark.parametrize("viewport", [(320, 568), (640, 512)], ids=["320 px", "200 % of 1280 x 1024"])
+def test_nothing_scrolls_sideways(server: Server, browser: Any, viewport: tuple[int, int]) -> None:
+    wide = []
+    for place, opened in PLACES:
+        size = {"width": viewport[0], "height": viewport[1]}
+        with watched_tab(browser, ("404",), viewport=size, locale="en-US") as tab:
+            visit(server, tab, place, opened)
+            width = tab.page.evaluate("() => document.documentElement.scrollWidth")
+            if width > viewport[0]:
+                wide.append((place, opened, width, tab.page.evaluate(WIDEST)))
+    assert not wide, "\n".join(map(str, wide))
+
+
+# The elements that reach farthest to the right, to name what is too wide.
+WIDEST = """() => [...document.querySelectorAll("body *")]
+    .filter((e) => e.checkVisibility() && e.getBoundingClientRect().right > innerWidth + 1)
+    .slice(-3).map((e) => e.outerHTML.slice(0, 120))"""
+
+
+@pytest.mark.parametrize("place", ["/", "/go/house", *(f"/studio#{view}" for view in STUDIO_VIEWS)])
+def test_every_control_is_reached_by_tab_and_has_a_name(server: Server, browser: Any, place: str) -> None:
+    with watched_tab(browser, locale="en-US") as tab:
+        visit(server, tab, place, None)
+        page = tab.page
+        wanted = page.evaluate(
+            """() => [...document.querySelectorAll("button, a[href], input, select, textarea, summary, [tabindex='0']")]
+                .filter((e) => e.checkVisibility({ visibilityProperty: true, opacityProperty: false })
+                    && !e.disabled && !e.closest("[inert]") && e.type !== "radio")
+                .map((e, i) => { e.dataset.wanted = i; return e.outerHTML.slice(0, 100); })"""
+        )
+        assert len(wanted) > 3
+        reached = set()
+        page.evaluate("() => document.activeElement.blur()")
+        for _ in range(3 * len(wanted) + 10):
+            page.keyboard.press("Tab")
+            reached.add(page.evaluate("() => document.activeElement.dataset.wanted ?? null"))
+        missed = [html for i, html in enumerate(wanted) if str(i) not in reached]
+        assert not missed
+
+
+@pytest.mark.parametrize("place", LIMITS_KB)
+def test_the_first_load_is_light_and_from_here_only(server: Server, browser: Any, place: str) -> None:
+    with watched_tab(browser, locale="en-US") as tab:
+        sizes: dict[str, int] = {}
+        tab.page.on("requestfinished", lambda request: sizes.update({request.url: _weight(request)}))
+        tab.page.add_init_script(f"sessionStorage.setItem('roomfix.key', '{KEY}')")
+        tab.open(server.url + place)
+        tab.page.wait_for_load_state("networkidle")
+        pages = {url: size for url, size in sizes.items() if "/assets/" in url or url.endswith(place)}
+        assert len(pages) > 5
+        assert sum(pages.values()) < 1000 * LIMITS_KB[place]
+        print(f"{place}: {sum(pages.values()) / 1000:.1f} kB in {len(pages)} files")
+
+
+def _weight(request: Any) -> int:
+    sizes = request.sizes()
+    return int(sizes["responseBodySize"] + sizes["responseHeadersSize"])
