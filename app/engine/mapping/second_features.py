@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.engine.mapping.frame_images import frame_rgb
+from app.engine.mapping.options import BuildOptions
 from app.engine.maps.points import MapPoints, View, points_from_depth
 from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import Progress, map_in_order
@@ -36,6 +37,11 @@ OPTIONS = SecondFeatureOptions()
 
 # The features of maps that a second look can judge: what resembles something elsewhere is judged by them.
 SECOND_LOOK_FEATURES = ("sift", "sift-full")
+
+
+def has_second_features(options: BuildOptions) -> bool:
+    """Return whether a build keeps second features."""
+    return options.second_features and options.store_images and options.features in SECOND_LOOK_FEATURES
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,7 +95,11 @@ class Localizer:
         query.spent_s["describe"] += described - started
         query.spent_s["retrieve"] += clock_s() - described
         result = self._attempt(matcher, matcher.match(similar))
-        if settings.second_attempt and result.reason in UNSURE and matcher.feature_count:
+        if (
+            settings.second_attempt
+            and result.reason in UNSURE
+            and matcher.feature_count >= self._limits.min_inliers
+        ):
             result = _later(result, self._second_attempt(matcher, descriptor))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
             result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
@@ -134,7 +138,10 @@ class Localizer:
             look_alikes=options.look_alikes,
             limits=replace(self._limits, min_inliers=options.min_inliers),
         )
-        return Localizer(self.map, settings)._attempt(matcher, matcher.match(similar[: options.keyframes]))
+        matches = matcher.match(similar[: options.keyframes])
+        if matches.feature_count < options.min_matches:
+            return _nothing(first.query, matches, None)
+        return Localizer(self.map, settings)._attempt(matcher, matches)
 
     def _attempt(self, matcher: Matcher, matches: Matches) -> Localization:
         """Localize by these matches and those that a first pose leads to."""

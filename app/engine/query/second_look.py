@@ -28,6 +28,11 @@ class SecondLookOptions:
         "Fewest inliers of a pose.",
         chosen="By hand: 46 pictures of other places in a map of a desk reach 26 at most.",
     )
+    min_matches: int = limit(
+        20,
+        "Fewest features of the frame that match the most similar keyframes; with fewer no pose is looked for.",
+        chosen="By hand: half of min_inliers, since keyframes that are matched later add some.",
+    )
     min_distance_elsewhere: float = limit(
         0.15,
         "A thing is distinct when none of the map's own SIFT features within 8 cm of it is closer than this to a "
