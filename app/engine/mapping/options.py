@@ -62,7 +62,7 @@ class BuildOptions:
     world_from_scan: Pose | None = None
     mode: Literal["replace", "extend"] = "replace"
     refine_depth: bool = True
-    second_features: bool = True
+    second_features: bool = False
     store_images: bool = True
     max_features_per_keyframe: int | None = None
     repair: bool = False
@@ -89,7 +89,7 @@ def parse_build_options(values: object) -> BuildOptions:
         world_from_scan=_matrix(values.get("world_from_scan"), "world_from_scan"),
         mode=_choice(values, "mode", ("replace", "extend"), "replace"),  # type: ignore[arg-type]
         refine_depth=_flag(values, "refine_depth", True),
-        second_features=_flag(values, "second_features", True),
+        second_features=_flag(values, "second_features", False),
         store_images=_flag(values, "store_images", True),
         max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
         repair=_flag(values, "repair", False),
