@@ -46,8 +46,8 @@ class NewFloor(RequestBody):
 
     name: str = Field(min_length=1, max_length=FIELDS.max_name_characters)
     level: int = Field(ge=FIELDS.min_level, le=FIELDS.max_level)
-    z_min_m: float = Field(allow_inf_nan=False)
-    z_max_m: float = Field(allow_inf_nan=False)
+    z_min_m: float = Field(allow_inf_nan=False, strict=True)
+    z_max_m: float = Field(allow_inf_nan=False, strict=True)
     plan_from_world: Any = None
 
     @model_validator(mode="after")

@@ -16,6 +16,7 @@ from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.errors import RoomfixError
 from app.limits import limit
+from app.storage.builds import count_builds
 
 router = APIRouter(tags=["operation"], route_class=ContractRoute)
 
@@ -137,5 +138,11 @@ def _maps(state: AppState) -> str:
 def metrics(state: State, caller: CallerOf) -> Response:
     """Return metrics in Prometheus's text format; they are of all venues."""
     caller.check_venue(None)
+    resources = state.services.resources
     state.metrics.pending.set(state.executor.pending)
+    with resources.database.read() as connection:
+        state.metrics.set_builds(count_builds(connection))
+    state.metrics.free_bytes.set(shutil.disk_usage(resources.settings.data_dir).free)
+    state.metrics.worker_alive.set(state.runner.alive())
+    state.metrics.damaged_maps.set(len(state.services.maps.problems))
     return Response(state.metrics.render(), media_type="text/plain; version=0.0.4; charset=utf-8")

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from collections.abc import Mapping
+
+from prometheus_client import (
+    CollectorRegistry,
+    Counter,
+    Gauge,
+    Histogram,
+    ProcessCollector,
+    generate_latest,
+)
 
 BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
@@ -32,6 +41,24 @@ class Metrics:
             buckets=BUCKETS_S,
             registry=self.registry,
         )
+        self._builds = Gauge(
+            "roomfix_builds",
+            "Builds by state, running ones by stage",
+            ["state", "stage"],
+            registry=self.registry,
+        )
+        self.free_bytes = Gauge(
+            "roomfix_disk_free_bytes", "Free space of the data folder", registry=self.registry
+        )
+        self.worker_alive = Gauge(
+            "roomfix_build_worker_alive", "Whether this server's build worker runs", registry=self.registry
+        )
+        self.damaged_maps = Gauge(
+            "roomfix_venues_with_map_problem",
+            "Venues whose active map can't be opened",
+            registry=self.registry,
+        )
+        ProcessCollector(registry=self.registry)
         self.pending = Gauge("roomfix_queries_pending", "Queries that run or wait", registry=self.registry)
 
     def observe_request(self, method: str, route: str, status: int, seconds: float) -> None:
@@ -44,6 +71,12 @@ class Metrics:
         self._located.labels(venue, outcome).inc()
         for stage, milliseconds in timings_ms.items():
             self._stages.labels(stage).observe(milliseconds / 1e3)
+
+    def set_builds(self, counts: Mapping[tuple[str, str], int]) -> None:
+        """State the number of builds by state and stage."""
+        self._builds.clear()
+        for (state, stage), count in counts.items():
+            self._builds.labels(state, stage).set(count)
 
     def render(self) -> bytes:
         """Return the text that Prometheus scrapes."""

@@ -27,7 +27,9 @@ TAGS = (
 )
 # Answers that any call with a body may have: a broken form, one that is too large, an encoding that isn't read.
 WITH_BODY = (400, 413, 415)
-RAW_PICTURES = ("image/jpeg", "image/png", "image/webp")
+# Generators of clients know no media types of pictures; a call that takes a picture takes it under this name too.
+RAW_PICTURE = "application/octet-stream"
+BINARY = {"type": "string", "format": "binary"}
 RAW_IN_WORDS = (
     "\n\nThe body may also be the picture itself, with the other fields as query parameters, or JSON with the picture "
     "as base64."
@@ -65,7 +67,8 @@ def openapi_document(app: FastAPI) -> Document:
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
     )
     schemas = document["components"]["schemas"]
-    schemas["Problem"] = Problem.model_json_schema()
+    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    schemas |= {**problem.pop("$defs"), "Problem": problem}
     for calls in document["paths"].values():
         for method in METHODS:
             if method in calls:
@@ -96,6 +99,9 @@ def _describe_errors(call: Document) -> None:
 def _describe_pictures(call: Document, schemas: Document) -> None:
     """Add to a call whose form has one file `image` what may stand for the form: the picture itself, or JSON."""
     content = call.get("requestBody", {}).get("content", {})
+    for kind in [kind for kind in content if kind.startswith("image/")]:
+        del content[kind]
+        content[RAW_PICTURE] = {"schema": BINARY}
     reference = content.get("multipart/form-data", {}).get("schema", {}).get("$ref", "")
     form = schemas.get(reference.rpartition("/")[2])
     if form is None or not _is_binary(form["properties"].get("image", {})):
@@ -105,8 +111,7 @@ def _describe_pictures(call: Document, schemas: Document) -> None:
     name = f"{readable(reference.rpartition('/')[2]).removesuffix('Form')}Json"
     schemas[name] = {**form, "title": name, "properties": fields}
     content["application/json"] = {"schema": {"$ref": f"#/components/schemas/{name}"}}
-    for kind in RAW_PICTURES:
-        content[kind] = {"schema": {"type": "string", "format": "binary"}}
+    content[RAW_PICTURE] = {"schema": BINARY}
     call["description"] += RAW_IN_WORDS
 
 

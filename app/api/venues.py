@@ -14,6 +14,7 @@ from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.requests.paging import Paged
 from app.api.schemas import problems
+from app.storage.sweep import discard_blobs, venue_blobs
 from app.storage.venues import Venue, create_venue, delete_venue, get_venue, list_venues, rename_venue
 
 router = APIRouter(prefix="/venues", tags=["venues"], route_class=ContractRoute)
@@ -115,7 +116,11 @@ def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
     responses=problems(401, 404, 422),
 )
 def remove(state: State, venue: VenueId) -> Response:
-    """Delete a venue with its floors, maps and builds."""
-    with state.services.resources.database.write() as connection:
+    """Delete a venue with its floors, maps, builds and sessions, and the files that only they refer to."""
+    resources = state.services.resources
+    with resources.database.write() as connection:
+        digests = venue_blobs(connection, venue)
         delete_venue(connection, venue)
+    # What a running build may have stored too, the sweep looks at again.
+    discard_blobs(resources.database, resources.blobs, digests, written_by="")
     return Response(status_code=204)

@@ -122,6 +122,10 @@ class FrameSource(Protocol):
     def notes(self) -> tuple[str, ...]:
         """Sentences on what the files left open and how it was read."""
 
+    @property
+    def has_depth(self) -> bool:
+        """Whether the frames have depth images; without them all depth is 0."""
+
     def color_bytes(self, frame: Frame) -> bytes:
         """Return the colour image's file contents."""
 

@@ -21,6 +21,7 @@ from app.importers.frame_files.cameras import common_intrinsics
 from app.importers.frame_files.json_files import matrix_of, number_of, read_json_object
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import optional_file, read_gravity
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 
 FILE = "transforms.json"
 DEFAULT_DEPTH_SCALE = 1000.0
@@ -44,7 +45,7 @@ def detect(directory: Path) -> bool:
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
-    """Return the scan of a folder in nerfstudio's layout with depth images.
+    """Return the scan of a folder in nerfstudio's layout; if no frame names a depth image, one without depth.
 
     The frames' world is the scan's frame, without the scale that nerfstudio may have applied. Depth of another size
     than its colour image is that of the same picture resampled; integers are in 1000 per metre unless stated. Raises
@@ -58,11 +59,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     listed = content.get("frames")
     if not isinstance(listed, list) or not listed or not all(isinstance(frame, dict) for frame in listed):
         raise InvalidScanError(f"{FILE} lists no frames.")
-    if not any("depth_file_path" in frame for frame in listed):
-        raise InvalidScanError(
-            f"The frames of {FILE} have no depth_file_path: a map is made of colour images with depth."
-        )
-    discarded = Discarded()
+    has_depth = any("depth_file_path" in frame for frame in listed)
+    files, discarded = FrameFiles(options.scratch), Discarded()
     entries = sorted(listed, key=lambda frame: _natural(str(frame.get("file_path", ""))))
     scale = number_of(content, "applied_scale", FILE) if "applied_scale" in content else 1.0
     source = ScanSource(
@@ -70,8 +68,14 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
+        has_depth=has_depth,
+        notes=() if has_depth else (WITHOUT_DEPTH,),
+        keeps=files,
     )
-    return assemble_scan(_frames(folder, entries, scale, discarded), discarded, source, options)
+    blank = (
+        None if has_depth else files.blank_depth(*(int(number_of(content, key, FILE)) for key in ("w", "h")))
+    )
+    return assemble_scan(_frames(folder, entries, scale, blank, discarded), discarded, source, options)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
@@ -113,18 +117,22 @@ def _intrinsics(values: Mapping[str, Any], model: str, where: str) -> tuple[floa
 
 
 def _frames(
-    folder: ScanFolder, entries: list[dict[str, Any]], scale: float, discarded: Discarded
+    folder: ScanFolder,
+    entries: list[dict[str, Any]],
+    scale: float,
+    blank: Path | None,
+    discarded: Discarded,
 ) -> list[Frame]:
     frames, invalid = [], []
     for number, entry in enumerate(entries):
         where = f"{FILE}: frame {entry.get('file_path')}"
         name, depth_name = str(entry.get("file_path", "")), str(entry.get("depth_file_path", ""))
         color = folder.find(name, where) if name else None
-        depth = folder.find(depth_name, where) if depth_name else None
+        depth = folder.find(depth_name, where) if depth_name else blank
         pose = _pose(entry, scale, where)
         if color is None:
             discarded.add("missing_file", name, f"{name} of {FILE}; {folder.instead(name or '?')}")
-        elif not depth_name:
+        elif not depth_name and depth is None:
             discarded.add("no_depth", name)
         elif depth is None:
             detail = f"{depth_name} of {FILE}; {folder.instead(depth_name)}"

@@ -14,7 +14,14 @@ from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.pose_files import read_pose_files
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.scan_files import read_camera_file, read_gravity, resolve_inside
+from app.importers.scan_files import (
+    optional_file,
+    read_camera_file,
+    read_gravity,
+    read_text,
+    resolve_inside,
+    rows,
+)
 
 # The data set states 585 px, with which its depth images were fused. Its colour images come from the same
 # sensor's other camera, which structure from motion puts at the focal length of reference.
@@ -81,6 +88,26 @@ def frames_in(
     """Return the frames of a folder with names as in 7-Scenes that have all of their files, and how poses were read."""
     color_from_depth = options.color_from_depth or Pose.identity()
     return _frames(folder, list(_candidates(folder)), color_from_depth, discarded)
+
+
+def sequences_of_split(directory: Path, split: str) -> tuple[str, ...]:
+    """Return the folders of the sequences of the data set's `TrainSplit.txt` or `TestSplit.txt`, such as `seq-01`.
+
+    `split` is `train` or `test`. Raises `InvalidScanError` where the file is missing or names another sequence than
+    there are.
+    """
+    name = f"{split.capitalize()}Split.txt"
+    path = optional_file(directory, name)
+    if path is None:
+        raise InvalidScanError(f"{name} is missing: give frames as start:stop:step instead.")
+    numbers_of = {int(re.sub(r"\D", "", folder.name)): folder.name for folder in _sequences(directory)[1:]}
+    folders = []
+    for row in rows(read_text(path)):
+        match = re.search(r"(\d+)$", row.text)
+        if match is None or int(match.group(1)) not in numbers_of:
+            raise InvalidScanError(f"{name} line {row.line}: the scan has no sequence {row.text[:40]!r}.")
+        folders.append(numbers_of[int(match.group(1))])
+    return tuple(folders)
 
 
 def _sequences(directory: Path) -> list[Path]:

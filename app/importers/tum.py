@@ -15,11 +15,13 @@ from app.importers.assembly import Discarded, Intrinsics, ScanSource, assemble_s
 from app.importers.association import Trajectory, associate
 from app.importers.folder import ScanFolder
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
 from app.importers.layouts import icl_nuim
 from app.importers.rows.image_rows import ImageRows, parse_associations, parse_image_list
 from app.importers.rows.times import UNITS_PER_S, Times, check_distinct, range_in_words
 from app.importers.rows.trajectory_rows import TrajectoryRows, parse_trajectory
 from app.importers.scan_files import optional_file, read_camera_file, read_gravity, read_text
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.limits import limit
 
 DEFAULT_DEPTH_SCALE = 5000.0
@@ -101,6 +103,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     Raises `InvalidScanError` for missing or malformed lists, unknown intrinsics, or no usable frame.
     """
     folder = ScanFolder(directory)
+    if _is_without_depth(directory):
+        return _open_without_depth(folder, options)
     color_rows, depth_rows = _image_rows(directory)
     tolerance_s = options.max_time_difference_s
     poses = _poses(directory, color_rows, depth_rows, options)
@@ -123,6 +127,37 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     if icl_nuim.is_trajectory(poses.name):
         return icl_nuim.with_right_hand(scan, options.convention)
     return replace(scan, trajectory=poses.trajectory)
+
+
+def _is_without_depth(directory: Path) -> bool:
+    """Whether the scan lists colour images alone and has no depth images that a list may be missing for."""
+    listed = optional_file(directory, "rgb.txt") is not None and optional_file(directory, "depth.txt") is None
+    if not listed or ScanFolder(directory).subfolder("depth") is not None:
+        return False
+    return parse_associations(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt") is None
+
+
+def _open_without_depth(folder: ScanFolder, options: ScanOptions) -> Scan:
+    """Return the scan of colour images and poses; its depth images are blank."""
+    directory, files, discarded = folder.path, FrameFiles(options.scratch), Discarded()
+    rows = parse_image_list(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt", "colour")
+    poses = _poses(directory, rows, rows, options)
+    camera_file = read_camera_file(directory)
+    source = ScanSource(
+        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses)),
+        depth_scale=None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+        gravity=read_gravity(directory),
+        notes=(*dict.fromkeys([*rows.notes, *poses.notes]), WITHOUT_DEPTH),
+        has_depth=False,
+        keeps=files,
+    )
+    color = _existing(_found(folder, rows), folder, discarded)
+    poses = _moved(poses, options.convention.time_offset_s)
+    size = next(filter(None, (color_size(path) for path in color.paths if path is not None)), (1, 1))
+    blank = _ImageList(color.times_s, (files.blank_depth(*size),) * len(color.times_s), rows)
+    frames = _frames(folder, color, blank, poses, discarded, options.max_time_difference_s)
+    return replace(assemble_scan(frames, discarded, source, options), trajectory=poses.trajectory)
 
 
 def _image_rows(directory: Path) -> tuple[ImageRows, ImageRows]:

@@ -27,6 +27,7 @@ class UnpackedOptions:
 
 
 OPTIONS = UnpackedOptions()
+WITHOUT_DEPTH = "The scan has no depth images: points are triangulated from the given poses."
 
 
 class FrameFiles:

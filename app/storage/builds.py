@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import uuid
+from collections import Counter
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Row, insert, select, update
+from sqlalchemy import Connection, Row, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
 from app.limits import limit
@@ -111,6 +112,15 @@ def list_builds(connection: Connection, venue_id: str | None = None) -> list[Bui
     if venue_id is not None:
         query = query.where(builds.c.venue_id == venue_id)
     return [_build(row) for row in connection.execute(query)]
+
+
+def count_builds(connection: Connection) -> dict[tuple[str, str], int]:
+    """Return the number of builds by state and stage; only a running build has a stage here."""
+    query = select(builds.c.state, builds.c.stage, func.count()).group_by(builds.c.state, builds.c.stage)
+    counts: Counter[tuple[str, str]] = Counter()
+    for state, stage, count in connection.execute(query):
+        counts[state, (stage or "") if state == "running" else ""] += count
+    return dict(counts)
 
 
 def claim_build(connection: Connection, worker: str = "", build_id: str | None = None) -> Build | None:

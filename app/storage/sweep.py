@@ -15,7 +15,7 @@ from app.limits import limit
 from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
 from app.storage.db import Database, hold_blobs, now
-from app.storage.tables import anchor_frames, builds, floors, keyframe_images, map_versions
+from app.storage.tables import anchor_frames, anchors, builds, floors, keyframe_images, map_versions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +44,22 @@ def referenced_blobs(connection: Connection) -> set[str]:
         select(keyframe_images.c.color_blob),
         select(keyframe_images.c.depth_blob),
         select(anchor_frames.c.image_blob).where(anchor_frames.c.image_blob.is_not(None)),
+    )
+    return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
+
+
+def venue_blobs(connection: Connection, venue_id: str) -> set[str]:
+    """Return the SHA-256 of every blob that a venue's rows refer to, the archives of ended builds among them."""
+    columns = (
+        select(floors.c.plan_blob).where((floors.c.venue_id == venue_id) & floors.c.plan_blob.is_not(None)),
+        select(builds.c.archive_blob).where(builds.c.venue_id == venue_id),
+        select(map_versions.c.artifact_blob).where(map_versions.c.venue_id == venue_id),
+        select(map_versions.c.index_blob).where(map_versions.c.venue_id == venue_id),
+        select(keyframe_images.c.color_blob).where(keyframe_images.c.venue_id == venue_id),
+        select(keyframe_images.c.depth_blob).where(keyframe_images.c.venue_id == venue_id),
+        select(anchor_frames.c.image_blob)
+        .join(anchors, anchors.c.id == anchor_frames.c.anchor_id)
+        .where((anchors.c.venue_id == venue_id) & anchor_frames.c.image_blob.is_not(None)),
     )
     return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
 

@@ -44,8 +44,10 @@ Dataset = Annotated[Path, typer.Argument(exists=True, file_okay=False, help="A s
 Datasets = Annotated[
     list[Path], typer.Argument(exists=True, file_okay=False, help="Scans in a known format.")
 ]
-Database = Annotated[str, typer.Option(help="Frames of the map: start:stop:step, by order.")]
-Queries = Annotated[str, typer.Option(help="Frames to locate, those of the map left out.")]
+Database = Annotated[
+    str, typer.Option(help="Frames of the map: start:stop:step, by order; train for 7-Scenes' own.")
+]
+Queries = Annotated[str, typer.Option(help="Frames to locate, those of the map left out; or test.")]
 Options = Annotated[str, typer.Option(help="JSON, as in POST /database/build.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
 ReportDir = Annotated[Path | None, typer.Option("--report", help="Write a page with plots into this folder.")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -62,13 +62,17 @@ QueriesIn = Annotated[
 ]
 SparseToo = Annotated[bool, typer.Option("--sparse", help="Each rule without pictures too.")]
 ByPipelines = Annotated[
-    bool, typer.Option("--pipelines", help="Locate by every pipeline, in the first rule's map.")
+    bool, typer.Option("--pipelines", help="Locate by every pipeline, in each rule's map.")
 ]
 Sweep = Annotated[
     bool,
     typer.Option("--sweep", help="Tables over alpha and beta, and what suits; with --queries, how well."),
 ]
 Bursts = Annotated[bool, typer.Option("--bursts", help="Keyframes from blurred, repeated stretches.")]
+
+
+# Table 5 of the Visual-Depth Map paper lists the keyframes among so many frames.
+FIRST_FRAMES = 20
 
 
 def keyframes(
@@ -108,13 +112,15 @@ def keyframes(
         if sweep or bursts:
             figures.update(bench.contents(parse_keyframe_rule({"rule": "content", **content}), sweep, bursts))
         if pipelines:
-            measured = bench.pipelines(next(iter(named.values())))
+            measured = bench.pipelines(named)
         elif asked or not (sweep or bursts):
             if sweep:
                 named["suggested"] = parse_keyframe_rule(figures["suggested"])
             measured = bench.rules(named, sparse)
     if measured:
         bench.shown.table(_table(measured))
+        if not pipelines:
+            bench.shown.table(_chosen_table(measured))
         figures["rules"] = [row.as_dict() for row in measured]
     bench.shown.write("keyframes", figures_title)
     if plot is not None:
@@ -163,15 +169,19 @@ class _Bench:
                 rows.append(self._measure(f"{name}, no pictures", replace(options, store_images=False)))
         return rows
 
-    def pipelines(self, rule: KeyframeRule) -> list[RuleFigures]:
-        options = replace(self._options, keyframes=rule)
-        return [
-            measure_rule(
-                name, self._scan, options_for(name, options), self._queries, self._models, self._executor,
-                self._progress, name,
-            )
-            for name in PIPELINES
-        ]  # fmt: skip
+    def pipelines(self, rules: Mapping[Any, KeyframeRule]) -> list[RuleFigures]:
+        found = []
+        for rule_name, rule in rules.items():
+            options = replace(self._options, keyframes=rule)
+            for name in PIPELINES:
+                label = f"{rule_name}, {name}" if len(rules) > 1 else name
+                found.append(
+                    measure_rule(
+                        label, self._scan, options_for(name, options), self._queries, self._models,
+                        self._executor, self._progress, name,
+                    )
+                )  # fmt: skip
+        return found
 
     def _measure(self, name: str, options: BuildOptions) -> RuleFigures:
         return measure_rule(
@@ -263,6 +273,7 @@ def _table(rows: Sequence[RuleFigures]) -> Table:
         ("median cm", "median_cm"),
         ("median deg", "median_deg"),
         ("90 % cm", "p90_cm"),
+        ("mean cm", "mean_cm"),
         ("wrong by over 0.5 m %", "gross_percent"),
         ("largest error cm", "max_cm"),
         ("not located", "reasons"),
@@ -274,6 +285,15 @@ def _table(rows: Sequence[RuleFigures]) -> Table:
     table.add_row(
         "confidence, mean", *(f"{np.mean([o.confidence for o in row.outcomes]):.3f}" for row in rows)
     )
+    return table
+
+
+def _chosen_table(rows: Sequence[RuleFigures]) -> Table:
+    """Return which of the first frames became keyframes, as the paper's table 5."""
+    table = Table("rule", f"keyframes among the first {FIRST_FRAMES} frames", "how many")
+    for row in rows:
+        first = [number for number in row.frames if number < FIRST_FRAMES]
+        table.add_row(row.name, " ".join(str(number) for number in first), str(len(first)))
     return table
 
 

@@ -8,7 +8,11 @@ from pathlib import Path
 
 from app.errors import InvalidInputError
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.registry import open_scan
+from app.importers.registry import find_scan, open_scan
+from app.importers.seven_scenes import sequences_of_split
+
+# Parts that 7-Scenes itself names.
+SPLITS = ("train", "test")
 
 
 def parse_range(text: str) -> slice:
@@ -32,11 +36,13 @@ class Split:
 
 
 def split_scan(directory: Path, database: str, queries: str, format: str, options: ScanOptions) -> Split:  # noqa: A002
-    """Open a scan and split its frames by their order; raises `InvalidInputError` for an empty part."""
+    """Open a scan and split its frames by their order, or as 7-Scenes does (`train`, `test`).
+
+    Raises `InvalidInputError` for an empty part.
+    """
     scan = open_scan(directory, format, options)
-    rows = range(len(scan.frames))
-    chosen = list(rows[parse_range(database)])
-    asked = _without(list(rows[parse_range(queries)]), chosen)
+    chosen = _rows(scan, directory, format, database)
+    asked = _without(_rows(scan, directory, format, queries), chosen)
     if not chosen or not asked:
         raise InvalidInputError(
             f"{directory.name} has {len(scan.frames)} frames: {len(chosen)} are left for the database and "
@@ -44,6 +50,14 @@ def split_scan(directory: Path, database: str, queries: str, format: str, option
         )
     part = replace(scan, frames=tuple(scan.frames[i] for i in chosen))
     return Split(part, tuple(scan.frames[i] for i in asked))
+
+
+def _rows(scan: Scan, directory: Path, format: str, part: str) -> list[int]:  # noqa: A002
+    if part not in SPLITS:
+        return list(range(len(scan.frames))[parse_range(part)])
+    folder, _ = find_scan(directory, format)
+    sequences = sequences_of_split(folder, part)
+    return [row for row, frame in enumerate(scan.frames) if frame.name.split("/")[0] in sequences]
 
 
 def _without(rows: Sequence[int], left_out: Sequence[int]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,6 +85,23 @@ class WrittenScan:
 
 # Writes a scan below a folder and returns what is sent: a folder or a file.
 Writer = Callable[[WrittenScan, Path], Path]
+# Ends the names of formats that are written without depth.
+WITHOUT_DEPTH = ", no depth"
+
+
+def without_depth(write: Writer, *depth_files: str) -> Writer:
+    """Return the writer that leaves out files and folders of depth."""
+
+    def written(scan: WrittenScan, target: Path) -> Path:
+        folder = write(scan, target)
+        for path in (folder / name for name in depth_files):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        return folder
+
+    return written
 
 
 def written_scan(scan: Scan, down: tuple[float, float, float]) -> WrittenScan:

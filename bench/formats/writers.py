@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.formats import layouts, phones, recordings
-from bench.formats.frames import Writer
+from bench.formats.frames import WITHOUT_DEPTH, Writer, without_depth
 
 WRITERS: dict[str, Writer] = {
     "TUM": layouts.tum,
@@ -29,4 +29,10 @@ WRITERS: dict[str, Writer] = {
     "Record3D, plain": phones.record3d_plain,
     "3D Scanner App": phones.scanner_app,
     "ARKitScenes": phones.arkit_scenes,
+    f"TUM{WITHOUT_DEPTH}": without_depth(layouts.tum, "depth", "depth.txt"),
+    f"COLMAP binary{WITHOUT_DEPTH}": without_depth(layouts.colmap_binary, "depth"),
+    f"Stray Scanner{WITHOUT_DEPTH}": without_depth(phones.stray_scanner, "depth", "confidence"),
+    f"kapture{WITHOUT_DEPTH}": without_depth(
+        layouts.kapture, "sensors/records_data/tof", "sensors/records_depth.txt"
+    ),
 }

@@ -38,7 +38,8 @@ WANTED_SHARE = 0.62
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleFigures:
     """One rule on one scan. `map_mb` is features and index, `pictures_mb` what the keyframes' images take more;
-    similarities are those of neighbouring keyframes (B eq. 5)."""
+    similarities are those of neighbouring keyframes (B eq. 5), `frames` the numbers of the scan's frames that became
+    keyframes."""
 
     name: str
     keyframes: int
@@ -51,6 +52,7 @@ class RuleFigures:
     build_s: float
     summary: ErrorSummary | None
     outcomes: tuple[QueryOutcome, ...]
+    frames: tuple[int, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -74,6 +76,7 @@ def measure_rule(
     outcomes = locate_all(open_pipeline(pipeline, built, models), built.world_from_scan, queries, progress)
     similarities = neighbour_similarities(built.artifact, models.extractor(options.features))
     map_bytes = _map_bytes(built)
+    numbers = {frame.name: number for number, frame in enumerate(source.frames)}
     pictures = [path.stat().st_size for frame in built.keyframes for path in (frame.color, frame.depth)]
     return RuleFigures(
         name=name,
@@ -87,6 +90,7 @@ def measure_rule(
         build_s=round(build_s, 1),
         summary=summarize(outcomes) if outcomes else None,
         outcomes=tuple(outcomes),
+        frames=tuple(numbers[frame.name] for frame in built.keyframes),
     )
 
 

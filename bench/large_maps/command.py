@@ -10,14 +10,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.table import Table
 
 from app.commands.console import errors, settings_from
+from app.errors import ConflictError
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources, cap_threads
-from bench.evaluation.map_part import part_of_map
 from bench.figures.shown import FiguresTitle, Shown
 from bench.large_maps.measure import Cost, measure
 from bench.large_maps.tiling import Tiled, tile_map
@@ -29,9 +28,9 @@ def large_maps(
     data_dir: Annotated[Path, typer.Option(help="A data folder with a map.")],
     pictures: Annotated[Path, typer.Option(help="Folder of JPEG pictures to locate in the map.")],
     venue: Annotated[str, typer.Option(help="The venue of the map.")] = "demo",
-    sizes: Annotated[
-        str, typer.Option(help="Numbers of keyframes, multiples of the first.")
-    ] = "1000,10000,100000",
+    copies: Annotated[
+        str, typer.Option(help="Numbers of copies of the map, one measurement each.")
+    ] = "1,10,45",
     count: Annotated[int, typer.Option(help="Pictures that are located.")] = 20,
     scratch: Annotated[
         Path | None, typer.Option(help="Folder for the tiled maps, on a disk with room.")
@@ -39,22 +38,19 @@ def large_maps(
     figures_title: FiguresTitle = None,
 ) -> None:
     """Tile a map into larger ones whose parts have independent descriptors, and measure what they cost."""
-    keyframes = [int(size) for size in sizes.split(",")]
     resources = Resources.open(settings_from(data_dir=data_dir))
     try:
         serving = MapLibrary(resources).active(venue)
-        assert serving is not None  # noqa: S101 - a map is asked for
-        opened = serving[0]
-        artifact, index = part_of_map(
-            opened.artifact, opened.index, np.arange(keyframes[0]), opened.extractor
-        )
     finally:
         resources.close()
+    if serving is None:
+        raise ConflictError(f"Venue {venue} has no map.")
+    artifact, index = serving[0].artifact, serving[0].index
     images = sorted(pictures.glob("*.jpg"))[:count]
     costs = []
-    for size in keyframes:
+    for number in (int(each) for each in copies.split(",")):
         with tempfile.TemporaryDirectory(dir=scratch) as folder:
-            costs.append(_measured(tile_map(artifact, index, size // keyframes[0], Path(folder)), images))
+            costs.append(_measured(tile_map(artifact, index, number, Path(folder)), images))
             errors.print(costs[-1])
     shown = Shown()
     shown.table(_table(costs))
@@ -88,9 +84,9 @@ def _table(costs: list[Cost]) -> Table:
     table = Table("keyframes", *(f"{cost.keyframes:,}" for cost in costs))
     table.add_row("files, MB", *(f"{cost.file_mb:,.0f}" for cost in costs))
     table.add_row("opening, s", *(f"{cost.open_s:.3f}" for cost in costs))
-    table.add_row("first query, ms", *(f"{cost.first_query_ms:.0f}" for cost in costs))
-    table.add_row("query, median ms", *(f"{cost.query_ms:.0f}" for cost in costs))
-    table.add_row("of it retrieval, ms", *(f"{cost.retrieve_ms:.1f}" for cost in costs))
+    table.add_row("first query, ms of processor", *(f"{cost.first_query_ms:.0f}" for cost in costs))
+    table.add_row("query, median ms of processor", *(f"{cost.query_ms:.0f}" for cost in costs))
+    table.add_row("retrieval, median ms", *(f"{cost.retrieve_ms:.1f}" for cost in costs))
     table.add_row("located", *(f"{cost.located} of {cost.queries}" for cost in costs))
     table.add_row("own memory of the map, MB", *(f"{cost.own_mb:,.0f}" for cost in costs))
     table.add_row("mapped pages in memory, MB", *(f"{cost.mapped_mb:,.0f}" for cost in costs))

@@ -87,5 +87,5 @@ def _copied(name: str, array: NDArray[Any], copy: int, keyframes: int) -> NDArra
     if name == "keyframe_elsewhere":
         return np.where(array < 0, array, array + copy * keyframes)
     if name == "descriptors":
-        return array[:, order_of_copy(copy, array.shape[1])]
+        return np.take(array, order_of_copy(copy, array.shape[1]), axis=1)
     return array

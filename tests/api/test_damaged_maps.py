@@ -128,3 +128,17 @@ def test_a_whole_map_is_ready(folder: Path, views: list[View]) -> None:
         assert {name: checks[name] for name in ("database", "blobs", "models", "maps", "build_worker")} == {
             "database": "ok", "blobs": "ok", "models": "ok", "maps": "ok", "build_worker": "ok",
         }  # fmt: skip
+
+
+def test_a_deleted_venue_takes_its_files_along_and_no_others(folder: Path, views: list[View]) -> None:
+    with running(folder) as server:
+        server.add_venue("other")
+        # The same pictures as the first venue's: stored once, for both.
+        assert server.build(zipped(scan_files(views[:6])), "other")["state"] == "succeeded"
+        before = {name for name in server.files() if name.startswith("blobs")}
+        assert server.client.delete(f"/venues/{VENUE}").status_code == 204
+        left = {name for name in server.files() if name.startswith("blobs")}
+        assert left < before
+        assert server.locate(views[3].jpeg(), venue="other")["located"]
+        assert server.client.delete("/venues/other").status_code == 204
+        assert not {name for name in server.files() if name.startswith("blobs")}

@@ -39,10 +39,12 @@ def test_a_scan_is_described(museum: Server, scan_zip: bytes) -> None:
     assert len(circles) == body["build"]["keyframes"] + 2
 
 
-def test_a_build_takes_as_many_keyframes_as_were_announced(museum: Server, scan_zip: bytes) -> None:
+def test_a_build_takes_the_announced_keyframes_that_are_sharp(museum: Server, scan_zip: bytes) -> None:
     announced = post(museum, scan_zip).json()["build"]["keyframes"]
     museum.add_venue("annex")
-    assert museum.build(scan_zip, "annex")["report"]["keyframes"] == announced
+    report = museum.build(scan_zip, "annex")["report"]
+    unusable = sum(report["discarded"].values()) - len(report["replaced"])
+    assert report["keyframes"] == announced - unusable
 
 
 def test_a_scan_that_a_build_refuses_is_refused(museum: Server, views: list[View], scan_zip: bytes) -> None:

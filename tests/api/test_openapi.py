@@ -80,6 +80,12 @@ def untyped(schema: dict[str, Any]) -> bool:
     return not ({"type", "$ref", "const", "enum"} & set(schema))
 
 
+def test_every_reference_leads_to_a_schema() -> None:
+    references = set(re.findall(r"'\$ref': '([^']+)'", str(DOCUMENT)))
+    assert references <= {f"#/components/schemas/{name}" for name in SCHEMAS}
+    assert len(references) > 40
+
+
 def test_no_answer_is_untyped() -> None:
     answers = set()
     for name, call in operations():

@@ -13,8 +13,9 @@ from fastapi.routing import APIRoute
 from fastapi.testclient import TestClient
 from pydantic import BaseModel, SecretStr
 
-from app.api import database, floors, health, locate, maps, venues
+from app.api import database, floors, health, locate, venues
 from app.api.executor import BoundedExecutor
+from app.api.maps import versions
 from app.errors import BusyError
 from app.services.locate import LocateService
 from tests.scenes import View
@@ -23,7 +24,7 @@ from tests.server import Server, assert_problem, running, wait_for
 KEY = "the-right-key"
 # What may be asked without a key: orchestrators and browsers have none.
 PUBLIC = {"/healthz", "/readyz"}
-ROUTERS = (database.router, floors.router, health.router, locate.router, maps.router, venues.router)
+ROUTERS = (database.router, floors.router, health.router, locate.router, versions.router, venues.router)
 
 
 @pytest.fixture(scope="module")
@@ -198,6 +199,10 @@ def test_metrics_count_requests_by_route_and_queries_by_outcome(museum: Server, 
     assert 'route="/venues/{venue}",status="404"' in text
     assert "/venues/none" not in text
     assert 'roomfix_locate_stage_seconds_count{stage="match"}' in text
+    assert 'roomfix_builds{stage="",state="succeeded"}' in text
+    assert "roomfix_build_worker_alive 1.0" in text
+    assert "roomfix_venues_with_map_problem 0.0" in text
+    assert "process_resident_memory_bytes" in text
 
 
 def test_the_openapi_document_describes_every_call(museum: Server) -> None:

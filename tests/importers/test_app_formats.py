@@ -192,7 +192,6 @@ def test_nerfstudio_details(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: [f.pop("depth_file_path") for f in c["frames"]], "have no depth_file_path"),
         (lambda c: c.pop("frames"), "lists no frames"),
         (lambda c: c.update(camera_model="EQUIRECTANGULAR"), "'EQUIRECTANGULAR' is not known"),
         (lambda c: c.update(fl_x="wide"), "fl_x must be a number"),

@@ -208,7 +208,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     page.get_by_role("button", name="Landmark", exact=True).click()
     for x, y, name in ((1.5, 1.5, "Door"), (3.5, 4.0, "Window")):
         click(page, x, y)
-        page.get_by_label("Name", exact=True).fill(name)
+        page.locator("#feature-name").fill(name)
         page.keyboard.press("Enter")
     page.get_by_role("button", name="Link", exact=True).click()
     # Close to the landmarks: the ends snap to them.
@@ -220,7 +220,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     for x, y in ((1.1, 1.1), (3.9, 1.1), (3.9, 4.8), (1.1, 4.8)):
         click(page, x, y)
     page.get_by_role("button", name="Finish").click()
-    page.get_by_label("Name", exact=True).fill("Hall")
+    page.locator("#feature-name").fill("Hall")
     page.keyboard.press("Enter")
     playwright.expect(page.locator("#feature-list li")).to_have_count(4)
     page.get_by_role("button", name="Undo").click()
@@ -246,7 +246,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     page.get_by_role("button", name="Try a route").click()
     click(page, 1.5, 1.5)
     click(page, 3.5, 4.0)
-    playwright.expect(page.locator("#draw-words")).to_contain_text("You have arrived at Window.")
+    playwright.expect(page.locator("#draw-words")).to_contain_text("Window. You have arrived.")
     playwright.expect(page.locator("polyline.route")).to_have_count(1)
 
 
@@ -282,7 +282,7 @@ def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:
     page.keyboard.press("Shift+ArrowRight")
     page.keyboard.press("ArrowDown")
     page.keyboard.press("Enter")
-    playwright.expect(page.get_by_label("Name", exact=True)).to_be_focused()
+    playwright.expect(page.locator("#feature-name")).to_be_focused()
     page.keyboard.type("Bench")
     page.keyboard.press("Enter")
     page.get_by_role("button", name="Save", exact=True).focus()
@@ -297,12 +297,13 @@ def test_a_camera_is_placed_by_clicks(server: Server, studio: Tab) -> None:
     page = studio.page
     visit(page, "Cameras")
     click(page, 1.5, 4.5)
-    page.get_by_label("Id", exact=True).fill("corner")
+    page.locator("#camera-id").fill("corner")
     page.locator("#camera-intrinsics").fill(scenes.CAMERA_TEXT)
     view = scenes.Room().view(scenes.pose_at(1.4, 1.3))
     picture = {"name": "p.png", "mimeType": "image/png", "buffer": view.png()}
     page.locator("#camera-picture").set_input_files(picture)
     playwright.expect(page.locator("#picture image")).to_have_count(1)
+    page.locator("#picture").scroll_into_view_if_needed()
     box = page.locator("#picture").bounding_box()
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] * 0.3)
     page.mouse.click(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.6)

@@ -19,6 +19,7 @@ from app.engine.mapping.refine_scan import RefinedScan, refined_scan
 from app.engine.mapping.second_features import PlacedKeyframe, has_second_features, second_features
 from app.engine.mapping.select_keyframes import select_keyframes
 from app.engine.mapping.sparse_map import feature_limit, thin_out
+from app.engine.mapping.triangulated_depth import with_triangulated_depth
 from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
 from app.engine.maps.points import MapPoints, View, points_from_depth
 from app.engine.maps.repetition import elsewhere
@@ -103,7 +104,8 @@ def build_map(
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
     selected = select_keyframes(source, poses, rule, extractor, executor, progress)
-    support = supporting_rows(poses, rule, selected) if options.refine_depth else []
+    refines = options.refine_depth or not source.has_depth
+    support = supporting_rows(poses, rule, selected) if refines else []
     clock.lap("select")
     chosen = sorted({*selected, *support})
     keyframe_rows = set(selected)
@@ -118,7 +120,7 @@ def build_map(
     clock.lap("describe")
     usable, left_out, replaced = _usable(described, selected, poses, rule, source, describe_keyframe)
     clock.lap("quality")
-    refined = _refined(described, usable, source.camera, options, extractor, executor, progress)
+    refined = _refined(described, usable, source, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
@@ -235,16 +237,22 @@ def _usable(
 def _refined(
     described: dict[int, _Described],
     usable: Sequence[int],
-    camera: Camera,
+    source: FrameSource,
     options: BuildOptions,
     extractor: LocalFeatureExtractor,
     executor: Executor,
     progress: Progress,
 ) -> RefinedScan:
     """Return the points of the usable keyframes, and the camera, refined where the options ask for it."""
+    camera = source.camera
     views = {row: item.view for row, item in described.items()}
+    if not source.has_depth:
+        views = with_triangulated_depth(views, camera, extractor, executor, progress)
     if options.refine_depth:
-        return refined_scan(views, usable, _sharp(described), camera, extractor, executor, progress)
+        sharp = _sharp(described)
+        return refined_scan(
+            views, usable, sharp, camera, extractor, executor, progress, has_sensor=source.has_depth
+        )
     return RefinedScan([points_from_depth(views[row], camera) for row in usable], camera)
 
 
@@ -268,7 +276,8 @@ def _pack(
     kept = [(row, own) for row, own in zip(usable, points, strict=True) if len(own.features)]
     if not kept:
         raise InvalidScanError(
-            "No feature of any keyframe has a valid depth: check depth_scale and that depth fits the colour images."
+            "No feature of any keyframe has a valid depth: check depth_scale and that depth fits the colour images, or "
+            "for a scan without depth that the camera moved sideways between frames."
         )
     poses = [described[row].view.world_from_camera for row, _ in kept]
     counts = [len(own.features) for _, own in kept]

@@ -35,8 +35,12 @@ def refined_scan(
     extractor: LocalFeatureExtractor,
     executor: Executor,
     progress: Progress,
+    *,
+    has_sensor: bool = True,
 ) -> RefinedScan:
     """Return the points of each keyframe and the camera; `keyframes` and `sharp` are rows of `views`.
+
+    `has_sensor` says that depths are those of a sensor, whose error is learned, and not triangulated.
 
     The lens is learned from the views, then the depth sensor's error, then the lens again with the corrected depths.
     Each point is refined by the views near its keyframe. Those of the `sharp` views that are no keyframes, the
@@ -49,8 +53,9 @@ def refined_scan(
     seen_by = [[views[other] for other in near[row]] for row in keyframes]
     lens = learn_lens(views, keyframes, camera, extractor, executor, progress)
     seen_through = camera if lens is None else lens.of(camera)
-    response = learn_depth_response(keyframe_views, seen_by, seen_through, extractor, executor, progress)
-    views = {row: corrected(view, response, seen_through) for row, view in views.items()}
+    if has_sensor:
+        response = learn_depth_response(keyframe_views, seen_by, seen_through, extractor, executor, progress)
+        views = {row: corrected(view, response, seen_through) for row, view in views.items()}
     if lens is not None:
         lens = learn_lens(views, keyframes, camera, extractor, executor, progress) or lens
         camera = lens.of(camera)

@@ -19,13 +19,14 @@ from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
-from app.importers.unpacked import FrameFiles
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "model", "colmap", "colmap/sparse/0")
 IMAGE_FOLDERS = ("images", "image", "rgb", "color")
 DEPTH_FOLDERS = ("depth", "depths", "depth_maps")
 DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".exr", ".npy", ".pgm")
 DEFAULT_DEPTH_SCALE = 1000.0
+NO_SCALE = "A COLMAP model has no scale of its own: poses and map are in its units."
 # The files hold no times: frames follow each other by name.
 FRAME_RATE_HZ = 30.0
 _MAX_NAME_BYTES = 1000
@@ -67,9 +68,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     frames = _frames(
         folder, images, None if depth_folder is None else folder.name_of(depth_folder), discarded
     )
-    notes = (
-        () if depth_folder else ("A COLMAP model has no scale of its own: poses and map are in its units.",)
-    )
+    notes = () if depth_folder else (WITHOUT_DEPTH, NO_SCALE)
     blank = files.blank_depth(camera.width, camera.height)
     source = ScanSource(
         camera=options.camera or camera,

@@ -20,7 +20,7 @@ from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.rows.times import in_seconds
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
-from app.importers.unpacked import FrameFiles
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 
 SENSORS = "sensors/sensors.txt"
 TRAJECTORIES = "sensors/trajectories.txt"
@@ -74,6 +74,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=bool(data.depths),
+        notes=() if data.depths else (WITHOUT_DEPTH,),
         keeps=files,
     )
     return assemble_scan(frames, discarded, source, options)

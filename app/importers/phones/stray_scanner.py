@@ -22,7 +22,7 @@ from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.phones.arkit import ARKIT_DOWN, confidence_files
 from app.importers.phones.video import Video, open_video
 from app.importers.scan_files import numbers, optional_file, read_text, rows
-from app.importers.unpacked import FrameFiles
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 
 ODOMETRY = "odometry.csv"
 MATRIX = "camera_matrix.csv"
@@ -71,7 +71,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
-        notes=_notes(table, video, len(frames)),
+        notes=_notes(table, video, len(frames), has_depth),
         confidence=confidence_files(folder, "depth", "confidence"),
         has_depth=has_depth,
         keeps=files,
@@ -114,8 +114,8 @@ def _frames(
     return frames
 
 
-def _notes(table: list[_Row], video: Video, kept: int) -> tuple[str, ...]:
-    notes = []
+def _notes(table: list[_Row], video: Video, kept: int, has_depth: bool) -> tuple[str, ...]:
+    notes = [] if has_depth else [WITHOUT_DEPTH]
     if kept < len(table):
         notes.append(
             f"Of {len(table)} pictures of {video.path.name}, {kept} were taken, 20 a second at most."

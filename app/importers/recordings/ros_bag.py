@@ -23,7 +23,7 @@ from app.importers.images.color_files import color_size
 from app.importers.recordings.files import recordings_in
 from app.importers.recordings.ros_images import depth_of, is_depth, picture_of
 from app.importers.recordings.ros_transforms import Transforms, pose_of
-from app.importers.unpacked import FrameFiles
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
@@ -89,6 +89,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         has_depth=depth is not None,
+        notes=() if depth is not None else (WITHOUT_DEPTH,),
         keeps=files,
     )
     given = options

@@ -70,6 +70,9 @@ def test_rules_are_compared_in_one_table(scan: Path, pictures: Path, tmp_path: P
     assert rows["content, no pictures"]["pictures_mb"] == 0 < rows["content"]["pictures_mb"]
     assert rows["content, no pictures"]["kb_per_keyframe"] <= 100
     assert rows["content"]["similarity_mean"] <= rows["dense"]["similarity_mean"]
+    assert "keyframes among the first 20 frames" in text
+    assert rows["dense"]["frames"] == list(range(rows["dense"]["keyframes"]))
+    assert set(rows["content"]["frames"]) <= set(rows["dense"]["frames"])
 
 
 def test_the_papers_tables_and_what_suits_the_scene(scan: Path, tmp_path: Path) -> None:
@@ -103,7 +106,7 @@ def test_pipelines_are_compared_on_the_same_queries(scan: Path, pictures: Path, 
         "--json", figures,
     )  # fmt: skip
     rows = {row["name"]: row for row in json.loads(figures.read_text())["rules"]}
-    assert list(rows) == ["default", "paper", "vdm", "epipolar"]
+    assert list(rows) == ["default", "paper", "two-images", "vdm", "epipolar"]
     for name in ("default", "vdm"):
         assert rows[name]["summary"]["located_percent"] == 100
         assert rows[name]["summary"]["max_cm"] < 5

@@ -11,7 +11,7 @@ from app.errors import InvalidScanError
 from app.importers.archives.archive import extract_archive
 from app.importers.frames import Scan
 from app.importers.registry import FORMATS, open_scan
-from bench.formats.frames import WrittenScan
+from bench.formats.frames import WITHOUT_DEPTH, WrittenScan
 from bench.formats.recordings import rtabmap
 from bench.formats.writers import WRITERS
 from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, WIDTH, tiny_scan
@@ -40,6 +40,10 @@ FORMAT_OF = {
     "Record3D, plain": "record3d",
     "3D Scanner App": "3d-scanner-app",
     "ARKitScenes": "arkitscenes",
+    "TUM, no depth": "tum",
+    "COLMAP binary, no depth": "colmap",
+    "Stray Scanner, no depth": "stray-scanner",
+    "kapture, no depth": "kapture",
 }
 PHONES = (
     "Polycam raw",
@@ -84,7 +88,8 @@ def test_the_same_scan_in_every_format(tmp_path: Path, name: str) -> None:
     folder = folder_of(WRITERS[name](expected, tmp_path / "scan"), tmp_path)
     scan = open_scan(folder)
     assert_is(scan, expected)
-    for number in (0, FRAMES - 1):
+    assert scan.has_depth == (WITHOUT_DEPTH not in name)
+    for number in (0, FRAMES - 1) if scan.has_depth else ():
         depth_m = scan.depth_m(scan.frames[number])
         inside = np.s_[HEIGHT // 4 : -HEIGHT // 4, WIDTH // 4 : -WIDTH // 4]
         np.testing.assert_allclose(depth_m[inside], expected.frames[number].depth_m[inside], atol=2e-3)

@@ -21,7 +21,9 @@ export async function showShare() {
   byId("go-link").textContent = "";
   byId("make-code").disabled = currentVenue() === null;
   if (!currentVenue()) showError(byId("share-error"), new Error("Add a venue first, with the plus sign above."));
-  byId("address").value ||= localStorage.getItem(REMEMBERED) ?? (await phoneAddress());
+  const known = localStorage.getItem(REMEMBERED) ?? (await phoneAddress());
+  // What was typed meanwhile stays.
+  byId("address").value ||= known;
 }
 
 async function makeCode() {

@@ -1,0 +1,176 @@
+// What the server answers: the JSON as it is.
+
+export type Axes = "opencv" | "arkit" | "arcore" | "webxr" | "unity" | "unreal" | "ros";
+export type Reason = "no_match" | "too_few_inliers" | "ambiguous" | "outside_venue" | "poor_image" | "no_map";
+export type Tracking = "initializing" | "tracking" | "relocalized" | "lost";
+
+/** A point in metres (centimetres with axes "unreal"). */
+export interface Position {
+  x: number;
+  y: number;
+  z: number;
+}
+
+/** A unit quaternion, scalar last. */
+export interface Quaternion extends Position {
+  w: number;
+}
+
+/** A pose; that of an answer is world_from_camera. */
+export interface Pose {
+  position: Position;
+  quaternion: Quaternion;
+}
+
+/** A point on the floor plan: metres, degrees counter-clockwise from plan x, pixels of the plan image. */
+export interface Plan {
+  x: number;
+  y: number;
+  heading_deg: number;
+  u_px: number | null;
+  v_px: number | null;
+  area: string | null;
+  area_name: string | null;
+  nearest_landmark: string | null;
+  nearest_landmark_name: string | null;
+  nearest_landmark_m: number | null;
+}
+
+/** One sigma. */
+export interface Accuracy {
+  position_m: number;
+  orientation_deg: number;
+}
+
+/** Intrinsics by COLMAP's names, and where they come from. */
+export interface Camera {
+  model: string;
+  width: number;
+  height: number;
+  params: number[];
+  source: string | null;
+}
+
+/** A keyframe that agrees with the pose. */
+export interface Keyframe {
+  keyframe: number;
+  matches: number;
+  inliers: number;
+}
+
+/** Where the camera is, or the reason why that can't be said. */
+export interface LocateResult {
+  located: boolean;
+  reason: Reason | null;
+  method: string;
+  venue: string;
+  map_version: number | null;
+  floor: string | null;
+  pose: Pose | null;
+  plan: Plan | null;
+  plan_reason: "up_unknown" | null;
+  accuracy: Accuracy | null;
+  confidence: number;
+  inliers: number;
+  matches: number;
+  keyframes: Keyframe[];
+  camera: Camera | null;
+  narrowed: boolean;
+  gravity_checked: boolean | null;
+  timings_ms: Record<string, number>;
+  anchors: string[];
+  vertical: "gravity" | "pois" | "upright" | "map" | null;
+  axes: Axes;
+  session_from_world: Pose | null;
+  hints: string[];
+}
+
+/** One frame of a trajectory. */
+export interface TrajectoryPoint {
+  frame: number;
+  time_s: number;
+  tracking: Tracking;
+  floor: string | null;
+  x: number | null;
+  y: number | null;
+  heading_deg: number | null;
+  pose: Pose | null;
+  position_m: number | null;
+}
+
+/** What a walker does next; which fields there are depends on `problem`. */
+export interface SessionGuidance {
+  instruction?: string | null;
+  turn?: string | null;
+  distance_m?: number | null;
+  remaining_m?: number | null;
+  off_route?: boolean;
+  arrived?: boolean;
+  landmark?: string | null;
+  along_m?: number | null;
+  bearing_deg?: number | null;
+  planned?: boolean;
+  problem?: "lost" | "no_route" | "off_network" | null;
+  detail?: string | null;
+  go_on_m?: number | null;
+}
+
+/** The answer to a frame of a session. */
+export interface TrackedFrame extends LocateResult {
+  session: string;
+  frame: number;
+  tracking: Tracking;
+  unaided_m: number;
+  trajectory: TrajectoryPoint[];
+  guidance: SessionGuidance | null;
+}
+
+/** A session and where it went. */
+export interface Session {
+  session: string;
+  venue: string;
+  camera: unknown;
+  destination: string | null;
+  language: string | null;
+  tracking: Tracking;
+  frames: number;
+  created_at: string;
+  expires_at: string;
+  trajectory: TrajectoryPoint[];
+}
+
+/** A build as it is now. */
+export interface Build {
+  build: string;
+  venue: string;
+  state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+  stage: string | null;
+  done: number;
+  total: number;
+  attempts: number;
+  error: string | null;
+  error_code: string | null;
+  report: Record<string, unknown> | null;
+  map_version: number | null;
+  created_at: string | null;
+  started_at: string | null;
+  finished_at: string | null;
+}
+
+/** What became of a monitoring camera's frame. */
+export interface PushedFrame {
+  frame: string;
+  features: number;
+  pois_visible: string[];
+  received_at: string;
+}
+
+/** An error as RFC 9457 describes it, with a stable code; of a stream, with the number of its frame. */
+export interface Problem {
+  type: string;
+  title?: string;
+  status: number;
+  code: string;
+  detail: string;
+  received?: number | null;
+}
