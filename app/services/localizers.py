@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from app.engine.maps.open_map import OpenMap
-from app.engine.query.localizer import Localizer, LocalizerSettings
+from app.engine.query.localizer import Localizer
+from app.engine.query.settings import LocalizerSettings
 from app.engine.query.vdm.localizer import VdmLocalizer
 from app.engine.query.verification import Limits
 from app.settings import Settings

@@ -15,8 +15,8 @@ from app.errors import InvalidInputError
 from app.limits import limit
 from app.vision.features import Descriptors, LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, shrink
+from app.vision.learned.xfeat import decode
 from app.vision.onnx_session import open_session
-from app.vision.xfeat import decode
 
 MODELS_DIR = Path(__file__).parent.parent / "models"
 

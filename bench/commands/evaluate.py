@@ -18,7 +18,7 @@ from app.commands.console import console, json_object, progress_bars
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
-from app.engine.query.localizer import PAPER, LocalizerSettings
+from app.engine.query.settings import PAPER, LocalizerSettings
 from app.errors import InvalidInputError
 from app.importers.frames import Scan
 from app.importers.registry import open_scan

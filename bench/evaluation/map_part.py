@@ -44,6 +44,10 @@ def part_of_map(
     )
     names = tuple(artifact.metadata.keyframe_names[int(keyframe)] for keyframe in keyframes)
     return (
-        MapArtifact(replace(artifact.metadata, keyframe_names=names), part),
+        MapArtifact(
+            replace(artifact.metadata, keyframe_names=names),
+            part,
+            second=None if artifact.second is None else artifact.second.take(keyframes.tolist()),
+        ),
         GlobalIndex.from_descriptors(index.descriptors[keyframes]),
     )

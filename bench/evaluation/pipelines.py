@@ -13,7 +13,8 @@ from app.engine.mapping.options import BuildOptions
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
 from app.engine.query.localization import Localization
-from app.engine.query.localizer import PAPER, Localizer, LocalizerSettings
+from app.engine.query.localizer import Localizer
+from app.engine.query.settings import PAPER, LocalizerSettings
 from app.engine.query.vdm.localizer import VdmLocalizer
 from app.geometry.camera import Camera
 from app.vision.images import Rgb

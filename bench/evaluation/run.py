@@ -14,7 +14,7 @@ from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.engine.query.localization import Localization
-from app.engine.query.localizer import LocalizerSettings
+from app.engine.query.settings import LocalizerSettings
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame
 from app.vision.images import decode_image
@@ -164,6 +164,7 @@ def map_figures(configuration: str, artifact: MapArtifact, index_bytes: int) -> 
     """Return the figures that a map's artefact holds; `index_bytes` is the size of its global descriptors."""
     arrays = artifact.arrays
     packed = sum(int(getattr(arrays, name).nbytes) for name in type(arrays).__slots__)
+    packed += 0 if artifact.second is None else artifact.second.nbytes
     return MapFigures(
         configuration=configuration,
         features=artifact.metadata.features,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,14 +99,18 @@ def compare_room(
     models: VisionModels,
     executor: Executor,
     progress: Progress,
+    every: int = 1,
 ) -> Iterator[RoomResult]:
-    """Yield the results of every split, variation and pipeline; the map of a split is built once."""
+    """Yield the results of every split, variation and pipeline; the map of a split is built once. Of the queries every
+    `every`-th is asked."""
     for split in room.splits:
-        yield from _compare_split(data, room, split, pipelines, variations, models, executor, progress)
+        frames = open_split(data, room, split)
+        frames = replace(frames, queries=frames.queries[::every])
+        yield from _compare_split(frames, room, split, pipelines, variations, models, executor, progress)
 
 
 def _compare_split(
-    data: Path,
+    frames: Split,
     room: Room,
     split: RoomSplit,
     pipelines: Sequence[str],
@@ -115,7 +119,6 @@ def _compare_split(
     executor: Executor,
     progress: Progress,
 ) -> Iterator[RoomResult]:
-    frames = open_split(data, room, split)
     built = build_map(frames.database, parse_build_options(dict(room.options)), models, executor, progress)
     for pipeline in pipelines:
         locate = _locator(pipeline, frames, built, models)

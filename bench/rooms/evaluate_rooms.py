@@ -34,6 +34,7 @@ def evaluate_rooms(
         list[str] | None,
         typer.Option(help=f"Queries made worse: all, {', '.join(VARIATIONS)}; repeat it for several."),
     ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Ask one in this number of a split's queries.")] = 1,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
     figures: FiguresTitle = None,
 ) -> None:
@@ -51,7 +52,7 @@ def evaluate_rooms(
     results: list[RoomResult] = []
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         for each in rooms:
-            results += compare_room(data, each, pipelines, variations, models, executor, progress)
+            results += compare_room(data, each, pipelines, variations, models, executor, progress, every)
     shown = Shown()
     shown.table(_splits_table(results))
     shown.table(_totals_table(results))

@@ -16,6 +16,7 @@ from app.engine.mapping.keyframe_quality import blur_limit, fault_of, find_repla
 from app.engine.mapping.keyframe_rule import KeyframeRule
 from app.engine.mapping.options import BuildOptions
 from app.engine.mapping.refine_scan import RefinedScan, refined_scan
+from app.engine.mapping.second_features import PlacedKeyframe, has_second_features, second_features
 from app.engine.mapping.select_keyframes import select_keyframes
 from app.engine.mapping.sparse_map import feature_limit, thin_out
 from app.engine.mapping.triangulated_depth import with_triangulated_depth
@@ -123,22 +124,37 @@ def build_map(
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
-    camera = refined.camera, refined.lens_sigma
-    upright = states_up(options, source) if z_up is None else z_up
-    artifact, index, kept = _pack(described, usable, points, camera, upright, options, models, progress)
+    z_up = states_up(options, source) if z_up is None else z_up
+    artifact, index, kept = _pack(described, usable, points, refined, z_up, options, models, progress)
     clock.lap("pack")
-    frames = tuple(described[row].frame for row in kept)
-    discarded = {**dict(source.discarded), **left_out}
+    if has_second_features(options):
+        own = [described[row] for row in kept]
+        artifact = _with_second_features(artifact, source, own, refined.camera, models, executor, progress)
+        clock.lap("second features")
     return BuiltMap(
         artifact=artifact,
         index=index,
-        keyframes=frames,
+        keyframes=tuple(described[row].frame for row in kept),
         world_from_scan=placed,
-        discarded=discarded,
+        discarded={**dict(source.discarded), **left_out},
         replaced=replaced,
         seconds=clock.seconds,
         calibration=calibration,
     )
+
+
+def _with_second_features(
+    artifact: MapArtifact,
+    source: FrameSource,
+    keyframes: Sequence[_Described],
+    camera: Camera,
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+) -> MapArtifact:
+    placed = [PlacedKeyframe(item.frame, item.view.world_from_camera) for item in keyframes]
+    second = second_features(source, placed, camera, models.extractor("xfeat"), executor, progress)
+    return replace(artifact, second=second)
 
 
 def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:
@@ -250,7 +266,7 @@ def _pack(
     described: dict[int, _Described],
     usable: Sequence[int],
     points: Sequence[MapPoints],
-    camera: tuple[Camera, float],
+    refined: RefinedScan,
     z_up: bool,
     options: BuildOptions,
     models: VisionModels,
@@ -290,9 +306,9 @@ def _pack(
         features=options.features,
         descriptor_sha256=model.sha256,
         descriptor_size=model.size,
-        cameras=(camera[0],),
+        cameras=(refined.camera,),
         keyframe_names=tuple(described[row].frame.name for row, _ in kept),
-        lens_sigmas=(camera[1],),
+        lens_sigmas=(refined.lens_sigma,),
         z_up=z_up,
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))

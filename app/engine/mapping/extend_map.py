@@ -6,6 +6,7 @@ import numpy as np
 
 from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
 from app.engine.maps.repetition import elsewhere
+from app.engine.maps.second_features import SecondFeatures
 from app.errors import InvalidInputError
 from app.vision.index import GlobalIndex
 
@@ -56,4 +57,15 @@ def join_maps(
         z_up=z_up,
     )
     global_descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
-    return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(global_descriptors)
+    return MapArtifact(metadata, arrays, second=_second(old, new)), GlobalIndex.from_descriptors(
+        global_descriptors
+    )
+
+
+def _second(old: MapArtifact, new: MapArtifact) -> SecondFeatures | None:
+    """Return the second features of both maps; a map without them has none in its part."""
+    if old.second is None and new.second is None:
+        return None
+    return SecondFeatures.join(
+        [part.second or SecondFeatures.none(part.keyframe_count) for part in (old, new)]
+    )

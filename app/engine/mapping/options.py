@@ -38,7 +38,7 @@ FORMATS = (
 MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
-    "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "store_images",
+    "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "second_features", "store_images",
     "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "time_offset_s",
     "position_scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
 }  # fmt: skip
@@ -50,8 +50,8 @@ class BuildOptions:
 
     Without `max_features_per_keyframe` a map with pictures keeps all features, one without as many as its size
     allows (`app.engine.mapping.sparse_map`). `gravity` is in the frame of the poses as they are read. `repair` lets
-    the examination change how the scan is read where that is beyond doubt; `force` replaces a map that contradicts
-    the new one.
+    the examination change how the scan is read where that is beyond doubt; `second_features` are kept, in maps with
+    pictures, for frames in which the own ones find too little; `force` replaces a map that contradicts the new one.
     """
 
     format: str = "auto"
@@ -62,6 +62,7 @@ class BuildOptions:
     world_from_scan: Pose | None = None
     mode: Literal["replace", "extend"] = "replace"
     refine_depth: bool = True
+    second_features: bool = False
     store_images: bool = True
     max_features_per_keyframe: int | None = None
     repair: bool = False
@@ -88,6 +89,7 @@ def parse_build_options(values: object) -> BuildOptions:
         world_from_scan=_matrix(values.get("world_from_scan"), "world_from_scan"),
         mode=_choice(values, "mode", ("replace", "extend"), "replace"),  # type: ignore[arg-type]
         refine_depth=_flag(values, "refine_depth", True),
+        second_features=_flag(values, "second_features", False),
         store_images=_flag(values, "store_images", True),
         max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
         repair=_flag(values, "repair", False),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from app.engine.maps.checked_rows import BlockChecker, CheckedRows
 from app.engine.maps.packed_file import read_packed, write_packed
+from app.engine.maps.second_features import SecondFeatures
 from app.errors import MapDamagedError
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
@@ -85,6 +86,8 @@ class Places:
     cell_keys: Keys
 
 
+# Before the names of the arrays of `SecondFeatures`.
+SECOND = "second."
 # Arrays with a row for each feature.
 LARGE = frozenset(
     {
@@ -99,7 +102,8 @@ class MapArtifact:
     """A map in memory or memory-mapped; immutable.
 
     `places` is None in maps that were written without it, and in those that were not written yet. `checker` verifies
-    the file of a map that has checksums, `index_checksum` is the one of the file of its index.
+    the file of a map that has checksums, `index_checksum` is the one of the file of its index. `second` are None for a
+    map that was built without them.
     """
 
     metadata: MapMetadata
@@ -107,6 +111,7 @@ class MapArtifact:
     places: Places | None = None
     checker: BlockChecker | None = None
     index_checksum: int | None = None
+    second: SecondFeatures | None = None
 
     @property
     def is_damaged(self) -> bool:
@@ -159,6 +164,10 @@ class MapArtifact:
         arrays = {name: np.asarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
         if self.places is not None:
             arrays |= {name: np.asarray(getattr(self.places, name)) for name in Places.__slots__}
+        if self.second is not None:
+            arrays |= {
+                SECOND + name: np.asarray(getattr(self.second, name)) for name in SecondFeatures.__slots__
+            }
         metadata = {**asdict(self.metadata), "index_checksum": index_checksum}
         write_packed(path, metadata, arrays)
 
@@ -170,12 +179,16 @@ class MapArtifact:
             arrays = dict(packed.arrays)
             has_places = Places.__slots__[0] in arrays
             places = Places(*(arrays.pop(name) for name in Places.__slots__)) if has_places else None
+            second = {
+                name.removeprefix(SECOND): arrays.pop(name) for name in [*arrays] if name.startswith(SECOND)
+            }
             return MapArtifact(
                 _metadata_from_json(packed.metadata),
                 MapArrays(**arrays),
                 places,
                 packed.checker,
                 packed.metadata.get("index_checksum"),
+                SecondFeatures(**second) if second else None,
             )
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise MapDamagedError(f"{path.name} is not a map artefact ({error}).") from error

@@ -15,6 +15,15 @@ from app.vision.features import LocalFeatureExtractor
 from app.vision.global_descriptor import GlobalDescriptor
 from app.vision.images import Rgb
 from app.vision.index import GlobalIndex
+from app.vision.learned.lighterglue import LighterGlue
+
+
+@dataclass(frozen=True, slots=True)
+class SecondLook:
+    """What describes a picture for the map's second features, and matches it with them."""
+
+    extractor: LocalFeatureExtractor
+    network: LighterGlue
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +31,8 @@ class OpenMap:
     """A map's artefact and index, what is derived from them, and the models that describe pictures for it.
 
     Immutable, safe to share between threads. `faint_extractor` describes pictures in which `extractor` finds too
-    little; None where the method has no such variant.
+    little; None where the method has no such variant. `second_look` matches the map's second features, None where it
+    has none.
     """
 
     artifact: MapArtifact
@@ -32,6 +42,7 @@ class OpenMap:
     descriptor: GlobalDescriptor
     extractor: LocalFeatureExtractor
     faint_extractor: LocalFeatureExtractor | None
+    second_look: SecondLook | None = None
 
     @staticmethod
     def of(artifact: MapArtifact, index: GlobalIndex, models: VisionModels) -> OpenMap:
@@ -49,6 +60,9 @@ class OpenMap:
             descriptor=models.global_descriptor,
             extractor=extractor,
             faint_extractor=extractor.for_faint_images(),
+            second_look=None
+            if artifact.second is None
+            else SecondLook(models.extractor("xfeat"), models.lighterglue),
         )
 
     def similar(self, rgb: Rgb, count: int, allowed: NDArray[np.int64] | None = None) -> list[int]:

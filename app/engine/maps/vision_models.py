@@ -8,6 +8,7 @@ from threading import Lock
 from app.errors import ConflictError
 from app.vision.features import LocalFeatureExtractor
 from app.vision.global_descriptor import DEFAULT_MODEL, GlobalDescriptor
+from app.vision.learned.lighterglue import LighterGlue
 from app.vision.local_features import create_extractor
 
 
@@ -23,6 +24,7 @@ class VisionModels:
         self._lock = Lock()
         self._extractors: dict[str, LocalFeatureExtractor] = {}
         self._descriptor: GlobalDescriptor | None = None
+        self._lighterglue: LighterGlue | None = None
 
     def extractor(self, name: str) -> LocalFeatureExtractor:
         """Return the extractor of that name; raises `InvalidInputError` for an unknown one."""
@@ -38,6 +40,14 @@ class VisionModels:
             if self._descriptor is None:
                 self._descriptor = GlobalDescriptor(self._descriptor_path, *self._input_size, self._threads)
             return self._descriptor
+
+    @property
+    def lighterglue(self) -> LighterGlue:
+        """The matcher of XFeat's features."""
+        with self._lock:
+            if self._lighterglue is None:
+                self._lighterglue = LighterGlue(self._threads)
+            return self._lighterglue
 
     @property
     def descriptor_path(self) -> Path:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.open_map import OpenMap
+from app.engine.maps.open_map import OpenMap, SecondLook
 from app.engine.maps.vision_models import VisionModels
 from app.engine.query.accuracy import accuracy_in_map, with_map_error
 from app.engine.query.camera import fit_query_camera, lens_of_query
@@ -23,6 +23,9 @@ from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.placed import Accuracy
 from app.engine.query.pose import pose_in_map
 from app.engine.query.query import Query
+from app.engine.query.second_look import OPTIONS as SECOND_LOOK
+from app.engine.query.second_look import SecondMatcher
+from app.engine.query.settings import LocalizerSettings
 from app.engine.query.verification import (
     Evidence,
     Limits,
@@ -33,93 +36,18 @@ from app.engine.query.verification import (
     judge,
 )
 from app.engine.stage_timer import clock_s
-from app.geometry.camera import Camera, tangent_of_px
+from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, find_camera, focal_sigma_of
 from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm
 from app.geometry.se3 import Pose
-from app.limits import limit
 from app.vision.images import Rgb, measure_quality
 from app.vision.index import GlobalIndex
 
+Matcher = QueryMatcher | SecondMatcher
+
 # A frame that failed for these reasons gets another attempt.
 UNSURE = ("no_match", "too_few_inliers")
-MEASURED = "roomfix evaluate and benchmark on RedKitchen and the demonstration venue; docs/features.md."
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocalizerSettings:
-    """How to localize. The defaults are the measured best; `PAPER` is paper A's pipeline.
-
-    `keyframes` are matched for their looks, then up to `other_places` more that look alike but show other
-    places, then `covisible` ones that see what the first pose sees; up to `look_alikes` for each of the best two
-    may prove that the place is not unique. A frame that is not located gets a second attempt with `second_attempt`
-    keyframes, turned ones too, and a third with the features of a faint image. `fit_lens` fits the lens of a camera
-    whose distortion isn't stated; `check_intrinsics` compares a stated camera with the matches. Without
-    `limits` those of the map's features hold.
-    """
-
-    keyframes: int = limit(10, "Most similar keyframes that a query is matched with.", chosen=MEASURED)
-    other_places: int = limit(
-        4, "Further keyframes, each of a place that the most similar ones don't show.", chosen=MEASURED
-    )
-    look_alikes: int = limit(
-        6,
-        "Keyframes of other places that look like one of the best two, which are matched too.",
-        chosen=MEASURED,
-    )
-    covisible: int = limit(
-        10, "Keyframes that see what the first pose sees, which are matched too.", chosen=MEASURED
-    )
-    second_attempt: int = limit(
-        40,
-        "Most similar keyframes that are matched when the first attempt fails; 0 for none.",
-        chosen=MEASURED,
-    )
-    max_error_tangent: float = limit(
-        tangent_of_px(6.0), "Inlier threshold: the reprojection error over the focal length.", chosen=MEASURED
-    )
-    rival_ratio: float = limit(
-        0.1,
-        "A rival with fewer inliers than this ratio of the best pose's is not examined.",
-        chosen="By hand: far below max_rival_share, where a rival decides.",
-    )
-    min_rival_inliers: int = limit(
-        8, "Fewest inliers of a rival.", chosen="By hand: twice what a pose needs."
-    )
-    convincing_inliers_factor: float = limit(
-        5,
-        "A first pose with this many times min_inliers, and convincing_coverage, needs no covisible keyframes.",
-        chosen=MEASURED,
-    )
-    convincing_coverage: float = limit(0.4, "Coverage of a first pose that is convincing.", chosen=MEASURED)
-    max_iterations: int = limit(5000, "RANSAC iterations of a pose.", chosen=MEASURED)
-    rival_iterations: int = limit(
-        300,
-        "RANSAC iterations of a rival's first pose.",
-        chosen="A rival that matters holds a third of what is left or more: 300 samples of three find it.",
-    )
-    estimator: Literal["lo_ransac", "epnp_lm"] = "lo_ransac"
-    fundamental_filter: bool = False
-    fit_lens: bool = True
-    check_intrinsics: bool = True
-    limits: Limits | None = None
-
-
-# Paper A, 2.3: the best keyframe alone, fundamental-matrix RANSAC, EPnP and Levenberg-Marquardt, no abstention
-# beyond what the estimator needs.
-PAPER = LocalizerSettings(
-    keyframes=1,
-    other_places=0,
-    look_alikes=0,
-    covisible=0,
-    second_attempt=0,
-    estimator="epnp_lm",
-    fundamental_filter=True,
-    fit_lens=False,
-    check_intrinsics=False,
-    limits=Limits.none(),
-)
 
 
 class Localizer:
@@ -167,10 +95,16 @@ class Localizer:
         query.spent_s["describe"] += described - started
         query.spent_s["retrieve"] += clock_s() - described
         result = self._attempt(matcher, matcher.match(similar))
-        if settings.second_attempt and result.reason in UNSURE and matcher.feature_count:
+        if (
+            settings.second_attempt
+            and result.reason in UNSURE
+            and matcher.feature_count >= self._limits.min_inliers
+        ):
             result = _later(result, self._second_attempt(matcher, descriptor))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
             result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
+        if settings.second_look and result.reason in UNSURE and opened.second_look is not None:
+            result = _later(result, self._second_look(matcher, opened.second_look, similar))
         if result.world_from_camera is None:
             result = replace(result, hints=(*picture_hints(query.gray, matcher.feature_count), *result.hints))
         if result.reason == "no_match" and measure_quality(query.gray).is_poor:
@@ -194,7 +128,22 @@ class Localizer:
         )
         return self._attempt(faint, faint.match(keyframes))
 
-    def _attempt(self, matcher: QueryMatcher, matches: Matches) -> Localization:
+    def _second_look(self, first: QueryMatcher, look: SecondLook, similar: Sequence[int]) -> Localization:
+        """Localize with the map's second features, by limits of their own."""
+        matcher = SecondMatcher(first.query, self.map, first, look)
+        options = SECOND_LOOK
+        settings = replace(
+            self._settings,
+            covisible=options.covisible,
+            look_alikes=options.look_alikes,
+            limits=replace(self._limits, min_inliers=options.min_inliers),
+        )
+        matches = matcher.match(similar[: options.keyframes])
+        if matches.feature_count < options.min_matches:
+            return _nothing(first.query, matches, None)
+        return Localizer(self.map, settings)._attempt(matcher, matches)
+
+    def _attempt(self, matcher: Matcher, matches: Matches) -> Localization:
         """Localize by these matches and those that a first pose leads to."""
         query, known = matcher.query, matcher.query.known
         camera = known if isinstance(known, Camera) else self._find_camera(matches, query)
@@ -233,7 +182,7 @@ class Localizer:
         return find_camera(*points, *query.size_px, threshold, max(self._limits.min_inliers, 8), near)
 
     def _hypothesis(
-        self, matcher: QueryMatcher, matches: Matches, camera: Camera, rival: PnpEstimate | None = None
+        self, matcher: Matcher, matches: Matches, camera: Camera, rival: PnpEstimate | None = None
     ) -> Hypothesis | None:
         """Return the pose that most matches agree on, or refine the one of a rival.
 
@@ -260,7 +209,7 @@ class Localizer:
         size_px = camera.width, camera.height
         return enough and coverage(inliers.points_px, size_px) >= settings.convincing_coverage
 
-    def _rival(self, matcher: QueryMatcher, best: Hypothesis, camera: Camera) -> Hypothesis | None:
+    def _rival(self, matcher: Matcher, best: Hypothesis, camera: Camera) -> Hypothesis | None:
         """Return the best other place that explains matches which the best pose doesn't, on equal terms.
 
         Places that look like the best keyframes are matched for it, whether retrieval found them or not.
@@ -295,7 +244,7 @@ class Localizer:
 
     def _conclude(
         self,
-        matcher: QueryMatcher,
+        matcher: Matcher,
         best: Hypothesis,
         rival: Hypothesis | None,
         checked: CheckedCamera,
@@ -329,7 +278,7 @@ class Localizer:
 
     def _judged(
         self,
-        matcher: QueryMatcher,
+        matcher: Matcher,
         best: Hypothesis,
         rival: Hypothesis | None,
         camera: Camera,

@@ -11,7 +11,7 @@ import pytest
 
 from app.engine.mapping.options import BuildOptions
 from app.engine.progress import NoProgress
-from app.engine.query.localizer import LocalizerSettings
+from app.engine.query.settings import LocalizerSettings
 from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
 from app.services.resources import open_models

@@ -1,0 +1,130 @@
+"""Matches by XFeat and LighterGlue, for a frame in which the map's own features find too little."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Set
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.maps.open_map import OpenMap, SecondLook
+from app.engine.query.matches import Matches, QueryMatcher, excluded_keyframes
+from app.engine.query.query import Query
+from app.engine.stage_timer import clock_s
+from app.limits import limit
+from app.vision.learned.lighterglue import PictureFeatures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecondLookOptions:
+    """How much of a frame is matched with how much of the map."""
+
+    max_features: int = limit(
+        512, "Features of the frame that are matched.", chosen="By hand: bounds the time of the network."
+    )
+    min_inliers: int = limit(
+        40,
+        "Fewest inliers of a pose.",
+        chosen="By hand: 46 pictures of other places in a map of a desk reach 26 at most.",
+    )
+    min_matches: int = limit(
+        20,
+        "Fewest features of the frame that match the most similar keyframes; with fewer no pose is looked for.",
+        chosen="By hand: half of min_inliers, since keyframes that are matched later add some.",
+    )
+    min_distance_elsewhere: float = limit(
+        0.15,
+        "A thing is distinct when none of the map's own SIFT features within 8 cm of it is closer than this to a "
+        "feature at another place (distance of unit descriptors).",
+        chosen="By hand: four fifths of the features of the demonstration's corridors are closer, and a fifth of those "
+        "of its rooms.",
+    )
+    keyframes: int = limit(
+        6, "Most similar keyframes that the frame is matched with.", chosen="By hand: bounds the time."
+    )
+    covisible: int = limit(
+        4, "Keyframes that see what the first pose sees, which are matched too.", chosen="By hand, as above."
+    )
+    look_alikes: int = limit(
+        2,
+        "Keyframes of other places that look like one of the best two, which are matched too.",
+        chosen="By hand, as above.",
+    )
+
+
+OPTIONS = SecondLookOptions()
+
+
+class SecondMatcher:
+    """Matches one query with keyframes by LighterGlue, each keyframe once; otherwise as `QueryMatcher`.
+
+    What speaks against a pose, and what is found at other places too, is still judged by the map's own features, those
+    of `first`.
+    """
+
+    def __init__(
+        self,
+        query: Query,
+        opened: OpenMap,
+        first: QueryMatcher,
+        look: SecondLook,
+    ) -> None:
+        self.query = query
+        self._map, self._first, self._network = opened, first, look.network
+        started = clock_s()
+        found = look.extractor.extract(query.gray)
+        query.spent_s["describe"] += clock_s() - started
+        count = OPTIONS.max_features
+        descriptors = np.asarray(found.descriptors[:count], np.float32)
+        self._own = PictureFeatures(found.keypoints_px[:count], descriptors, query.size_px)
+        self._matches: dict[int, Matches] = {}
+        self._excluded = excluded_keyframes(opened.artifact, query.allowed)
+
+    @property
+    def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """The pixels (n, 2) and unit descriptors (n, d) of the query's features of the map's own kind."""
+        return self._first.features
+
+    @property
+    def matched(self) -> Set[int]:
+        """The keyframes that were matched so far."""
+        return self._matches.keys()
+
+    def match(self, keyframes: Iterable[int]) -> Matches:
+        """Return the merged matches with the keyframes among these that were not matched before."""
+        new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
+        started = clock_s()
+        self._matches.update((keyframe, self._match(keyframe)) for keyframe in new)
+        self.query.spent_s["match"] += clock_s() - started
+        return Matches.merge([self._matches[keyframe] for keyframe in new])
+
+    def unrepeated_count(self, matches: Matches) -> int:
+        """Return how many features have a distinct match: it is distinct by every view of what was matched."""
+        return matches.distinct_count
+
+    def _are_distinct(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which things at world points (n, 3) resemble nothing elsewhere by the map's own features of them."""
+        elsewhere = self._map.surroundings.distance_elsewhere(points, self._excluded)
+        return np.asarray(elsewhere >= OPTIONS.min_distance_elsewhere)
+
+    def _match(self, keyframe: int) -> Matches:
+        artifact = self._map.artifact
+        second = artifact.second
+        if second is None:
+            return Matches.none()
+        span = second.span(keyframe)
+        camera = artifact.camera(keyframe)
+        theirs = PictureFeatures(
+            second.keypoints_px[span], second.descriptors[span], (camera.width, camera.height)
+        )
+        a, b, probability = self._network.match(self._own, theirs)
+        return Matches(
+            points_px=self._own.keypoints_px[a].astype(np.float64),
+            points_in_world=second.points_in_world[span][b].astype(np.float64),
+            sigma_m=second.point_sigma_m[span][b].astype(np.float64),
+            query_rows=a,
+            keyframes=np.full(len(a), keyframe, dtype=np.intp),
+            distances=(1.0 - probability).astype(np.float32),
+            distinct=self._are_distinct(second.points_in_world[span][b].astype(np.float64)),
+        )

@@ -1,0 +1,1 @@
+"""Learned local features and their matcher, by ONNX Runtime."""

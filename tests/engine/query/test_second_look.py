@@ -1,0 +1,83 @@
+"""A frame in which the map's own features find too little is looked at again with XFeat and LighterGlue."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.options import BuildOptions, parse_build_options
+from app.engine.maps.open_map import OpenMap
+from app.engine.progress import NoProgress
+from app.engine.query.localizer import Localizer
+from app.engine.query.settings import LocalizerSettings
+from app.importers.frames import ScanOptions
+from app.importers.registry import open_scan
+from tests.rendered_maps import models
+from tests.scenes import CAMERA, Room, pose_at, scan_files
+
+SEEN_FROM = pose_at(1.5, 1.3, yaw_deg=4.0)
+
+
+def built(folder: Path, room: Room, options: BuildOptions) -> BuiltMap:
+    views = [room.view(pose_at(1.4 + 0.1 * i, 1.3, yaw_deg=-20 + 12 * i)) for i in range(5)]
+    for path, data in scan_files(views).items():
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_bytes(data)
+    scan = open_scan(folder, "tum", ScanOptions(camera=CAMERA))
+    with ThreadPoolExecutor(1) as executor:
+        return build_map(scan, options, models(), executor, NoProgress())
+
+
+@pytest.fixture(scope="module")
+def opened(room: Room, tmp_path_factory: pytest.TempPathFactory) -> OpenMap:
+    """A map whose own features recognise nothing."""
+    made = built(tmp_path_factory.mktemp("scan"), room, parse_build_options({"second_features": True}))
+    arrays = made.artifact.arrays
+    other = np.random.default_rng(0).integers(0, 255, arrays.descriptors.shape).astype(np.uint8)
+    artifact = replace(made.artifact, arrays=replace(arrays, descriptors=other))
+    return OpenMap.of(artifact, made.index, models())
+
+
+def test_what_the_first_look_misses_is_located(opened: OpenMap, room: Room) -> None:
+    picture = room.view(SEEN_FROM).rgb
+    once = Localizer(opened, LocalizerSettings(second_look=False)).localize(picture, CAMERA)
+    assert once.world_from_camera is None
+    found = Localizer(opened).localize(picture, CAMERA)
+    assert found.world_from_camera is not None
+    assert np.linalg.norm(found.world_from_camera.translation - SEEN_FROM.translation) < 0.05
+    assert found.evidence.inliers > 60
+    assert found.hints == ()
+
+
+def test_another_room_is_not_located(opened: OpenMap, foreign_room: Room) -> None:
+    for yaw_deg in (0.0, 90.0, 200.0):
+        found = Localizer(opened).localize(foreign_room.view(pose_at(1.5, 1.3, yaw_deg=yaw_deg)).rgb, CAMERA)
+        assert found.world_from_camera is None
+        assert found.hints
+
+
+def test_a_map_without_second_features_has_no_second_look(opened: OpenMap, room: Room) -> None:
+    bare = OpenMap.of(replace(opened.artifact, second=None), opened.index, models())
+    assert bare.second_look is None
+    assert Localizer(bare).localize(room.view(SEEN_FROM).rgb, CAMERA).world_from_camera is None
+
+
+@pytest.mark.parametrize("options", [{}, {"second_features": True, "store_images": False}], ids=str)
+def test_a_build_keeps_them_only_where_it_is_asked_to(
+    options: dict[str, bool], room: Room, tmp_path: Path
+) -> None:
+    assert built(tmp_path, room, parse_build_options(options)).artifact.second is None
+
+
+def test_a_build_keeps_the_best_of_each_keyframe(opened: OpenMap) -> None:
+    second = opened.artifact.second
+    assert second is not None
+    assert len(second.offsets) == opened.artifact.keyframe_count + 1
+    counts = np.diff(second.offsets)
+    assert counts.min() > 50
+    assert counts.max() <= 400
