@@ -85,11 +85,7 @@ class Limits:
     )
     min_inlier_ratio: float = limit(0.06, "Least inliers over matches.", chosen=CHOSEN)
     min_coverage: float = limit(
-        0.12,
-        "Least share of the image's grid cells that hold inliers.",
-        chosen="By hand: six cells of 48. Of 1,100 poses in two real rooms and in the demonstration building, with a "
-        "floor or corridors left out, and of 366 pictures of other places, 0.12 in place of 0.14 accepts two more "
-        "right ones (RedKitchen) and no wrong one.",
+        0.14, "Least share of the image's grid cells that hold inliers.", chosen=CHOSEN
     )
     min_distinct_share: float = limit(
         0.55, "Least share of the inliers that resemble nothing at another place of the map.", chosen=CHOSEN
