@@ -47,10 +47,10 @@ def map_of(
     )
     names = tuple(f"{i}.png" for i in range(len(poses)))
     return MapArtifact(
-        MapMetadata(
+        metadata=MapMetadata(
             features="sift", descriptor_sha256="", descriptor_size=8, cameras=(CAMERA,), keyframe_names=names
         ),
-        arrays,
+        arrays=arrays,
     )
 
 

@@ -51,7 +51,7 @@ def map_of_views(views: Sequence[View]) -> tuple[MapArtifact, GlobalIndex]:
         keyframe_names=bare.metadata.keyframe_names,
     )
     arrays = replace(arrays, distance_elsewhere=distance, keyframe_elsewhere=keyframe)
-    return MapArtifact(metadata, arrays), GlobalIndex.from_descriptors(described)
+    return MapArtifact(metadata=metadata, arrays=arrays), GlobalIndex.from_descriptors(described)
 
 
 def localizer_of(views: Sequence[View]) -> Localizer:

@@ -21,6 +21,8 @@ PAGES = [ROOT / "README.md", *GUIDES, *FIGURES, ROOT / "docs" / "figures" / "REA
 READMES = [ROOT / "app" / "geometry" / "README.md", ROOT / "training" / "README.md"]
 # Written by scripts of their own, not by commands of `roomfix`.
 NOT_COMMANDS = {"slow-tests", "mutants"}
+# Pages that are not called as their command.
+PAGE_OF = {"unseen": "evaluate-rooms"}
 HEADER = ("command", "commit", "date", "machine")
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
@@ -174,7 +176,7 @@ def header_of(text: str) -> dict[str, str]:
 @pytest.mark.parametrize("path", FIGURES, ids=name_of)
 def test_figures_say_where_they_come_from(path: Path) -> None:
     if path.stem not in NOT_COMMANDS:
-        assert command_group().get_command(None, path.stem) is not None
+        assert command_group().get_command(None, PAGE_OF.get(path.stem, path.stem)) is not None
     head, *sections = re.split(r"^## ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert sections
     # A header above the first section is that of the whole page.

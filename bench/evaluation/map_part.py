@@ -45,8 +45,8 @@ def part_of_map(
     names = tuple(artifact.metadata.keyframe_names[int(keyframe)] for keyframe in keyframes)
     return (
         MapArtifact(
-            replace(artifact.metadata, keyframe_names=names),
-            part,
+            metadata=replace(artifact.metadata, keyframe_names=names),
+            arrays=part,
             second=None if artifact.second is None else artifact.second.take(keyframes.tolist()),
         ),
         GlobalIndex.from_descriptors(index.descriptors[keyframes]),

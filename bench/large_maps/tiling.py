@@ -55,7 +55,9 @@ def tile_map(artifact: MapArtifact, index: GlobalIndex, copies: int, folder: Pat
         )
     GlobalIndex.from_descriptors(tiled).write(folder / "index")
     names = tuple(f"{copy}/{name}" for copy in range(copies) for name in artifact.metadata.keyframe_names)
-    whole = MapArtifact(replace(artifact.metadata, keyframe_names=names), _arrays(artifact, copies, folder))
+    whole = MapArtifact(
+        metadata=replace(artifact.metadata, keyframe_names=names), arrays=_arrays(artifact, copies, folder)
+    )
     with_places(whole).write(folder / "map", file_checksum(folder / "index"))
     for path in folder.glob("array-*"):
         path.unlink()

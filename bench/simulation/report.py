@@ -35,7 +35,8 @@ def write_report(
 ) -> Path:
     """Write the report into a folder and return its page; raises `InvalidInputError` for a folder that can't be."""
     report = Report("Simulated navigation", directory)
-    thesis = ["thesis", *[""] * 4, f"{THESIS_SUCCESS_PERCENT:g}", "", f"{THESIS_MEAN_M:g}", *[""] * 7]
+    thesis = ["thesis", *[""] * 4, f"{THESIS_SUCCESS_PERCENT:g}", "", f"{THESIS_MEAN_M:g}"]
+    thesis += [""] * (len(COLUMNS) - len(thesis))
     table = ReportTable(COLUMNS, [*(row.row() for row in figures), thesis])
     plots = [
         ReportFigure(_plot_success(figures, directory / "success.png"), "Successful navigations by length"),

@@ -165,8 +165,7 @@ def test_an_open_server_answers_every_name_of_loopback(empty: Server, host: str)
     ("origin", "status", "stream_status"),
     [
         ("http://127.0.0.1", 404, 404),
-        # Another page of this machine may read, as far as its browser shows it the answer.
-        ("http://localhost:3000", 404, 403),
+        ("http://localhost:3000", 404, 404),
         ("https://evil.example", 403, 403),
         ("null", 403, 403),
     ],

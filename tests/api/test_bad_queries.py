@@ -67,12 +67,14 @@ def test_no_image_at_all(museum: Server) -> None:
         for request in (
             {"data": {"venue": "museum"}},
             {"data": {"venue": "museum", "image": "a text"}},
-            {"content": b"\xff\xd8", "headers": {"Content-Type": "image/jpeg"}},
             {"json": {"venue": "museum"}},
             {},
         ):
             sentence = assert_problem(museum.client.post("/locate", **request), 422, "invalid_request")
             assert "image" in sentence
+        # The picture itself as the body, but half of it.
+        cut = {"content": b"\xff\xd8", "headers": {"Content-Type": "image/jpeg"}}
+        assert_problem(museum.client.post("/locate", **cut), 415, "unsupported_image")
 
 
 def test_a_broken_form_is_refused(museum: Server) -> None:

@@ -181,7 +181,7 @@ def test_an_image_without_anything_in_it_is_poor(museum: Server, value: int) -> 
     assert (result["located"], result["reason"], result["pose"]) == (False, "poor_image", None)
     light = {0: "more_light", 255: "less_light", 128: "step_back"}
     assert result["hints"][0] == light[value]
-    assert result["hints"][-1] == "send_camera"
+    assert result["hints"][-1] == "look_elsewhere"
 
 
 def test_another_place_is_not_located(museum: Server, foreign_room: Room, queries: list[View]) -> None:

@@ -19,15 +19,15 @@ def test_pictures_are_located_in_a_map_without_depth(museum: Server) -> None:
         room.view(pose_at(1.2 + 0.1 * (i % 5), 0.7 + 0.12 * i, 1.4 + 0.05 * (i % 3), 3.0 * (i % 4) - 6))
         for i in range(14)
     ]
-    museum.add_venue("annex")
-    build = museum.build(without_depth(views), "annex")
+    museum.add_venue("annex-without-depth")
+    build = museum.build(without_depth(views), "annex-without-depth")
     assert build["state"] == "succeeded", build
     report = build["report"]
     assert any("triangulated" in note for note in report["notes"])
     assert report["examination"]["verdict"] == "confirmed"
     for y, yaw_deg in ((1.0, 2.0), (1.5, -3.0)):
         asked = room.view(pose_at(1.45, y, 1.43, yaw_deg))
-        answer = museum.locate(encode(asked.rgb, ".png"), venue="annex", camera=CAMERA_TEXT)
+        answer = museum.locate(encode(asked.rgb, ".png"), venue="annex-without-depth", camera=CAMERA_TEXT)
         assert answer["located"], answer["reason"]
         position_m, attitude_deg = pose_errors(answer, asked.world_from_camera)
         assert position_m < 0.02

@@ -104,14 +104,14 @@ def test_serve_https_is_trusted_by_its_authority_and_by_nothing_else(tmp_path: P
 
 def test_a_server_without_https_has_no_authority(tmp_path: Path) -> None:
     settings = Settings(_env_file=None, data_dir=tmp_path, open=True, run_worker=False)
-    with TestClient(create_app(settings, NoRunner())) as client:
+    with TestClient(create_app(settings, NoRunner()), base_url="http://127.0.0.1:8000") as client:
         assert client.get("/assets/addresses").json() == {"https": None}
         assert client.get("/ca.crt").status_code == 404
 
 
 def test_codes_for_pages_hold_any_text(tmp_path: Path) -> None:
     settings = Settings(_env_file=None, data_dir=tmp_path, open=True, run_worker=False)
-    with TestClient(create_app(settings, NoRunner())) as client:
+    with TestClient(create_app(settings, NoRunner()), base_url="http://127.0.0.1:8000") as client:
         answer = client.get("/assets/qr.svg", params={"text": '<script>alert("ä")</script>'})
         assert answer.headers["content-type"] == "image/svg+xml"
         assert answer.headers["content-security-policy"] == "default-src 'none'"

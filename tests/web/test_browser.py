@@ -160,7 +160,7 @@ def test_events_are_read_whatever_the_pieces_they_come_in(server: Server, tab: T
 
 def test_the_api_page_works_without_any_other_host(server: Server, tab: Tab) -> None:
     tab.open(f"{server.url}/docs")
-    playwright.expect(tab.page.locator("#operations-locate-locate_locate_post")).to_be_visible()
+    playwright.expect(tab.page.locator("#operations-locate-locateImage")).to_be_visible()
     playwright.expect(tab.page.locator("body")).not_to_contain_text("Unable to render")
 
 

@@ -271,6 +271,7 @@ def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:
     page = studio.page
     visit(page, "Draw")
     before = len(server.client.get("/venues/house/floors/0/features").json()["features"])
+    playwright.expect(page.locator("#board")).to_contain_text("Hall")
     page.get_by_role("button", name="Landmark", exact=True).focus()
     page.keyboard.press("Enter")
     board = page.locator("#board")

@@ -26,7 +26,7 @@ class NameOptions:
         chosen="By hand: shorter names (x, fx, px) stand in descriptions as parts of formulas.",
     )
     max_reported_names: int = limit(
-        3,
+        2,
         "Largest number of unknown names that an answer lists.",
         chosen="By hand: with the names that are known beside each, the sentence stays below 500 characters.",
     )

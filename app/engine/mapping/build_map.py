@@ -107,8 +107,7 @@ def build_map(
     refines = options.refine_depth or not source.has_depth
     support = supporting_rows(poses, rule, selected) if refines else []
     clock.lap("select")
-    chosen = sorted({*selected, *support})
-    keyframe_rows = set(selected)
+    chosen, keyframe_rows = sorted({*selected, *support}), set(selected)
 
     def describe(row: int) -> _Described:
         return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
@@ -312,7 +311,7 @@ def _pack(
         z_up=z_up,
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
-    return MapArtifact(metadata, arrays), index, [row for row, _ in kept]
+    return MapArtifact(metadata=metadata, arrays=arrays), index, [row for row, _ in kept]
 
 
 def _stack_descriptors(features: Sequence[LocalFeatures]) -> NDArray[np.uint8] | NDArray[np.float16]:

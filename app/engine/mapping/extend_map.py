@@ -57,9 +57,9 @@ def join_maps(
         z_up=z_up,
     )
     global_descriptors = np.concatenate([old_index.descriptors, new_index.descriptors])
-    return MapArtifact(metadata, arrays, second=_second(old, new)), GlobalIndex.from_descriptors(
-        global_descriptors
-    )
+    return MapArtifact(
+        metadata=metadata, arrays=arrays, second=_second(old, new)
+    ), GlobalIndex.from_descriptors(global_descriptors)
 
 
 def _second(old: MapArtifact, new: MapArtifact) -> SecondFeatures | None:

@@ -97,7 +97,7 @@ LARGE = frozenset(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MapArtifact:
     """A map in memory or memory-mapped; immutable.
 
@@ -183,12 +183,12 @@ class MapArtifact:
                 name.removeprefix(SECOND): arrays.pop(name) for name in [*arrays] if name.startswith(SECOND)
             }
             return MapArtifact(
-                _metadata_from_json(packed.metadata),
-                MapArrays(**arrays),
-                places,
-                packed.checker,
-                packed.metadata.get("index_checksum"),
-                SecondFeatures(**second) if second else None,
+                metadata=_metadata_from_json(packed.metadata),
+                arrays=MapArrays(**arrays),
+                places=places,
+                checker=packed.checker,
+                index_checksum=packed.metadata.get("index_checksum"),
+                second=SecondFeatures(**second) if second else None,
             )
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise MapDamagedError(f"{path.name} is not a map artefact ({error}).") from error

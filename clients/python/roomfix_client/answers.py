@@ -72,6 +72,13 @@ class Keyframe(TypedDict):
     inliers: int
 
 
+class ShownMatches(TypedDict):
+    """Matches that agree with the pose: u, v of the image, then u, v of the keyframe's picture."""
+
+    keyframe: int
+    pairs: list[list[float]]
+
+
 class LocateResult(TypedDict):
     """Where the camera is, or the reason why that can't be said."""
 
@@ -98,6 +105,7 @@ class LocateResult(TypedDict):
     axes: str
     session_from_world: Pose | None
     hints: list[str]
+    shown_matches: ShownMatches | None
 
 
 class TrajectoryPoint(TypedDict):

@@ -58,6 +58,12 @@ export interface Keyframe {
   inliers: number;
 }
 
+/** Matches that agree with the pose: u, v of the image, then u, v of the keyframe's picture. */
+export interface ShownMatches {
+  keyframe: number;
+  pairs: number[][];
+}
+
 /** Where the camera is, or the reason why that can't be said. */
 export interface LocateResult {
   located: boolean;
@@ -83,6 +89,7 @@ export interface LocateResult {
   axes: Axes;
   session_from_world: Pose | null;
   hints: string[];
+  shown_matches: ShownMatches | null;
 }
 
 /** One frame of a trajectory. */

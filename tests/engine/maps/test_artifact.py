@@ -48,14 +48,14 @@ def make_map(features: tuple[int, ...] = (5, 0, 7), dtype: type = np.uint8, widt
     )
     names = tuple(f"rgb/bild № {i}.png" for i in range(len(features)))
     return MapArtifact(
-        MapMetadata(
+        metadata=MapMetadata(
             features="orb",
             descriptor_sha256="ab" * 32,
             descriptor_size=4096,
             cameras=cameras,
             keyframe_names=names,
         ),
-        arrays,
+        arrays=arrays,
     )
 
 

@@ -46,7 +46,7 @@ def retrieval_of(z_up: bool) -> Retrieval:
     )
     names = tuple(str(i) for i in range(count))
     artifact = MapArtifact(
-        MapMetadata(
+        metadata=MapMetadata(
             features="sift",
             descriptor_sha256="0" * 64,
             descriptor_size=64,
@@ -54,7 +54,7 @@ def retrieval_of(z_up: bool) -> Retrieval:
             keyframe_names=names,
             z_up=z_up,
         ),
-        arrays,
+        arrays=arrays,
     )
     return Retrieval(artifact, GlobalIndex.from_descriptors(descriptors.astype(np.float32)))
 

@@ -98,7 +98,7 @@ export class Scans {
       unknown: "The pictures share too little to examine the scan.",
     };
     if (examined) lines.push(verdicts[examined.verdict] ?? "");
-    const repairs = (report.repairs ?? []).map((repair) => notice("good", `Repaired: ${repair.sentence ?? JSON.stringify(repair)}`));
+    const repairs = report.repaired ? [notice("good", `Repaired: ${report.repaired}`)] : [];
     const warnings = (report.warnings ?? []).map((words) => notice("info", words));
     const title = el("h2", {}, `Report on version ${build.map_version}`);
     place.replaceChildren(el("section", { class: "card" }, title, ...lines.map((line) => el("p", {}, line)), ...repairs, ...warnings));
