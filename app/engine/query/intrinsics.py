@@ -51,8 +51,14 @@ class IntrinsicsCheckOptions:
     )
     unverified_confidence: float = limit(
         0.85,
-        "Largest confidence of an answer whose camera its matches don't verify.",
+        "Largest confidence of an answer whose stated camera its matches don't verify, or contradict.",
         chosen="By hand: below 0.9, where an answer counts as sure, and above the least confidence of an answer.",
+    )
+    max_refined_log: float = limit(
+        0.92,
+        "Largest change of the focal length's logarithm that refining may make.",
+        chosen="By hand: a factor of 2.5, beyond any zoom of a picture that still shows its room. Of flat scenes a "
+        "longer focal length from farther away shows the same.",
     )
     rounds: int = limit(4, "Most rounds of refining a doubted camera.", chosen=ON_ZOOMED)
     search_log: float = limit(
@@ -144,7 +150,7 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
         camera=camera,
         best=best,
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
-        max_confidence=_max_confidence(fit),
+        max_confidence=OPTIONS.unverified_confidence if is_doubted else _max_confidence(fit),
         is_contradicted=is_doubted,
     )
 
@@ -181,6 +187,8 @@ def _refined(
     for candidate, pose in _starts(best, camera, fit, search):
         tried, prior = candidate, pose
         for _ in range(OPTIONS.rounds):
+            if abs(np.log(tried.focal_px / camera.focal_px)) > OPTIONS.max_refined_log:
+                break
             again = estimate(best.matches, tried, prior)
             if again is None:
                 break
@@ -188,12 +196,11 @@ def _refined(
             if found is not None and hypothesis.inliers.feature_count <= found.best.inliers.feature_count:
                 break
             next_fit = _fit(hypothesis, tried)
-            uncertainty, confidence = _uncertainty(hypothesis, next_fit), _max_confidence(next_fit)
             found = CheckedCamera(
                 camera=tried,
                 best=hypothesis,
-                systematic=uncertainty,
-                max_confidence=confidence,
+                systematic=_uncertainty(hypothesis, next_fit),
+                max_confidence=OPTIONS.unverified_confidence,
                 is_refined=True,
             )
             if next_fit is None:
