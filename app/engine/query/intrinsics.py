@@ -11,6 +11,7 @@ from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
 from app.geometry.camera import Camera
+from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
 from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
@@ -47,6 +48,12 @@ class IntrinsicsCheckOptions:
     unverified_sigma: float = limit(
         0.05,
         "Relative sigma of the focal length by the matches above which they don't verify a camera at all.",
+        chosen=ON_ZOOMED,
+    )
+    min_depth_spread: float = limit(
+        0.1,
+        "Spread of the inliers' depths (1.4826 times the median absolute deviation, over the median) below which they "
+        "don't verify a camera: of a flat scene, a longer focal length shows the same as a nearer place.",
         chosen=ON_ZOOMED,
     )
     unverified_confidence: float = limit(
@@ -150,9 +157,18 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
         camera=camera,
         best=best,
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
-        max_confidence=OPTIONS.unverified_confidence if is_doubted else _max_confidence(fit),
+        max_confidence=OPTIONS.unverified_confidence
+        if is_doubted or _is_flat(best)
+        else _max_confidence(fit),
         is_contradicted=is_doubted,
     )
+
+
+def _is_flat(best: Hypothesis) -> bool:
+    """Return whether the inliers of a pose are nearly all at one depth."""
+    depths = (best.inliers.points_in_world - best.pose.translation) @ best.pose.rotation[:, 2]
+    middle = float(np.median(depths))
+    return SIGMA_PER_MAD * float(np.median(np.abs(depths - middle))) < OPTIONS.min_depth_spread * middle
 
 
 def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
