@@ -84,7 +84,7 @@ class IntrinsicsCheckOptions:
         chosen=ON_ZOOMED,
     )
     confirmed_log: float = limit(
-        0.01,
+        0.005,
         "Change of the focal length's logarithm up to which matches confirm a camera: inliers of the stated one show "
         "only part of what another camera would change.",
         chosen=ON_ZOOMED,
