@@ -15,9 +15,12 @@ from app.commands.console import console
 from app.commands.https import print_phone_access
 from app.commands.serve import ALL_ADDRESSES, phone_access, run_server, server_options
 from app.main import create_app
+from app.services.keys.key_service import OPTIONS, key_service
 from app.settings import Settings
 
 STARTED_POLL_S = 0.05
+# The longest life that a token may have.
+TOKEN_LIFE_S = OPTIONS.max_token_expiry_s
 AsgiApp = Callable[[Any, Any, Any], Awaitable[None]]
 
 
@@ -37,10 +40,11 @@ class WithKey:
         await self._app(scope, receive, send)
 
 
-def run_for_phones(settings: Settings, https_port: int, path: str) -> None:
+def run_for_phones(settings: Settings, https_port: int, path: str, venue: str) -> None:
     """Serve open on the settings' loopback address, and by https on all addresses with a key made for this run.
 
-    Prints the QR code of `path` with that key. Without a free port for https only loopback is served.
+    Prints the QR code of `path` with a token that may locate in the venue. Without a free port for https only loopback
+    is served.
     """
     if not _is_free(https_port):
         console.print(
@@ -53,10 +57,16 @@ def run_for_phones(settings: Settings, https_port: int, path: str) -> None:
     for_phones = Settings(**{**settings.model_dump(), **keyed})
     access, certificate = phone_access(for_phones)
     app = create_app(for_phones, access=access)
-    print_phone_access(access, f"{path}#token={key}")
+    print_phone_access(access, f"{path}#token={phone_token(for_phones, key, venue)}")
     local = uvicorn.Server(uvicorn.Config(OpenHostMiddleware(WithKey(app, key)), **server_options(settings)))
     phones = uvicorn.Server(uvicorn.Config(app, lifespan="off", **server_options(for_phones, certificate)))
     asyncio.run(_serve(local, phones))
+
+
+def phone_token(settings: Settings, key: str, venue: str) -> str:
+    """Return a token for the phones of a day, which may locate in one venue and nothing else; `key` vouches for it."""
+    with key_service(settings) as keys:
+        return keys.create_token(keys.identify(key), venue, TOKEN_LIFE_S).text
 
 
 async def _serve(local: uvicorn.Server, phones: uvicorn.Server) -> None:

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 DEFAULT_DIR = Path(".roomfix/demo")
 QUERIES = 12
-PHONE_PATH = "go/demo"
+PHONE_VENUE = "demo"
+PHONE_PATH = f"go/{PHONE_VENUE}"
 
 
 def demo(
@@ -59,7 +60,7 @@ def demo(
     if not prepare_only:
         log_to_stderr()
         if phones:
-            run_for_phones(settings, https_port, PHONE_PATH)
+            run_for_phones(settings, https_port, PHONE_PATH, PHONE_VENUE)
         else:
             run_server(settings)
 

@@ -21,7 +21,7 @@ from fastapi.testclient import TestClient
 
 from app.commands.https import make_certificate, own_names, qr_text
 from app.commands.serve import check_access
-from app.commands.serve_phones import WithKey
+from app.commands.serve_phones import WithKey, phone_token
 from app.jobs.runner import NoRunner
 from app.main import create_app
 from app.settings import Settings
@@ -134,3 +134,22 @@ def test_the_door_of_this_machine_needs_no_key_and_the_other_one_does(tmp_path: 
         assert_problem(
             local.get("/venues", headers={"Authorization": "Bearer wrong"}), 401, "unauthenticated"
         )
+
+
+def test_the_code_for_phones_lets_them_locate_and_nothing_else(tmp_path: Path) -> None:
+    settings = Settings(_env_file=None, data_dir=tmp_path, admin_key="secret", run_worker=False)
+    with TestClient(create_app(settings, NoRunner())) as client:
+        admin = {"Authorization": "Bearer secret"}
+        for venue in ("museum", "hotel"):
+            body = {"id": venue, "name": venue}
+            assert client.post("/venues", json=body, headers=admin).status_code == 201
+        phone = {"Authorization": f"Bearer {phone_token(settings, 'secret', 'museum')}"}
+        assert client.get("/venues/museum", headers=phone).status_code == 200
+        assert client.post("/sessions", json={"venue": "museum"}, headers=phone).status_code == 201
+        for answer in (
+            client.get("/venues/hotel", headers=phone),
+            client.delete("/venues/museum", headers=phone),
+            client.post("/tokens", json={"venue": "museum"}, headers=phone),
+            client.get("/keys", headers=phone),
+        ):
+            assert answer.status_code == 403
