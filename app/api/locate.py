@@ -9,6 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.earth import GEOPOSE, GeoPoseBody
 from app.api.deps import CallerOf, State, require
 from app.api.requests.axes import (
     DEVICE_POSE_IN_WORDS,
@@ -22,6 +23,7 @@ from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.schemas import CameraBody, PoseBody, problems
+from app.engine.floors.earth import GeoPoseReason
 from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
 from app.engine.query.shown_matches import ShownMatches
@@ -71,6 +73,8 @@ EXAMPLE: dict[str, Any] = {
     "anchors": [],
     "vertical": None,
     "hints": [],
+    "geopose": GEOPOSE,
+    "geopose_reason": None,
 }
 
 
@@ -159,6 +163,14 @@ class LocateResultBody(BaseModel):
     )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
     shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
+    geopose: GeoPoseBody | None = Field(
+        None, description="The camera on Earth, where the venue has an origin"
+    )
+    geopose_reason: GeoPoseReason | None = Field(
+        None,
+        description="Why a located camera has no geopose: the venue has no origin, the map's z axis isn't known to "
+        "point up, or it isn't known how the plan of the origin's floor lies in the world",
+    )
 
 
 @router.post("/locate", name="locateImage", responses=problems(401, 404, 413, 415, 422, 503))
@@ -253,6 +265,8 @@ def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultB
         session_from_world=None if session_from_world is None else PoseBody.of(session_from_world),
         hints=list(result.hints),
         shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
+        geopose=None if result.geopose is None else GeoPoseBody.of(result.geopose),
+        geopose_reason=result.geopose_reason,
     )
 
 

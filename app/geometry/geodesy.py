@@ -16,16 +16,18 @@ INVERSE_STEPS = 6
 LATITUDE_STEPS = 8
 
 
-def east_north_from_geodetic(points_deg: ArrayLike, origin_deg: ArrayLike) -> Array:
+def east_north_from_geodetic(points_deg: ArrayLike, origin_deg: ArrayLike, height_m: float = 0.0) -> Array:
     """Return metres east and north (n, 2) of an origin for longitudes and latitudes (n, 2) in degrees.
 
-    The plane is tangent to the WGS 84 ellipsoid at the origin; heights are zero. Within 10 km the error of a distance
-    is about a millimetre per kilometre. Source: geodetic to earth-centred to local coordinates, textbook.
+    All of them lie `height_m` above the WGS 84 ellipsoid; the plane is tangent to that surface at the origin. Within
+    10 km the error of a distance is about a millimetre per kilometre. Source: geodetic to earth-centred to local
+    coordinates, textbook.
     """
     points = np.radians(np.asarray(points_deg, dtype=np.float64).reshape(-1, 2))
     origin = np.radians(np.asarray(origin_deg, dtype=np.float64).reshape(1, 2))
-    moved = _earth_centred(points) - _earth_centred(origin)
-    east, north, _ = enu_from_earth(*np.degrees(origin[0]))
+    moved = _earth_centred(points, height_m) - _earth_centred(origin, height_m)
+    longitude_deg, latitude_deg = np.asarray(origin_deg, dtype=np.float64).reshape(2)
+    east, north, _ = enu_from_earth(longitude_deg, latitude_deg)
     return np.asarray(np.column_stack([moved @ east, moved @ north]))
 
 

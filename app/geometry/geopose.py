@@ -52,8 +52,8 @@ class GeoPose:
 
 
 def geopose_of(enu_from_camera: Pose, origin: ArrayLike) -> GeoPose:
-    """Return the GeoPose of a camera (x right, y down, z forward) whose pose is known in metres east, north and up of an
-    origin (longitude, latitude, height).
+    """Return the GeoPose of a camera (x right, y down, z forward) whose pose is known in metres east, north and up of
+    an origin (longitude, latitude, height).
 
     East, north and up at the camera differ from those at the origin by the curvature of Earth, a hundredth of a degree
     in a kilometre.

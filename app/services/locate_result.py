@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from app.engine.anchors.locator import AnchorLocalization
 from app.engine.anchors.place_on_floor import place_on_floor
+from app.engine.floors.earth import Earth, GeoPoseReason, geopose_in
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera
@@ -19,6 +20,7 @@ from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
+from app.geometry.geopose import GeoPose
 from app.geometry.se3 import Pose
 from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
@@ -53,7 +55,8 @@ class LocateResult:
     `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
     was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
     plan position: `up_unknown`, while the map's z axis is not known to point up. `hints` say what would help a picture
-    that is not located.
+    that is not located. `geopose` is where on Earth the camera is, `geopose_reason` why that is not known of a located
+    one.
     """
 
     venue: str
@@ -77,6 +80,8 @@ class LocateResult:
     vertical: Vertical | None = None
     hints: tuple[Hint, ...] = ()
     shown_matches: ShownMatches | None = None
+    geopose: GeoPose | None = None
+    geopose_reason: GeoPoseReason | None = None
 
 
 def map_result(
@@ -159,3 +164,14 @@ def anchor_result(venue: str, found: AnchorLocalization, floors: list[Floor], ca
         anchors=found.anchors if located else (),
         vertical=found.vertical if located else None,
     )
+
+
+def on_earth(result: LocateResult, earth: Earth | None) -> LocateResult:
+    """Return a result that says where on Earth the camera is, or why not."""
+    geopose, reason = geopose_in(
+        earth,
+        result.world_from_camera,
+        is_located=result.reason is None,
+        is_up_known=result.plan_reason != "up_unknown",
+    )
+    return replace(result, geopose=geopose, geopose_reason=reason)

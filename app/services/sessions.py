@@ -36,6 +36,7 @@ from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
 from app.services.localizers import localizer_on
+from app.services.locate_result import on_earth
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
@@ -53,7 +54,7 @@ from app.storage.sessions import (
     list_points,
     record_frame,
 )
-from app.storage.venues import get_venue
+from app.storage.venues import earth_of, get_venue
 from app.vision.images import Rgb, decode_image
 
 
@@ -229,6 +230,7 @@ class SessionService:
         )
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
+            earth = earth_of(connection, session.venue_id, floors)
         tracker, before = live.tracker, live.tracker.memory
         time_s = time.time() if frame.time_s is None else frame.time_s
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
@@ -255,6 +257,7 @@ class SessionService:
             **_camera_of(session, camera or tracker.camera),
             timings_ms={**timer.milliseconds, "total": timer.total_ms},
         )
+        result = on_earth(result, earth)
         guidance = self._guide.guidance(
             live.way,
             session.venue_id,

@@ -50,7 +50,9 @@ def test_geodetic_positions_of_known_earth_centred_points():
     assert pole == pytest.approx([0.0, pole_m + 7.0, -SEMI_MAJOR_AXIS_M], abs=1e-6)
 
 
-@pytest.mark.parametrize("origin", [(-2.978, 56.46, 12.0), (139.7, -33.0, 900.0), (10, 0, -40), (25, 88.9, 0)])
+@pytest.mark.parametrize(
+    "origin", [(-2.978, 56.46, 12.0), (139.7, -33.0, 900.0), (10, 0, -40), (25, 88.9, 0)]
+)
 def test_enu_and_geodetic_are_inverse(origin):
     points = np.random.default_rng(7).uniform(-5000, 5000, (50, 3))
     back = enu_from_geodetic(geodetic_from_enu(points, origin), origin)

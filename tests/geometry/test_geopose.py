@@ -23,9 +23,9 @@ def angles(rotation: np.ndarray) -> tuple[float, float, float]:
 
 
 def test_the_body_of_a_camera_is_forward_left_up() -> None:
-    assert CAMERA_FROM_BODY @ EAST == pytest.approx(np.array([0, 0, 1]))
-    assert CAMERA_FROM_BODY @ NORTH == pytest.approx(np.array([-1, 0, 0]))
-    assert CAMERA_FROM_BODY @ UP == pytest.approx(np.array([0, -1, 0]))
+    assert pytest.approx(np.array([0, 0, 1])) == CAMERA_FROM_BODY @ EAST
+    assert pytest.approx(np.array([-1, 0, 0])) == CAMERA_FROM_BODY @ NORTH
+    assert pytest.approx(np.array([0, -1, 0])) == CAMERA_FROM_BODY @ UP
 
 
 def test_angles_in_words() -> None:
@@ -44,7 +44,9 @@ def test_quaternion_and_angles_are_one_rotation() -> None:
         pose = geopose_of(random_pose(rng), ORIGIN)
         yaw, pitch, roll = np.radians(pose.yaw_pitch_roll_deg)
         turned = (
-            rotation_from_vector(yaw * UP) @ rotation_from_vector(pitch * NORTH) @ rotation_from_vector(roll * EAST)
+            rotation_from_vector(yaw * UP)
+            @ rotation_from_vector(pitch * NORTH)
+            @ rotation_from_vector(roll * EAST)
         )
         assert turned == pytest.approx(pose.enu_from_body, abs=1e-9)
         assert rotation_from_quaternion(*pose.quaternion) == pytest.approx(pose.enu_from_body, abs=1e-9)

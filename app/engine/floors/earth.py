@@ -72,7 +72,8 @@ class Earth:
         plan = PlanTransform(own.plan_from_world)
         turn = self.origin.enu_from_plan
         enu_from_camera = Pose(
-            turn @ plan.rotation @ world_from_camera.rotation, turn @ plan.apply(world_from_camera.translation)
+            turn @ plan.rotation @ world_from_camera.rotation,
+            turn @ plan.apply(world_from_camera.translation),
         )
         return geopose_of(enu_from_camera, self.origin.geodetic)
 
@@ -108,6 +109,7 @@ class Earth:
             "latitude": self.origin.latitude,
             # East lies as far counter-clockwise from plan x as plan y lies clockwise from north.
             "rotation_deg": round(self.origin.heading_deg + turn_deg, 9),
+            "height_m": self.origin.height_m,
             "plan": [x, y],
         }
 
@@ -117,8 +119,8 @@ def geopose_in(
 ) -> tuple[GeoPose | None, GeoPoseReason | None]:
     """Return where on Earth an answer's camera is, or the reason why a located camera has no such pose.
 
-    `no_origin`: the venue has none. `up_unknown`: the map's z axis is not known to point up. `plan_unknown`: the pose is
-    known on a plan alone, or the origin's floor has no `plan_from_world`.
+    `no_origin`: the venue has none. `up_unknown`: the map's z axis is not known to point up. `plan_unknown`: the pose
+    is known on a plan alone, or the origin's floor has no `plan_from_world`.
     """
     if not is_located:
         return None, None
