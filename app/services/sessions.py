@@ -248,16 +248,14 @@ class SessionService:
             tracker.forget(before)
             raise
         live.frames, live.recent = point.frame, [*live.recent, point][-OPTIONS.recent_points :]
-        result = result_of(session, tracked, floor, plan)
-        result = replace(
-            result,
+        answer = replace(
+            result_of(session, tracked, floor, plan),
             plan_reason="up_unknown" if lacks_up(tracked, serving) else None,
             map_version=None if serving is None else serving[1].version,
             # What was given is answered as it was given.
             **_camera_of(session, camera or tracker.camera),
             timings_ms={**timer.milliseconds, "total": timer.total_ms},
         )
-        result = on_earth(result, earth)
         guidance = self._guide.guidance(
             live.way,
             session.venue_id,
@@ -269,7 +267,7 @@ class SessionService:
             time_s,
         )
         return SessionResult(
-            result=result,
+            result=on_earth(answer, earth),
             session=session.id,
             frame=point.frame,
             tracking=tracked.state,

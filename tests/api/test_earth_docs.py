@@ -20,9 +20,9 @@ from tests.server import Server
 
 PAGE = Path(__file__).parents[2] / "docs" / "where-on-earth.md"
 TEXT = PAGE.read_text(encoding="utf-8")
-PRINTED: dict[str, Any] = {
-    name: json.loads(block) for name, block in re.findall(r"```json (\w+)\n(.*?)```", TEXT, re.DOTALL)
-}
+NAMES = ("plan_from_world", "pose", "geopose", "features")
+BLOCKS = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", TEXT, re.DOTALL)]
+PRINTED: dict[str, Any] = dict(zip(NAMES, BLOCKS, strict=False))
 CALLS = [shlex.split(block) for block in re.findall(r"^```sh\n(curl.*?)```", TEXT, re.DOTALL | re.MULTILINE)]
 
 
