@@ -141,7 +141,7 @@ def estimate_pose_lo_ransac(
     Raises `InvalidInputError` for numbers that are not finite. Source: LO-RANSAC as in PoseLib; minimizes C
     eq. 5.1.2.
     """
-    view, bundle = poselib_camera(camera), _bundle_options(loss_scale_px)
+    view, bundle = poselib_camera(camera), bundle_options(loss_scale_px)
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
     if len(pixels) < MIN_POINTS:
         return None
@@ -152,7 +152,7 @@ def estimate_pose_lo_ransac(
         "progressive_sampling": sorted_by_quality,
         "seed": seed,
     }
-    start = None if prior is None else _poselib_pose(prior)
+    start = None if prior is None else poselib_pose(prior)
     found, info = poselib.estimate_absolute_pose(pixels, points, view, ransac, bundle, start)
     if info["num_inliers"] < MIN_POINTS:
         return None
@@ -323,11 +323,13 @@ def poselib_camera(camera: Camera) -> poselib.Camera:
     return poselib.Camera(camera.model, camera.params, camera.width, camera.height)
 
 
-def _bundle_options(loss_scale_px: float) -> dict[str, Any]:
+def bundle_options(loss_scale_px: float) -> dict[str, Any]:
+    """Return PoseLib's options for a refinement with the Cauchy loss."""
     return {"loss_type": "CAUCHY", "loss_scale": loss_scale_px, "max_iterations": OPTIONS.poselib_steps}
 
 
-def _poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
+def poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
+    """Return `camera_from_world` for PoseLib."""
     camera_from_world = world_from_camera.inverse()
     x, y, z, w = quaternion_from_rotation(camera_from_world.rotation)
     pose = poselib.CameraPose()
