@@ -124,7 +124,7 @@ class ShownMatchesBody(BaseModel):
         return ShownMatchesBody(keyframe=shown.keyframe, pairs=pairs.tolist())
 
 
-class FrameBody(BaseModel):
+class FrameSupportBody(BaseModel):
     """The support of the pose by one frame of a query that has several."""
 
     inliers: int
@@ -173,7 +173,7 @@ class LocateResultBody(BaseModel):
     )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
     shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
-    frames: list[FrameBody] = Field(
+    frames: list[FrameSupportBody] = Field(
         [], description="How each frame of a query with images supports the pose, image first"
     )
 
@@ -279,7 +279,7 @@ def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultB
         session_from_world=None if session_from_world is None else PoseBody.of(session_from_world),
         hints=list(result.hints),
         shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
-        frames=[FrameBody(inliers=each.inliers, matches=each.matches) for each in result.frames],
+        frames=[FrameSupportBody(inliers=each.inliers, matches=each.matches) for each in result.frames],
     )
 
 
