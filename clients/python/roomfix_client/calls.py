@@ -52,7 +52,7 @@ def picture_bytes(picture: Picture) -> bytes:
 
 
 def form(fields: Mapping[str, Any]) -> dict[str, str]:
-    """Return the fields of a form: None is left out, numbers are joined by commas, objects, `motion`, `cameras` JSON."""
+    """Return the fields of a form: None is left out, numbers are joined by commas, all else is JSON."""
     return {
         name: json.dumps(list(value))
         if name in LISTS and not isinstance(value, str | Mapping)
