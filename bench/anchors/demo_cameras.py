@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -66,6 +67,8 @@ class FreshFrames:
         self._thread.join()
 
     def _push(self) -> None:
+        # A line for each frame would hide what the server logs.
+        logging.getLogger("httpx").setLevel(logging.WARNING)
         frames = [pair.monitor.read_bytes() for pair in self._pairs]
         with httpx.Client(base_url=self._server, timeout=TIMEOUT_S) as client:
             while not self._stop.wait(self._every_s):

@@ -182,7 +182,7 @@ def _print_camera_to_try(settings: Settings, pair: MonitorPair) -> None:
     console.print(
         f"curl -s {_address(settings)}/locate -F venue=demo -F method=anchor "
         f"-F camera={_numbers(pictured.phone_camera.params)} "
-        f"-F gravity={_numbers(tuple(pictured.gravity_in_phone.round(4)))} -F image=@{pair.phone}",
+        f"-F gravity={_numbers(tuple(pictured.gravity_in_phone.round(4) + 0.0))} -F image=@{pair.phone}",
         soft_wrap=True,
         highlight=False,
     )
