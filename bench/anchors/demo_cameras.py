@@ -58,6 +58,11 @@ class FreshFrames:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._push, name="demonstration cameras", daemon=True)
 
+    @property
+    def is_running(self) -> bool:
+        """Whether frames are being pushed."""
+        return self._thread.is_alive()
+
     def __enter__(self) -> FreshFrames:
         self._thread.start()
         return self
