@@ -42,7 +42,23 @@ class BuildEventsOptions:
 OPTIONS = BuildEventsOptions()
 EVENTS: dict[str, Any] = {
     "description": "Events named build, whose data is the build as getBuild answers it",
-    "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    # OpenAPI 3.1 describes a stream by the schema of one event.
+    "content": {
+        "text/event-stream": {
+            "schema": {
+                "type": "object",
+                "properties": {
+                    "event": {"type": "string", "const": "build"},
+                    "data": {
+                        "type": "string",
+                        "contentMediaType": "application/json",
+                        "contentSchema": {"$ref": "#/components/schemas/BuildBody"},
+                    },
+                },
+                "required": ["event", "data"],
+            }
+        }
+    },
 }
 
 

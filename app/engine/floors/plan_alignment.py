@@ -47,6 +47,9 @@ def parse_plan_from_world(value: object, height_m: float | None = None) -> PlanA
         return None
     if isinstance(value, Mapping):
         return _fit(value.get("correspondences"), height_m)
+    rows = value if isinstance(value, list) else []
+    if any(isinstance(cell, bool | str) for row in rows if isinstance(row, list) for cell in row):
+        raise InvalidInputError("plan_from_world must be a 4x4 matrix of numbers.")
     try:
         matrix = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
