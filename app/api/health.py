@@ -135,7 +135,7 @@ def _maps(state: AppState) -> str:
     name="getMetrics",
     response_class=Response,
     dependencies=[Depends(require("admin"))],
-    responses=problems(401),
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **problems(401)},
 )
 def metrics(state: State, caller: CallerOf) -> Response:
     """Return metrics in Prometheus's text format; they are of all venues."""
