@@ -42,6 +42,7 @@ from app.api.openapi import install_openapi, operation_id
 from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect
+from app.geometry.estimators.chosen import ESTIMATORS
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.limits import limit
@@ -52,6 +53,7 @@ from app.storage.venues import list_venues
 from app.web.pages import install_pages
 from app.web.phones import PhoneAccess
 
+log = logging.getLogger("roomfix")
 DESCRIPTION = (
     "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
 )
@@ -89,8 +91,10 @@ def create_app(
         resources = Resources.open(settings)
         # The models are opened before the first query has to wait for them.
         resources.models.extractor("sift")
-        logging.getLogger("roomfix").info(
-            "global descriptor %s", resources.models.global_descriptor.sha256[:12]
+        log.info(
+            "global descriptor %s, poses by %s",
+            resources.models.global_descriptor.sha256[:12],
+            ESTIMATORS.name,
         )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         services = wire_services(resources)
