@@ -12,7 +12,6 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
-from starlette.middleware.gzip import GZipMiddleware
 
 from app.api import (
     anchors,
@@ -37,11 +36,12 @@ from app.api.executor import BoundedExecutor
 from app.api.maps import versions as map_versions
 from app.api.maps import views as map_views
 from app.api.metrics import Metrics
-from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
+from app.api.middleware import CompressionMiddleware, MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
 from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect
+from app.api.venue_files import transfer
 from app.geometry.estimators.chosen import ESTIMATORS
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
@@ -128,6 +128,7 @@ def create_app(
         locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
         database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router, anchors.router,
         sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
+        transfer.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)
@@ -141,7 +142,7 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
     """Add what stands around the routes, from the innermost to the outermost."""
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
-    app.add_middleware(GZipMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
+    app.add_middleware(CompressionMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
     app.add_middleware(OverloadMiddleware)
     if settings.open:
         app.add_middleware(OpenHostMiddleware, origins)
