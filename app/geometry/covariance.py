@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_jacobian
+from app.geometry.rigs.refinement import rig_jacobian
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs
 from app.limits import limit
@@ -88,11 +89,8 @@ class CameraTerms:
 
     def moved(self, rig_centre_to_camera: Array) -> CameraTerms:
         """Return the terms by the perturbation of a rig's pose, from whose centre the camera's is the vector (3,) in
-        world axes: a rotation of the rig moves the camera too."""
-        turned = np.cross(rig_centre_to_camera, self.jacobian[:, :, 3:])
-        jacobian = self.jacobian.copy()
-        jacobian[:, :, :3] += turned
-        return replace(self, jacobian=jacobian)
+        world axes."""
+        return replace(self, jacobian=rig_jacobian(self.jacobian, rig_centre_to_camera))
 
 
 def camera_terms(

@@ -8,13 +8,16 @@ import pytest
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_covariance
+from app.geometry.estimators.interface import RansacBudget
+from app.geometry.estimators.opencv_estimators import OpenCvEstimators
 from app.geometry.reprojection import perturbed, project_from_world
-from app.geometry.rig import RigView, estimate_rig_pose, refine_rig_pose, rig_covariance
+from app.geometry.rigs.pose import estimate_rig_pose, rig_covariance
+from app.geometry.rigs.refinement import refine_rig_pose
+from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m, rotation_from_vector
 from tests.synthetic import CAMERAS, random_pose
 
-LIMIT_PX = 6.0
-LOSS_PX = 2.0
+LIMIT = 6.0 / 525.0
 
 
 def rig(
@@ -41,8 +44,7 @@ def rig(
 
 
 def estimate(views: list[RigView]) -> Pose:
-    limits = [LIMIT_PX * view.camera.focal_px / views[0].camera.focal_px for view in views]
-    found = estimate_rig_pose(views, limits, 2000, LOSS_PX)
+    found = estimate_rig_pose(views, LIMIT, 2000)
     assert found is not None
     return found
 
@@ -87,13 +89,13 @@ def test_cameras_of_other_resolutions_are_compared_as_angles() -> None:
 
 def test_too_few_points_give_none() -> None:
     _, views = rig(4, [CAMERAS["PINHOLE"]] * 2, apart_m=0.1, n=1)
-    assert estimate_rig_pose(views, [LIMIT_PX] * 2, 100, LOSS_PX) is None
+    assert estimate_rig_pose(views, LIMIT, 100) is None
 
 
 def test_refinement_leads_back_to_the_pose() -> None:
     truth, views = rig(5, [CAMERAS["OPENCV"]] * 3, apart_m=0.3)
     start = perturbed(truth, [0.01, -0.02, 0.01, 0.03, 0.02, -0.04])
-    assert_near(refine_rig_pose(views, start, LOSS_PX), truth, 1e-5, 1e-4)
+    assert_near(refine_rig_pose(views, start), truth, 1e-5, 1e-4)
 
 
 def test_the_covariance_of_one_camera_in_the_rigs_centre_is_that_of_its_pose() -> None:
@@ -138,3 +140,12 @@ def test_a_covariance_needs_points_in_view() -> None:
     truth, views = rig(8, [CAMERAS["PINHOLE"]] * 2, apart_m=0.1, n=1)
     with pytest.raises(DegenerateGeometryError, match="four points"):
         rig_covariance(views, truth, [np.zeros(1)] * 2)
+
+
+@pytest.mark.parametrize("apart_m", [0.0, 0.3])
+def test_opencv_finds_the_pose_too(apart_m: float) -> None:
+    truth, views = rig(9, [CAMERAS["OPENCV"]] * 3, apart_m=apart_m, noise_px=1.0, wrong=0.5)
+    budget = RansacBudget(max_error_px=6.0, max_iterations=2000, min_iterations=100, seed=0)
+    found = OpenCvEstimators().rig_pose(views, budget, loss_scale_px=2.0)
+    assert found is not None
+    assert_near(found, truth, 0.03, 0.6)

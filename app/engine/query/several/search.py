@@ -14,9 +14,10 @@ from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.several.hypothesis import RigHypothesis
 from app.geometry.camera import Camera
-from app.geometry.pnp import MIN_POINTS
-from app.geometry.reprojection import PIXEL_NOISE
-from app.geometry.rig import RigView, estimate_rig_pose, refine_rig_pose
+from app.geometry.estimators.interface import MIN_POINTS
+from app.geometry.rigs.pose import estimate_rig_pose
+from app.geometry.rigs.refinement import refine_rig_pose
+from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose
 
 FrameMatches = Sequence[Matches]
@@ -98,8 +99,7 @@ class RigSearch:
         return self._at(matches, first.world_from_first) or first
 
     def _found(self, matches: FrameMatches, iterations: int) -> Pose | None:
-        limits_px = [self.settings.max_error_tangent * camera.focal_px for camera in self.cameras]
-        return estimate_rig_pose(self.views(matches), limits_px, iterations, PIXEL_NOISE.loss_scale_px)
+        return estimate_rig_pose(self.views(matches), self.settings.max_error_tangent, iterations)
 
     def _most(self, matches: FrameMatches, poses: Iterable[Pose]) -> RigHypothesis | None:
         found = [self._at(matches, pose) for pose in poses]
@@ -110,7 +110,7 @@ class RigSearch:
         rough = self._agreeing(matches, pose)
         if sum(len(own) for own in rough.inliers) < MIN_POINTS:
             return None
-        refined = refine_rig_pose(self.views(rough.inliers), pose, PIXEL_NOISE.loss_scale_px)
+        refined = refine_rig_pose(self.views(rough.inliers), pose)
         fine = self._agreeing(matches, refined)
         best = rough if rough.count > fine.count else fine
         return best if sum(len(own) for own in best.inliers) >= MIN_POINTS else None

@@ -29,7 +29,7 @@ from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy
 from app.geometry.lens import Lens
 from app.geometry.pnp import PnpEstimate
-from app.geometry.rig import rig_covariance
+from app.geometry.rigs.pose import rig_covariance
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 
 
