@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.engine.progress import Progress
 from app.engine.query.localization import Localization
 from app.engine.query.localizer import Localizer
-from app.engine.query.several.frame import GivenFrame
-from app.engine.query.several.localize import localize_several
+from app.engine.query.several.frame import GivenFrame, as_given, ask_alone
+from app.engine.query.several.with_motion import locate_with_motion
+from app.engine.query.several.without_motion import locate_without_motion
 from app.errors import InvalidInputError
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame
@@ -40,72 +41,88 @@ class BurstPlan:
 def evaluate_bursts(
     built: EvaluatedMap, split: Split, plan: BurstPlan, progress: Progress, variation: Variation
 ) -> list[Evaluation]:
-    """Locate the first frame of every burst alone, and by the whole burst; the motion is the truth's with an error."""
+    """Locate the first frame of every burst alone, and by the whole burst; the motion is the truth's with an error.
+
+    A motion needs the intrinsics: without a camera there is none.
+    """
     localizer = built.localizer
     if not isinstance(localizer, Localizer):
         raise InvalidInputError("--burst is for the default pipeline.")
     chosen = bursts(split.queries, split.unmapped, plan.count, plan.apart_s)
-    ways = _ways(localizer, variation)
-    if not variation.camera_given:
-        # A motion needs the intrinsics.
-        ways = [ways[0], ways[2]]
-    names = [plan.names[0], *([plan.names[1]] if variation.camera_given else []), plan.names[2]]
-    outcomes: list[list[QueryOutcome]] = [[] for _ in ways]
-    timings: list[list[dict[str, float]]] = [[] for _ in ways]
+    names = [name for name in plan.names if variation.camera_given or name != plan.names[1]]
+    outcomes: dict[str, list[QueryOutcome]] = {name: [] for name in names}
+    timings: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     for done, burst in enumerate(chosen):
         progress.report(f"locate bursts {variation.name}", done, len(chosen))
         frames, truths = _asked(built, split, burst, done, variation)
-        for way, outcome, timing in zip(ways, outcomes, timings, strict=True):
-            started = time.perf_counter()
-            found = way(frames, truths)
-            milliseconds = 1e3 * (time.perf_counter() - started)
-            outcome.append(outcome_of(burst[0].name, found, truths[0], milliseconds))
+        found_by = _located(localizer, plan, frames, truths, variation)
+        for name, (found, milliseconds) in found_by.items():
+            outcomes[name].append(outcome_of(burst[0].name, found, truths[0], milliseconds))
             if found.world_from_camera is not None:
-                timing.append(found.timings_ms)
+                timings[name].append(found.timings_ms)
     progress.report(f"locate bursts {variation.name}", len(chosen), len(chosen))
     return [
         Evaluation(
             map=built.figures,
             variation=f"{variation.name}, {name}",
-            summary=summarize(outcome),
-            stages_ms=median_stages(timing),
-            outcomes=tuple(outcome),
+            summary=summarize(outcomes[name]),
+            stages_ms=median_stages(timings[name]),
+            outcomes=tuple(outcomes[name]),
         )
-        for name, outcome, timing in zip(names, outcomes, timings, strict=True)
+        for name in names
     ]
 
 
-Way = Callable[[Sequence[Degraded], Sequence[Pose]], Localization]
+def _located(
+    localizer: Localizer,
+    plan: BurstPlan,
+    frames: Sequence[Degraded],
+    truths: Sequence[Pose],
+    variation: Variation,
+) -> dict[str, tuple[Localization, float]]:
+    """Return what each way leads to, and its milliseconds. What they have in common, asking each frame alone, is done
+    once, and counts for each."""
+    clock = _Clock()
+    given = [_given(frame, motion, variation) for frame, motion in zip(frames, _motions(truths), strict=True)]
+    first = ask_alone(localizer, given[0])
+    first_ms = clock.lap_ms()
+    asked = [first, *(ask_alone(localizer, frame) for frame in given[1:])]
+    all_ms = first_ms + clock.lap_ms()
+    alone, with_motion, without_motion = plan.names
+    found = {alone: (as_given(first, first.found, first.world_from_given), first_ms)}
+    if variation.camera_given:
+        moved = locate_with_motion(localizer, asked)
+        found[with_motion] = moved, all_ms + clock.lap_ms()
+        if first.found.world_from_camera is None:
+            # The motion led to matches of frame 0 that are not known without it.
+            asked = [ask_alone(localizer, given[0]), *asked[1:]]
+            clock.lap_ms()
+    unmoved = locate_without_motion(localizer, asked)
+    found[without_motion] = unmoved, all_ms + clock.lap_ms()
+    return found
 
 
-def _ways(localizer: Localizer, variation: Variation) -> list[Way]:
-    """Return how the frames are asked: the first alone, all with their motion, all without it."""
+class _Clock:
+    """Milliseconds from one lap to the next."""
 
-    def alone(frames: Sequence[Degraded], _: Sequence[Pose]) -> Localization:
-        return localizer.localize(frames[0].rgb, frames[0].camera if variation.camera_given else None)
+    def __init__(self) -> None:
+        self._since_s = time.perf_counter()
 
-    def given(frames: Sequence[Degraded], motions: Sequence[Pose | None]) -> Localization:
-        return localize_several(
-            localizer,
-            [
-                GivenFrame(
-                    rgb=frame.rgb,
-                    camera=frame.camera if variation.camera_given else None,
-                    first_from_camera=motion,
-                )
-                for frame, motion in zip(frames, motions, strict=True)
-            ],
-        )
+    def lap_ms(self) -> float:
+        before, self._since_s = self._since_s, time.perf_counter()
+        return 1e3 * (self._since_s - before)
 
-    def with_motion(frames: Sequence[Degraded], truths: Sequence[Pose]) -> Localization:
-        motions = [truths[0].inverse() @ truth for truth in truths]
-        later = [noisy_motion(motion, f"{k} {motion.translation}") for k, motion in enumerate(motions) if k]
-        return given(frames, [Pose.identity(), *later])
 
-    def without_motion(frames: Sequence[Degraded], _: Sequence[Pose]) -> Localization:
-        return given(frames, [None] * len(frames))
+def _given(frame: Degraded, motion: Pose, variation: Variation) -> GivenFrame:
+    camera = frame.camera if variation.camera_given else None
+    return GivenFrame(rgb=frame.rgb, camera=camera, first_from_camera=motion)
 
-    return [alone, with_motion, without_motion]
+
+def _motions(truths: Sequence[Pose]) -> list[Pose]:
+    """Return the motion of each frame with the error of a phone's odometry."""
+    exact = [truths[0].inverse() @ truth for truth in truths]
+    later = [noisy_motion(motion, f"{k} {motion.translation}") for k, motion in enumerate(exact) if k]
+    return [Pose.identity(), *later]
 
 
 def _asked(
