@@ -22,6 +22,12 @@ from app.api.requests.axes import (
 from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
+from app.api.requests.several_frames import (
+    CAMERAS_IN_WORDS,
+    IMAGES_IN_WORDS,
+    MOTION_IN_WORDS,
+    later_frames,
+)
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.floors.earth import GeoPoseReason
 from app.engine.query.hints import Hint
@@ -75,6 +81,7 @@ EXAMPLE: dict[str, Any] = {
     "hints": [],
     "geopose": GEOPOSE,
     "geopose_reason": None,
+    "frames": [],
 }
 
 
@@ -119,6 +126,13 @@ class ShownMatchesBody(BaseModel):
         """Return the body of matches, to a tenth of a pixel."""
         pairs = np.column_stack([shown.query_px, shown.keyframe_px]).round(1)
         return ShownMatchesBody(keyframe=shown.keyframe, pairs=pairs.tolist())
+
+
+class FrameSupportBody(BaseModel):
+    """The support of the pose by one frame of a query that has several."""
+
+    inliers: int
+    matches: int
 
 
 class LocateResultBody(BaseModel):
@@ -171,6 +185,9 @@ class LocateResultBody(BaseModel):
         description="Why a located camera has no geopose: the venue has no origin, the map's z axis isn't known to "
         "point up, or it isn't known how the plan of the origin's floor lies in the world",
     )
+    frames: list[FrameSupportBody] = Field(
+        [], description="How each frame of a query with images supports the pose, image first"
+    )
 
 
 @router.post("/locate", name="locateImage", responses=problems(401, 404, 413, 415, 422, 503))
@@ -195,19 +212,28 @@ async def locate(
     matches: Annotated[
         bool, Form(description="Answer with the matches that agree with the pose too")
     ] = False,
+    images: Annotated[list[UploadFile] | None, File(description=IMAGES_IN_WORDS)] = None,
+    motion: Annotated[str | None, Form(description=MOTION_IN_WORDS)] = None,
+    cameras: Annotated[str | None, Form(description=CAMERAS_IN_WORDS)] = None,
 ) -> LocateResultBody:
-    """Locate one image."""
+    """Locate one image, alone or by further frames of a burst or a rig.
+
+    The pose is always that of `image`. With `motion` it is found by the features of all frames together; without it
+    frames that are located alone must agree, and what they share with `image` helps to find it.
+    """
     frames = parse_frames(axes, device_pose)
+    hint = _camera(camera)
     request = LocateRequest(
         image=await image.read(),
         venue=caller.venue_or_own(venue or None),
         floor=floor or None,
-        camera=_camera(camera),
+        camera=hint,
         gravity=_gravity(gravity, frames.axes),
         prior=_prior(prior, frames.axes),
         method=method,
         area=area or None,
         show_matches=matches,
+        later=await later_frames(images or (), motion, cameras, hint, frames.axes),
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
@@ -267,6 +293,7 @@ def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultB
         shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
         geopose=None if result.geopose is None else GeoPoseBody.of(result.geopose),
         geopose_reason=result.geopose_reason,
+        frames=[FrameSupportBody(inliers=each.inliers, matches=each.matches) for each in result.frames],
     )
 
 

@@ -26,6 +26,7 @@ from app.api.requests.axes import (
 )
 from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.described import CAMERA_TYPES, DescribedAs
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.schemas import PoseBody, problems
@@ -58,6 +59,7 @@ Language = Annotated[
 ]
 CameraField = Annotated[
     str | dict[str, Any] | list[float],
+    DescribedAs(CAMERA_TYPES),
     Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or {model, width, height, params}, as in /locate'),
 ]
 TrackingState = Literal["initializing", "tracking", "relocalized", "lost"]
@@ -158,22 +160,21 @@ POINT: dict[str, Any] = {
 SESSION = "4d0f6a1be1f94bd0a5d54a1f0f3c2b7e"
 
 
+FRAME: dict[str, Any] = {
+    **EXAMPLE,
+    "session": SESSION,
+    "frame": 12,
+    "tracking": "tracking",
+    "unaided_m": 0.0,
+    "trajectory": [POINT],
+    "guidance": None,
+}
+
+
 class TrackedFrame(LocateResultBody):
     """The answer to a frame: that of /locate and what tracking adds to it."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                **EXAMPLE,
-                "session": SESSION,
-                "frame": 12,
-                "tracking": "tracking",
-                "unaided_m": 0.0,
-                "trajectory": [POINT],
-                "guidance": None,
-            }
-        }
-    )
+    model_config = ConfigDict(json_schema_extra={"example": FRAME})
 
     session: str
     frame: int = Field(description="Counts the frames that were answered, from 1")

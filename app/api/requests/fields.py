@@ -46,6 +46,11 @@ class FieldOptions:
         "Largest absolute latitude of a venue's origin.",
         chosen="By hand: nearer to a pole east and north turn within a building; nobody builds there.",
     )
+    max_key_expiry_s: float = limit(
+        3.2e9,
+        "Longest life of a key that expires.",
+        chosen="By hand: a hundred years; a key that is meant to last has no expiry.",
+    )
     min_level: int = limit(-100, "Lowest level of a floor.", chosen="By hand: below every building's.")
     max_level: int = limit(1000, "Highest level of a floor.", chosen="By hand: above every building's.")
     max_pois: int = limit(

@@ -113,6 +113,13 @@ class Origin(TypedDict):
     floor: str | None
 
 
+class FrameSupport(TypedDict):
+    """The support of the pose by one frame of a query that has several."""
+
+    inliers: int
+    matches: int
+
+
 class LocateResult(TypedDict):
     """Where the camera is, or the reason why that can't be said."""
 
@@ -142,6 +149,7 @@ class LocateResult(TypedDict):
     shown_matches: ShownMatches | None
     geopose: GeoPose | None
     geopose_reason: Literal["no_origin", "up_unknown", "plan_unknown"] | None
+    frames: list[FrameSupport]
 
 
 class TrajectoryPoint(TypedDict):

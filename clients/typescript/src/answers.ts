@@ -94,6 +94,12 @@ export interface Origin {
   floor: string | null;
 }
 
+/** The support of the pose by one frame of a query that has several. */
+export interface FrameSupport {
+  inliers: number;
+  matches: number;
+}
+
 /** Where the camera is, or the reason why that can't be said. */
 export interface LocateResult {
   located: boolean;
@@ -122,6 +128,7 @@ export interface LocateResult {
   shown_matches: ShownMatches | null;
   geopose: GeoPose | null;
   geopose_reason: "no_origin" | "up_unknown" | "plan_unknown" | null;
+  frames: FrameSupport[];
 }
 
 /** One frame of a trajectory. */
