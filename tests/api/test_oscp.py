@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import copy
+import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -17,6 +19,7 @@ from tests.api.test_locate import put_floor
 from tests.scenes import CAMERA, View, encode
 from tests.server import Server, assert_problem
 
+PAGE = Path(__file__).parents[2] / "docs" / "where-on-earth.md"
 ORIGIN = {"latitude": 47.3782, "longitude": 8.5402, "height_m": 455.2, "heading_deg": 35.0}
 # A second venue 2 km to the north, and one 60 m from the first.
 FAR = {**ORIGIN, "latitude": 47.3962}
@@ -254,6 +257,19 @@ def test_a_picture_may_be_larger_than_other_json(oscp: Server) -> None:
     large["sensorReadings"]["cameraReadings"][0] |= {"params": None, "imageFormat": "PNG"}
     assert len(large["sensorReadings"]["cameraReadings"][0]["imageBytes"]) > 1_500_000
     assert_problem(ask(oscp, large), 404, "not_located")
+
+
+def test_the_call_of_the_page_is_answered(oscp: Server, queries: list[View]) -> None:
+    block = next(
+        each for each in PAGE.read_text(encoding="utf-8").split("```") if "/oscp/geopose" in each[:30]
+    )
+    body = block.partition("-d '")[2].rpartition("'")[0]
+    picture = "'$(base64 -w0 photo.jpg)'"
+    assert picture in body
+    request = json.loads(body.replace(picture, text(queries[0].jpeg())))
+    answer = ask(oscp, request)
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["geopose"]["position"]["lat"] == pytest.approx(ORIGIN["latitude"], abs=1e-3)
 
 
 def test_the_example_of_the_schema_is_read() -> None:

@@ -106,6 +106,25 @@ def named(name: str, kind: bytes = tarfile.REGTYPE, link: str = "", size: int = 
     return info
 
 
+def test_a_venue_keeps_its_place_on_earth(server: Server) -> None:
+    client = server.client
+    origin = {"latitude": 47.3782, "longitude": 8.5402, "height_m": 455.2, "heading_deg": 35.0, "floor": "g"}
+    server.add_venue("a")
+    client.put("/venues/a/floors/g", json={"name": "G", "level": 0, "z_min_m": 0, "z_max_m": 3})
+    assert client.patch("/venues/a", json={"origin": origin}).status_code == 200
+    data = client.get("/venues/a/export").content
+    assert post(server, data, **{"as": "b"}).status_code == 201
+    assert client.get("/venues/b").json()["origin"] == origin
+    members = with_manifest(unpacked(data), lambda values: values["origin"].update(floor="none"))
+    assert "floor in its origin" in assert_problem(post(server, packed(members), **{"as": "c"}), 422)
+    # An origin whose floor is gone is of no use, and isn't exported.
+    client.delete("/venues/a/floors/g")
+    assert post(server, client.get("/venues/a/export").content, **{"as": "c"}).status_code == 201
+    assert client.get("/venues/c").json()["origin"] is None
+    for venue in "abc":
+        assert client.delete(f"/venues/{venue}").status_code == 204
+
+
 def test_a_map_moves_between_servers_and_answers_alike(
     server: Server, museum: Server, exported: bytes, queries: list[View]
 ) -> None:
