@@ -20,6 +20,7 @@ class Placement(OpenBody):
 
     source: str = Field(description="given, gravity, registered or scan_frame")
     z_up: bool = Field(False, description="Whether the world's z is known to point up")
+    has_scale: bool = Field(True, description="Whether the map is in metres, or in a unit of its own")
 
 
 class SelfCheckFigures(OpenBody):
@@ -71,6 +72,9 @@ class BuildReport(OpenBody):
     placement: Placement | None = None
     examination: dict[str, Any] | None = Field(
         None, description="What was found to be right or wrong in the scan"
+    )
+    structure: dict[str, Any] | None = Field(
+        None, description="How poses were estimated from pictures that had none: camera, scale, up, parts"
     )
     self_check: SelfCheckFigures | None = None
     lens: dict[str, float] | None = None

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refuse_unknown_keys
 from app.engine.mapping.keyframe_rule import KEYS as KEYFRAME_KEYS
-from app.engine.mapping.options import FORMATS, KEYS
+from app.engine.mapping.options import ESTIMATE, FORMATS, KEYS
 from app.errors import InvalidInputError
 from app.importers.conventions import AXES_NAMES, DIRECTIONS, OWN_AXES, QUATERNION_ORDERS
 from app.vision.local_features import FEATURE_NAMES
@@ -118,8 +118,8 @@ class BuildOptionsBody(BaseModel):
     )
     poses: str = Field(
         "world_from_camera",
-        description="Direction of the transforms in the files",
-        json_schema_extra={"enum": list(DIRECTIONS)},
+        description="Direction of the transforms in the files, or estimate: poses are estimated from the pictures",
+        json_schema_extra={"enum": [*DIRECTIONS, ESTIMATE]},
     )
     quaternion: str = Field(
         "xyzw",
@@ -133,6 +133,11 @@ class BuildOptionsBody(BaseModel):
         0.0, description="The pose of a picture is that of its time plus this; at most an hour"
     )
     position_scale: float = Field(1.0, description="Units per metre of the positions in the poses")
+    scale: dict[str, Any] | None = Field(
+        None,
+        description="Pictures without poses: {distance_m, frame, pixels: [[u, v], [u, v]]}, {marker_m}, "
+        "{camera_height_m}, or {correspondences: [{frame, plan: [x, y], pixel: [u, v] or nothing}, ...]}",
+    )
     swap_depth_bytes: bool = Field(False, description="Exchange the two bytes of each depth value")
     depth_along_rays: bool = Field(
         False, description="Depth is the distance along the ray, not along the optical axis"
