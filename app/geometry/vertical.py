@@ -77,8 +77,8 @@ def vertical_direction(
     Edges run from `starts` (n, 2) to `ends` (n, 2), in image-plane coordinates, and are weighted by `lengths` (n,); the
     `max_edges` longest steep ones are used. Random pairs of edges give candidates of the vanishing point; the one with
     the largest weight of edges is refined by least squares. None also when fewer than `OPTIONS.min_edges` edges are
-    steep. Raises `InvalidInputError` for arrays of different lengths. Source: the planes through edges and the camera of
-    Barnard, "Interpreting perspective images", 1983.
+    steep. Raises `InvalidInputError` for arrays of different lengths. Source: the planes through edges and the camera
+    of Barnard, "Interpreting perspective images", 1983.
     """
     a, b = homogeneous(starts), homogeneous(ends)
     weights = np.asarray(lengths, dtype=np.float64)

@@ -22,7 +22,7 @@ from app.engine.query.localizer import Localizer
 from app.errors import InvalidScanError
 from app.geometry.alignment import Alignment, align_points
 from app.geometry.camera import Camera
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, position_difference_m
 from app.importers.archives.archive import extract_archive
 from app.importers.frames import Scan
 from app.importers.registry import open_unposed
@@ -95,13 +95,11 @@ def evaluate_unposed(
     true_from_world = align_points(
         built.world_from_scan.apply(positions), [p.translation for p in true], with_scale=not sent.is_rigid
     )
-    errors = [
-        np.linalg.norm(
-            _aligned(built.world_from_scan @ frame.scan_from_camera, true_from_world).translation
-            - p.translation
-        )
-        for frame, p in zip(estimate.scan.frames, true, strict=True)
+    aligned = [
+        _aligned(built.world_from_scan @ frame.scan_from_camera, true_from_world)
+        for frame in estimate.scan.frames
     ]
+    errors = [position_difference_m(pose, own) for pose, own in zip(aligned, true, strict=True)]
     return UnposedResult(
         name=sent.name,
         report=estimate.report,

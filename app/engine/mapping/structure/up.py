@@ -84,7 +84,8 @@ def find_down(
     def look(row: int) -> _Edges:
         starts, ends, lengths = straight_edges(gray(row), part.camera)
         level_from_camera = level @ part.poses[row].rotation
-        return _Edges(*(homogeneous(points) @ level_from_camera.T for points in (starts, ends)), lengths)
+        turned = [homogeneous(points) @ level_from_camera.T for points in (starts, ends)]
+        return _Edges(turned[0], turned[1], lengths)
 
     edges = list(map_in_order(executor, look, rows[::step], "find_up", progress))
     return _by_edges(edges, level) or _by_axes(rotations)
@@ -131,8 +132,8 @@ def _vertical(pictures: Sequence[_Edges]) -> VerticalDirection | None:
     lengths = np.concatenate([p.lengths for p in pictures])
     # A ray and its opposite are the same point of the image plane; an edge across its border is neither.
     inside = (starts[:, 2] * ends[:, 2]) > MIN_DEPTH**2
-    planes = (rays[inside, :2] / rays[inside, 2:] for rays in (starts, ends))
-    found = vertical_direction(*planes, lengths[inside], max_edges=OPTIONS.max_edges)
+    first, last = (rays[inside, :2] / rays[inside, 2:] for rays in (starts, ends))
+    found = vertical_direction(first, last, lengths[inside], max_edges=OPTIONS.max_edges)
     enough = found is not None and found.edges >= OPTIONS.min_edges and found.share >= OPTIONS.min_share
     return found if enough else None
 
