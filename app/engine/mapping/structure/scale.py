@@ -45,15 +45,20 @@ class ScaleOptions:
         "Largest relative deviation of a marker's side from the median of all sides.",
         chosen="By hand: markers of different sizes, or one that was bent.",
     )
-    floor_bin_ratio: float = limit(
+    floor_layer_ratio: float = limit(
         0.02,
         "Height of the layers in which the floor is looked for, relative to the median depth.",
         chosen="By hand: a few centimetres.",
     )
-    floor_share: float = limit(
-        0.02,
-        "Least share of the points below the cameras that lies in the floor's layer.",
-        chosen="By hand: lower points are mistakes or reflections.",
+    floor_density_ratio: float = limit(
+        3.0,
+        "Least ratio of the points in the floor's layer to those in the median layer between camera and floor.",
+        chosen="By hand: the lowest strip of a wall has as many as the others.",
+    )
+    floor_breadth_ratio: float = limit(
+        0.15,
+        "Least standard deviation of the floor's points across their longest extent, relative to the camera's height.",
+        chosen="By hand: the lowest strip of a wall has none.",
     )
     min_floor_points: int = limit(20, "Least number of points of a floor.", chosen="By hand.")
     max_plan_error_ratio: float = limit(
@@ -156,39 +161,37 @@ def _by_marker(
 
 
 def _by_height(scale: KnownHeight, part: Reconstruction, down: DownDirection) -> FoundScale:
-    below = part.points @ np.array(down.down)
-    cameras = np.array([pose.translation for pose in part.poses.values()]) @ np.array(down.down)
-    camera = float(np.median(cameras))
-    below = below[below > camera]
-    layer = OPTIONS.floor_bin_ratio * median_depth(part)
-    floor = _floor(below, layer)
-    if floor is None:
+    upright = world_from_scan_by_gravity(down.down)
+    points = upright.apply(part.points)
+    camera = float(np.median([upright.apply(pose.translation[None])[0, 2] for pose in part.poses.values()]))
+    below = points[points[:, 2] < camera]
+    floor = _floor(below, camera, OPTIONS.floor_layer_ratio * median_depth(part))
+    if not len(floor):
         raise InvalidScanError(
             "The floor can't be found in the pictures, so the camera's height gives no scale: film the floor too, or "
             "give another scale."
         )
-    points = int((np.abs(below - floor) < layer).sum())
+    units = camera - float(np.median(floor[:, 2]))
     return FoundScale(
-        metres_per_unit=scale.height_m / (floor - camera),
-        source="camera_height",
-        figures={"floor_points": points},
+        metres_per_unit=scale.height_m / units, source="camera_height", figures={"floor_points": len(floor)}
     )
 
 
-def _floor(below: Array, layer: float) -> float | None:
-    """Return the lowest layer that holds many of the points with depths (n,) along down, by its median."""
-    if len(below) < OPTIONS.min_floor_points:
-        return None
-    numbers = np.floor(below / layer).astype(int)
-    layers, counts = np.unique(numbers, return_counts=True)
+def _floor(below: Array, camera: float, layer: float) -> Array:
+    """Return the points (m, 3) of the lowest layer that holds many of the points (n, 3) below the height of the camera,
+    spread over an area; none where there is no such layer."""
+    numbers = np.floor((camera - below[:, 2]) / layer).astype(int)
+    counts = np.bincount(numbers) if len(numbers) else np.zeros(0, int)
     # A floor that crosses the border of two layers is in both.
-    both = counts + np.array([counts[layers == number + 1].sum() for number in layers])
-    least = max(OPTIONS.min_floor_points, OPTIONS.floor_share * len(below))
-    full = np.flatnonzero(both >= least)
-    if not len(full):
-        return None
-    number = layers[full[-1]]
-    return float(np.median(below[(numbers == number) | (numbers == number + 1)]))
+    both = counts + np.r_[counts[1:], 0] if len(counts) else counts
+    usual = float(np.median(both[both > 0])) if len(counts) else 0.0
+    least = max(OPTIONS.min_floor_points, OPTIONS.floor_density_ratio * usual)
+    for number in np.flatnonzero(both >= least)[::-1]:
+        points = below[(numbers == number) | (numbers == number + 1)]
+        breadth = float(np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)[1])
+        if breadth / np.sqrt(len(points)) >= OPTIONS.floor_breadth_ratio * number * layer:
+            return points
+    return below[:0]
 
 
 def _by_places(
