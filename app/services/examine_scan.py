@@ -18,6 +18,7 @@ from app.importers.frames import Scan
 from app.importers.registry import open_scan, open_unposed
 from app.services.resources import Resources
 
+WITHOUT_SCALE = "A map without scale can't be extended, nor can a scan without scale extend one: give scale."
 # One mistake hides another, as wrong axes hide a wrong depth scale.
 MAX_REPAIRS = 3
 
@@ -73,6 +74,9 @@ def read_scan(
     given = replace(parsed.scan, scratch=scratch)
     unposed = open_unposed(root, parsed.format, given)
     if unposed is not None:
+        lacks_scale = parsed.scale is None and not (unposed.listed and unposed.listed.has_depth)
+        if parsed.mode == "extend" and lacks_scale:
+            raise InvalidScanError(WITHOUT_SCALE)
         estimate = estimate_poses(unposed, parsed.scale, resources.models, resources.executor, progress)
         return ExaminedScan(scan=estimate.scan, options=parsed, examination=None, estimate=estimate)
     if parsed.scale is not None:

@@ -29,7 +29,7 @@ from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame, FrameSource
 from app.limits import limit
-from app.services.examine_scan import ExaminedScan, read_scan
+from app.services.examine_scan import WITHOUT_SCALE, ExaminedScan, read_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
@@ -76,8 +76,6 @@ LEANING_WORLD = (
     "The z axis of the map before does not point up, by this scan's gravity: the new map has another, upright world. "
     "Floors and anchors that were placed in the world before have to be placed anew."
 )
-
-WITHOUT_SCALE = "A map without scale can't be extended, nor can a scan without scale extend one: give scale."
 
 
 @dataclass(frozen=True, slots=True)

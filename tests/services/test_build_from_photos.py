@@ -56,9 +56,8 @@ def test_photos_without_scale_give_poses_and_no_plan(resources: Resources) -> No
     assert version.statistics["structure"]["connected"] == 10
     assert version.statistics["placement"]["has_scale"] is False
     assert any("no scale" in warning for warning in version.statistics["warnings"])
-    answer = wire_services(resources).locate.locate(
-        LocateRequest(image=asked, venue="v", camera=parse_camera_hint(CAMERA_TEXT))
-    )
+    request = LocateRequest(image=asked, venue="v", camera=parse_camera_hint(CAMERA_TEXT))
+    answer = wire_services(resources).locate.locate(request)
     assert answer.world_from_camera is not None
     assert (answer.plan, answer.plan_reason, answer.floor) == (None, "scale_unknown", None)
     extending = claimed(resources, zipped(sent), {"mode": "extend"})

@@ -190,8 +190,8 @@ def _floor(below: Array, camera: float, layer: float) -> Array:
         points = below[(numbers == number) | (numbers == number + 1)]
         breadth = float(np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)[1])
         if breadth / np.sqrt(len(points)) >= OPTIONS.floor_breadth_ratio * number * layer:
-            return points
-    return below[:0]
+            return np.asarray(points)
+    return np.asarray(below[:0])
 
 
 def _by_places(
