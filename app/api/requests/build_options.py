@@ -53,6 +53,38 @@ class KeyframesOption(BaseModel):
     every: int | None = Field(None, description="Rule interval: frames from one keyframe to the next")
 
 
+Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class PlanPlaceOption(BaseModel):
+    """A point on the plan: where the camera stood at a frame, or what a pixel of the frame shows."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    frame: str | float = Field(description="A photo's or frame's name, or seconds since a video's start")
+    plan: Pixel = Field(description="x and y on the plan in metres")
+    pixel: Pixel | None = Field(None, description="u and v; without it the place is the camera's own")
+
+
+class ScaleOption(BaseModel):
+    """The scale of pictures without poses: distance_m with frame and pixels, or one of the others."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"marker_m": 0.16}})
+
+    distance_m: float | None = Field(None, description="Between what two pixels of a frame show")
+    frame: str | float | None = Field(
+        None, description="Of distance_m: a photo's or frame's name, or seconds since a video's start"
+    )
+    pixels: list[Pixel] | None = Field(None, description="Of distance_m: two pixels, u and v each")
+    marker_m: float | None = Field(None, description="Side of printed markers that are in view")
+    camera_height_m: float | None = Field(
+        None, description="Height of the camera above a floor that is in view"
+    )
+    correspondences: list[PlanPlaceOption] | None = Field(
+        None, description="Three or more places on the plan"
+    )
+
+
 class BuildOptionsBody(BaseModel):
     """Options of a build; all may be left out."""
 
@@ -134,10 +166,8 @@ class BuildOptionsBody(BaseModel):
         0.0, description="The pose of a picture is that of its time plus this; at most an hour"
     )
     position_scale: float = Field(1.0, description="Units per metre of the positions in the poses")
-    scale: dict[str, Any] | None = Field(
-        None,
-        description="Pictures without poses: {distance_m, frame, pixels: [[u, v], [u, v]]}, {marker_m}, "
-        "{camera_height_m}, or {correspondences: [{frame, plan: [x, y], pixel: [u, v] or nothing}, ...]}",
+    scale: ScaleOption | None = Field(
+        None, description="What is known of the size of pictures without poses, in one of four ways"
     )
     swap_depth_bytes: bool = Field(False, description="Exchange the two bytes of each depth value")
     depth_along_rays: bool = Field(
