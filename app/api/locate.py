@@ -150,9 +150,10 @@ class LocateResultBody(BaseModel):
     floor: str | None
     pose: PoseBody | None
     plan: PlanBody | None
-    plan_reason: Literal["up_unknown"] | None = Field(
+    plan_reason: Literal["up_unknown", "scale_unknown"] | None = Field(
         None,
-        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity)",
+        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity), or the map "
+        "has no scale (build with scale; the pose and its accuracy are then in the map's own unit)",
     )
     accuracy: AccuracyBody | None
     confidence: float = Field(description="Probability that the error is below 0.5 m and 5 degrees")
@@ -183,7 +184,7 @@ class LocateResultBody(BaseModel):
     geopose_reason: GeoPoseReason | None = Field(
         None,
         description="Why a located camera has no geopose: the venue has no origin, the map's z axis isn't known to "
-        "point up, or it isn't known how the plan of the origin's floor lies in the world",
+        "point up or its unit to be the metre, or the plan of the origin's floor has no known place in the world",
     )
     frames: list[FrameSupportBody] = Field(
         [], description="How each frame of a query with images supports the pose, image first"

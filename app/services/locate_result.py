@@ -7,7 +7,7 @@ from typing import Literal
 
 from app.engine.anchors.locator import AnchorLocalization
 from app.engine.anchors.place_on_floor import place_on_floor
-from app.engine.floors.earth import Earth, GeoPoseReason, geopose_in
+from app.engine.floors.earth import Earth, GeoPoseReason, PlanReason, geopose_in
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera
@@ -26,7 +26,6 @@ from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
-PlanReason = Literal["up_unknown"]
 # A phone that is held still knows down to a degree or two; moving it can add ten.
 GRAVITY_LIMIT_DEG = 20.0
 
@@ -66,9 +65,10 @@ class LocateResult:
 
     `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
     was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
-    plan position: `up_unknown`, while the map's z axis is not known to point up. `hints` say what would help a picture
-    that is not located. `frames` is the support by each frame of a query that has several. `geopose` is where on Earth
-    the camera is, `geopose_reason` why that is not known of a located one.
+    plan position: `up_unknown`, while the map's z axis is not known to point up, or `scale_unknown`, while its unit is
+    not known to be the metre. `hints` say what would help a picture that is not located. `frames` is the support by
+    each frame of a query that has several. `geopose` is where on Earth the camera is, `geopose_reason` why that is not
+    known of a located one.
     """
 
     venue: str
@@ -110,6 +110,8 @@ def map_result(
     gravity_checked = None if request.gravity is None else pose is not None and version.z_up
     if gravity_checked and _contradicts(pose, request.gravity):
         reason, pose = "ambiguous", None
+    # The heights of floors are in metres.
+    floors = floors if version.has_scale else []
     floor = floor_of(floors, pose) if pose is not None else None
     if pose is not None and floors and floor is None:
         reason, pose = "outside_venue", None
@@ -126,7 +128,7 @@ def map_result(
         world_from_camera=pose,
         floor=floor,
         plan=plan_point(floor, pose) if floor is not None and pose is not None and version.z_up else None,
-        plan_reason="up_unknown" if pose is not None and not version.z_up else None,
+        plan_reason=version.plan_reason if pose is not None else None,
         accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
         support=found.evidence.support,
@@ -186,6 +188,6 @@ def on_earth(result: LocateResult, earth: Earth | None) -> LocateResult:
         earth,
         result.world_from_camera,
         is_located=result.reason is None,
-        is_up_known=result.plan_reason != "up_unknown",
+        plan_reason=result.plan_reason,
     )
     return replace(result, geopose=geopose, geopose_reason=reason)

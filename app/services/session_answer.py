@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.floors.earth import PlanReason
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.maps.open_map import OpenMap
@@ -46,11 +47,11 @@ def place_of(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanP
     return floor, plan_point(replace(floor, plan_from_world=np.eye(4)), placed.frame_from_camera)
 
 
-def lacks_up(tracked: Tracked, serving: tuple[OpenMap, MapVersion] | None) -> bool:
-    """Whether a pose in the world has no plan position: the map's z axis is not known to point up."""
-    if tracked.placed is None or tracked.placed.world_from_camera is None:
-        return False
-    return serving is not None and not serving[1].z_up
+def plan_reason_of(tracked: Tracked, serving: tuple[OpenMap, MapVersion] | None) -> PlanReason | None:
+    """Return why a pose in the world has no plan position, None where the map gives it one."""
+    if tracked.placed is None or tracked.placed.world_from_camera is None or serving is None:
+        return None
+    return serving[1].plan_reason
 
 
 def point_of(

@@ -36,6 +36,7 @@ WITHOUT_SIZE = ("PINHOLE", "OPENCV")
 NO_GEOPOSE: dict[GeoPoseReason | None, str] = {
     "no_origin": "the venue has no place on Earth: an administrator sets its origin",
     "up_unknown": "the map's z axis is not known to point up: build it with gravity",
+    "scale_unknown": "the map's unit is not known to be the metre: build it with a scale",
     "plan_unknown": "it is not known how the plan of the origin's floor lies in the world: set its plan_from_world",
 }
 

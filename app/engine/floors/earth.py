@@ -17,7 +17,8 @@ from app.geometry.geopose import GeoPose, geopose_of
 from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
 
-GeoPoseReason = Literal["no_origin", "up_unknown", "plan_unknown"]
+PlanReason = Literal["up_unknown", "scale_unknown"]
+GeoPoseReason = Literal["no_origin", "up_unknown", "scale_unknown", "plan_unknown"]
 # Plans of the same size differ by no more than this in what a scale of 1 would be.
 SAME_SCALE = 1e-6
 
@@ -115,18 +116,19 @@ class Earth:
 
 
 def geopose_in(
-    earth: Earth | None, world_from_camera: Pose | None, *, is_located: bool, is_up_known: bool
+    earth: Earth | None, world_from_camera: Pose | None, *, is_located: bool, plan_reason: PlanReason | None
 ) -> tuple[GeoPose | None, GeoPoseReason | None]:
     """Return where on Earth an answer's camera is, or the reason why a located camera has no such pose.
 
-    `no_origin`: the venue has none. `up_unknown`: the map's z axis is not known to point up. `plan_unknown`: the pose
-    is known on a plan alone, or the origin's floor has no `plan_from_world`.
+    `no_origin`: the venue has none. `up_unknown` and `scale_unknown`, as `plan_reason` says: the map's z axis is not
+    known to point up, or its unit to be the metre. `plan_unknown`: the pose is known on a plan alone, or the origin's
+    floor has no `plan_from_world`.
     """
     if not is_located:
         return None, None
     if earth is None:
         return None, "no_origin"
-    if not is_up_known:
-        return None, "up_unknown"
+    if plan_reason is not None:
+        return None, plan_reason
     found = None if world_from_camera is None else earth.geopose(world_from_camera)
     return found, "plan_unknown" if found is None else None

@@ -131,7 +131,7 @@ class LocateResult(TypedDict):
     floor: str | None
     pose: Pose | None
     plan: PlanPoint | None
-    plan_reason: Literal["up_unknown"] | None
+    plan_reason: Literal["up_unknown", "scale_unknown"] | None
     accuracy: Accuracy | None
     confidence: float
     inliers: int
@@ -148,7 +148,7 @@ class LocateResult(TypedDict):
     hints: list[str]
     shown_matches: ShownMatches | None
     geopose: GeoPose | None
-    geopose_reason: Literal["no_origin", "up_unknown", "plan_unknown"] | None
+    geopose_reason: Literal["no_origin", "up_unknown", "scale_unknown", "plan_unknown"] | None
     frames: list[FrameSupport]
 
 

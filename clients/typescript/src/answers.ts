@@ -110,7 +110,7 @@ export interface LocateResult {
   floor: string | null;
   pose: Pose | null;
   plan: Plan | null;
-  plan_reason: "up_unknown" | null;
+  plan_reason: "up_unknown" | "scale_unknown" | null;
   accuracy: Accuracy | null;
   confidence: number;
   inliers: number;
@@ -127,7 +127,7 @@ export interface LocateResult {
   hints: string[];
   shown_matches: ShownMatches | null;
   geopose: GeoPose | null;
-  geopose_reason: "no_origin" | "up_unknown" | "plan_unknown" | null;
+  geopose_reason: "no_origin" | "up_unknown" | "scale_unknown" | "plan_unknown" | null;
   frames: FrameSupport[];
 }
 
