@@ -24,7 +24,6 @@ REQUEST: dict[str, Any] = {
             {
                 "sensorId": "camera",
                 "timestamp": 1772355600000,
-                "sequenceNumber": 0,
                 "imageFormat": "JPG",
                 "size": [1280, 720],
                 "imageBytes": SHORT_PICTURE,
