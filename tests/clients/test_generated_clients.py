@@ -25,7 +25,8 @@ MODULES = Path(os.environ.get("ROOMFIX_TEST_NODE_MODULES", CLIENTS / "typescript
 GENERATOR = Path(os.environ.get("ROOMFIX_TEST_PYTHON_GENERATOR", CLIENTS / "python" / ".generator"))
 # Answers that may hold more than is described: GeoJSON properties are the client's own, reports grow.
 OPEN = {
-    "FeatureProperties", "PlacedProperties", "BuildReport", "Placement", "SelfCheckFigures", "Finding", "FittedKeyframes",
+    "FeatureProperties", "PlacedProperties", "BuildReport", "Placement", "SelfCheckFigures", "Finding",
+    "FittedKeyframes",
 }  # fmt: skip
 
 
