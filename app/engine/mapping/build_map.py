@@ -105,19 +105,18 @@ def build_map(
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
     selected = select_keyframes(source, poses, rule, extractor, executor, progress)
-    refines = options.refine_depth or not source.has_depth
-    support = supporting_rows(poses, rule, selected) if refines else []
+    support = supporting_rows(poses, rule, selected) if options.refine_depth or not source.has_depth else []
     clock.lap("select")
     chosen, keyframe_rows = sorted({*selected, *support}), set(selected)
 
-    def describe(row: int, is_keyframe: bool | None = None) -> _Described:
-        described_whole = row in keyframe_rows if is_keyframe is None else is_keyframe
-        return _describe(source, row, poses[row], described_whole, models, extractor)
+    def describe(row: int, whole: bool = False) -> _Described:
+        return _describe(source, row, poses[row], whole or row in keyframe_rows, models, extractor)
 
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    whole = partial(describe, is_keyframe=True)
-    usable, left_out, replaced = _usable(described, selected, poses, rule, source, whole)
+    usable, left_out, replaced = _usable(
+        described, selected, poses, rule, source, partial(describe, whole=True)
+    )
     clock.lap("quality")
     refined = _refined(described, usable, source, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
@@ -129,8 +128,8 @@ def build_map(
     )
     clock.lap("pack")
     if has_second_features(options):
-        own = [described[row] for row in kept]
-        artifact = _with_second_features(artifact, source, own, refined.camera, models, executor, progress)
+        rows = [described[row] for row in kept]
+        artifact = _with_second_features(artifact, source, rows, refined.camera, models, executor, progress)
         clock.lap("second features")
     return BuiltMap(
         artifact=artifact,
