@@ -3,7 +3,7 @@ VENV := .venv
 STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
 
-.PHONY: run test check format mutants faults clean help
+.PHONY: run test check format mutants faults fuzz clean help
 
 help:  ## Show the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -36,6 +36,11 @@ FAULTS ?= 200
 
 faults: $(STAMP)  ## Kill, damage and fill disks on purpose, 200 times each (more than an hour; FAULTS=20 for less)
 	FAULTS=$(FAULTS) $(BIN)/python -m pytest tests/faults
+
+FUZZ ?= 50
+
+fuzz: $(STAMP)  ## Requests made from the OpenAPI document, FUZZ of them per call, kind of key and phase (minutes)
+	FUZZ=$(FUZZ) $(BIN)/python -m pytest tests/fuzz
 
 clean:  ## Remove the environment and the demonstration data
 	rm -rf $(VENV) .roomfix

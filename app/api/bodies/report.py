@@ -6,6 +6,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.anchor import StatedCamera
+
+FigureValue = bool | int | float | str | list[float] | None
+OptionValue = bool | int | float | str | list[float] | list[list[float]] | StatedCamera | None
+
 
 class OpenBody(BaseModel):
     """An object that may hold more than its model names: what builds report grows."""
@@ -32,6 +37,63 @@ class SelfCheckFigures(OpenBody):
     median_orientation_deg: float | None = None
 
 
+class Finding(OpenBody):
+    """Something that is wrong with a scan, and the options of a build that would mend it."""
+
+    code: str = Field(description="Stable, for programs")
+    sentence: str
+    severity: str
+    options: dict[str, OptionValue] = Field(description="Of a build")
+    certain: bool = Field(description="Whether `repair` uses the options by itself")
+    figures: dict[str, FigureValue]
+
+
+class ScanExamination(OpenBody):
+    """What was found to be right or wrong in a scan."""
+
+    __pydantic_extra__: dict[str, FigureValue] = Field(init=False)
+
+    verdict: str
+    findings: list[Finding]
+
+
+class FittedThresholds(BaseModel):
+    """As `keyframes.position_m` and `keyframes.attitude_rad` of a build take them."""
+
+    position_m: float
+    attitude_rad: float
+
+
+class FittedCurve(BaseModel):
+    """matches = a x^b around the threshold; errors in matches, differences in metres or radians."""
+
+    a: float
+    b: float
+    rmse_fit: float
+    rmse_validation: float | None = Field(description="Of the pairs held back from the fit")
+    pairs_fit: int
+    pairs_validation: int
+    threshold: float
+    reached: str
+    left_at_threshold: float | None = Field(
+        description="Median matches of held-back pairs around the threshold"
+    )
+    range: tuple[float, float] = Field(description="Differences that the curve is fitted to")
+    other_limit: float = Field(description="Largest other difference (rad or m) of its pairs")
+
+
+class FittedKeyframes(OpenBody):
+    """Keyframe thresholds that were fitted to the scan, and the curves that they follow from."""
+
+    wanted_matches: float
+    features: str
+    frames: int
+    thresholds: FittedThresholds
+    position: FittedCurve
+    attitude: FittedCurve
+    warnings: list[str]
+
+
 class BuildReport(OpenBody):
     """What became of a scan. A map of an older server may lack some of the fields."""
 
@@ -55,12 +117,14 @@ class BuildReport(OpenBody):
         },
     )
 
+    repaired: str | None = Field(None, description="What `repair` changed, in words")
+    repairs: dict[str, OptionValue] = Field({}, description="The options that it used")
     warnings: list[str] = []
     frames: int | None = Field(None, description="Frames of the scan")
     discarded: dict[str, int] = Field({}, description="Number of frames left out, by reason")
     discarded_frames: dict[str, list[str]] = Field({}, description="The first of them by name")
     notes: list[str] = []
-    replaced: dict[str, Any] = {}
+    replaced: dict[str, str] = Field({}, description="Discarded keyframe -> the frame in its place")
     keyframes: int | None = Field(None, description="Keyframes of this scan")
     features: int | None = None
     feature_method: str | None = None
@@ -69,9 +133,7 @@ class BuildReport(OpenBody):
     seconds: dict[str, float] = Field({}, description="Time by stage")
     world_from_scan: list[list[float]] | None = Field(None, description="The 4x4 that was used")
     placement: Placement | None = None
-    examination: dict[str, Any] | None = Field(
-        None, description="What was found to be right or wrong in the scan"
-    )
+    examination: ScanExamination | None = None
     self_check: SelfCheckFigures | None = None
     lens: dict[str, float] | None = None
-    calibration: dict[str, Any] | None = None
+    calibration: FittedKeyframes | None = None

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import Form
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.requests.described import GivenCamera
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refuse_unknown_keys
 from app.engine.mapping.keyframe_rule import KEYS as KEYFRAME_KEYS
@@ -18,7 +19,7 @@ from app.importers.conventions import AXES_NAMES, DIRECTIONS, OWN_AXES, QUATERNI
 from app.vision.local_features import FEATURE_NAMES
 
 CAMERA = "fx, fy, cx, cy[, k1, k2, p1, p2[, k3]] as a list, or {model, width, height, params}"
-Camera = list[float] | dict[str, Any] | str
+Camera = list[float] | GivenCamera | str
 Matrix = list[list[float]]
 
 
