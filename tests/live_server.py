@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -13,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[1]
 START_S = 60.0
@@ -36,9 +37,7 @@ class LiveServer:
 @contextmanager
 def serving(folder: Path, *options: str, **environment: str) -> Iterator[LiveServer]:
     """Run `roomfix serve` on a free port of loopback, with its data and its log in a folder."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [
         sys.executable,
         "-m",
