@@ -31,6 +31,8 @@ from tests.scenes import CAMERA_TEXT
 QUICK = {"world_from_scan": np.eye(4).tolist(), "refine_depth": False}
 ENDED = ("succeeded", "failed", "cancelled")
 WAIT_S = 90.0
+# Between two checks of a build.
+POLL_S = 0.1
 # Of the files in the data folder these change without meaning anything.
 IGNORED = ("roomfix.db", "worker.lock", "hold", "held")
 
@@ -86,7 +88,10 @@ class Server:
 
     def wait(self, build: str) -> dict[str, Any]:
         """Return a build once it has ended."""
-        return wait_for(lambda: body if (body := self.status(build))["state"] in ENDED else None)
+        # Seldom: the server, which answers in this process, would take a third of a core from the worker.
+        return wait_for(
+            lambda: body if (body := self.status(build))["state"] in ENDED else None, pause_s=POLL_S
+        )
 
     def post_image(self, image: bytes, fields: Mapping[str, str]) -> httpx.Response:
         """Post an image to /locate with just these fields."""
@@ -157,13 +162,13 @@ def _migrated() -> bytes:
         return path.read_bytes()
 
 
-def wait_for(condition: Any, seconds: float = WAIT_S) -> Any:
+def wait_for(condition: Any, seconds: float = WAIT_S, pause_s: float = 0.02) -> Any:
     """Return what `condition` returns as soon as that is true; fail the test if it never is."""
     limit = time.monotonic() + seconds
     while time.monotonic() < limit:
         if value := condition():
             return value
-        time.sleep(0.02)
+        time.sleep(pause_s)
     raise AssertionError(f"waited {seconds} s in vain")
 
 
