@@ -11,6 +11,7 @@ import pytest
 from app.engine.mapping.structure.chosen import choose_pictures
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
 from app.importers.recognition import recognised
 from app.importers.registry import open_scan, open_unposed
@@ -42,7 +43,9 @@ def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:
 def test_frames_of_a_video_are_chosen_and_wanted_times_with_them(tmp_path: Path) -> None:
     write_video(tmp_path / "walk.mp4")
     unposed = open_unposed(
-        tmp_path, "video", ScanOptions(scratch=tmp_path, camera=(300.0, 300.0, 160.0, 80.0))
+        tmp_path,
+        "video",
+        ScanOptions(scratch=tmp_path, camera=CameraHint(values=(300.0, 300.0, 160.0, 80.0))),
     )
     assert unposed is not None
     chosen = choose_pictures(unposed, ["0.72"], 3, NoProgress())
@@ -110,8 +113,10 @@ def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:
 
 def test_poses_that_are_there_are_not_used_where_the_options_say_so(tmp_path: Path) -> None:
     write_seven_scenes(tmp_path)
-    assert open_unposed(tmp_path, "auto", ScanOptions(camera=INTRINSICS)) is None
-    unposed = open_unposed(tmp_path, "auto", ScanOptions(camera=INTRINSICS, estimate_poses=True))
+    assert open_unposed(tmp_path, "auto", ScanOptions(camera=CameraHint(values=INTRINSICS))) is None
+    unposed = open_unposed(
+        tmp_path, "auto", ScanOptions(camera=CameraHint(values=INTRINSICS), estimate_poses=True)
+    )
     assert unposed is not None
     assert unposed.listed is not None
     assert unposed.listed.gravity is None

@@ -18,6 +18,7 @@ from app.engine.progress import Progress
 from app.engine.query.camera_sources import camera_from_tags
 from app.errors import InvalidCameraError, InvalidImageError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.focal import pinhole
 from app.geometry.se3 import Pose
 from app.importers.frames import DepthFormat, Frame, Scan
@@ -246,13 +247,13 @@ def _scan(
 
 
 def _given_camera(
-    given: Camera | tuple[float, ...] | None, original: tuple[int, int], size: tuple[int, int]
+    given: CameraHint | None, original: tuple[int, int], size: tuple[int, int]
 ) -> Camera | None:
     """Return the camera of the options for pictures reduced from `original` to `size`."""
     if given is None:
         return None
     try:
-        camera = given if isinstance(given, Camera) else Camera.from_values(given, *original)
+        camera = given.camera or Camera.from_values(given.values, *original)
         return camera.scaled_to(*size)
     except InvalidCameraError as error:
         raise InvalidScanError(f"camera: {error}") from None
