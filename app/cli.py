@@ -25,6 +25,8 @@ COMMANDS = {
     "check": "app.commands.maintain:check",
     "backup": "app.commands.maintain:backup",
     "restore": "app.commands.maintain:restore",
+    "export-venue": "app.commands.venue_file:export_venue",
+    "import-venue": "app.commands.venue_file:import_venue",
     "calibrate": "app.commands.calibrate:calibrate",
     "keys": "app.commands.keys:app",
     "import-plan": "app.commands.import_plan:import_plan",

@@ -12,7 +12,6 @@ from importlib.metadata import version
 
 from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
-from starlette.middleware.gzip import GZipMiddleware
 
 from app.api import (
     anchors,
@@ -37,11 +36,13 @@ from app.api.executor import BoundedExecutor
 from app.api.maps import versions as map_versions
 from app.api.maps import views as map_views
 from app.api.metrics import Metrics
-from app.api.middleware import MetricsMiddleware, RequestIdMiddleware
+from app.api.middleware import CompressionMiddleware, MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
 from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect
+from app.api.venue_files import transfer
+from app.geometry.estimators.chosen import ESTIMATORS
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.runner import BuildRunner, NoRunner
 from app.limits import limit
@@ -52,6 +53,7 @@ from app.storage.venues import list_venues
 from app.web.pages import install_pages
 from app.web.phones import PhoneAccess
 
+log = logging.getLogger("roomfix")
 DESCRIPTION = (
     "Tells a camera where it is inside a building: a frame in, a pose and a point on the floor plan out."
 )
@@ -89,8 +91,10 @@ def create_app(
         resources = Resources.open(settings)
         # The models are opened before the first query has to wait for them.
         resources.models.extractor("sift")
-        logging.getLogger("roomfix").info(
-            "global descriptor %s", resources.models.global_descriptor.sha256[:12]
+        log.info(
+            "global descriptor %s, poses by %s",
+            resources.models.global_descriptor.sha256[:12],
+            ESTIMATORS.name,
         )
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         services = wire_services(resources)
@@ -124,6 +128,7 @@ def create_app(
         locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
         database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router, anchors.router,
         sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
+        transfer.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)
@@ -137,7 +142,7 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
     """Add what stands around the routes, from the innermost to the outermost."""
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
-    app.add_middleware(GZipMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
+    app.add_middleware(CompressionMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
     app.add_middleware(OverloadMiddleware)
     if settings.open:
         app.add_middleware(OpenHostMiddleware, origins)

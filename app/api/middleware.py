@@ -8,6 +8,7 @@ import time
 import uuid
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.deps import EXTRA_HEADERS
@@ -16,6 +17,7 @@ from app.api.metrics import Metrics
 
 log = logging.getLogger("roomfix.api")
 UNEXPECTED = "Something went wrong here; the log has it under this request's id."
+EXPORT_PATH = "/export"
 REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -57,6 +59,15 @@ class RequestIdMiddleware:
             if started:
                 raise
             await problem(500, "internal", UNEXPECTED)(scope, receive, send_with_id)
+
+
+class CompressionMiddleware(GZipMiddleware):
+    """Compresses answers, but not the file of a venue: it holds what is packed already, and its length is stated."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        is_file = scope["type"] == "http" and scope["path"].endswith(EXPORT_PATH)
+        await (self.app(scope, receive, send) if is_file else super().__call__(scope, receive, send))
 
 
 class MetricsMiddleware:

@@ -7,12 +7,13 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import poselib
 from numpy.typing import ArrayLike, NDArray
 
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
-from app.geometry.pnp import poselib_camera
+from app.geometry.estimators.chosen import ESTIMATORS
+from app.geometry.estimators.interface import MIN_FUNDAMENTAL_POINTS, RansacBudget
+from app.geometry.sampson import sampson_errors
 from app.geometry.se3 import Pose, skew
 from app.geometry.triangulation import homogeneous, parallax_deg, pixel_depths
 from app.geometry.validation import finite_pairs, finite_points
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FundamentalEstimator = Literal["magsac", "ransac"]
 
-# A linear estimate needs eight matches.
-MIN_FUNDAMENTAL_POINTS = 8
 FUNDAMENTAL_METHODS = {"magsac": cv2.USAC_MAGSAC, "ransac": cv2.FM_RANSAC}
 
 
@@ -143,24 +142,21 @@ def estimate_relative_pose(
 
     Locally optimized RANSAC with five-point samples and a robust refinement, with each camera's own model.
     None for fewer than eight matches or eight inliers. Raises `InvalidInputError` for numbers that are not
-    finite. Source: C eq. 4.2.1-4.2.4 by PoseLib.
+    finite. Source: C eq. 4.2.1-4.2.4, by `ESTIMATORS`.
     """
     a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
     if len(a) < MIN_FUNDAMENTAL_POINTS:
         return None
-    ransac = {
-        "max_epipolar_error": max_error_px,
-        "max_iterations": max_iterations,
-        "min_iterations": OPTIONS.min_relative_iterations,
-        "seed": seed,
-    }
-    found, info = poselib.estimate_relative_pose(
-        a, b, poselib_camera(camera_a), poselib_camera(camera_b), ransac, {"loss_type": "CAUCHY"}
+    budget = RansacBudget(
+        max_error_px=max_error_px,
+        max_iterations=max_iterations,
+        min_iterations=OPTIONS.min_relative_iterations,
+        seed=seed,
     )
-    length = float(np.linalg.norm(found.t))
-    if info["num_inliers"] < MIN_FUNDAMENTAL_POINTS or not np.isfinite(length) or length < 1e-9:
+    b_from_a = ESTIMATORS.relative_pose(a, b, (camera_a, camera_b), budget)
+    if b_from_a is None:
         return None
-    return relative_estimate(a, b, camera_a, camera_b, Pose(found.R, found.t / length), max_error_px)
+    return relative_estimate(a, b, camera_a, camera_b, b_from_a, max_error_px)
 
 
 def estimate_relative_pose_svd(
@@ -261,20 +257,6 @@ def in_front_of_both(normalized_a: ArrayLike, normalized_b: ArrayLike, b_from_a:
     s1, s2 = pixel_depths(normalized_a, normalized_b, b_from_a)
     with np.errstate(invalid="ignore"):
         return np.asarray((s1 > 0) & (s2 > 0))
-
-
-def sampson_errors(E: ArrayLike, normalized_a: ArrayLike, normalized_b: ArrayLike) -> Array:
-    """Return the Sampson errors (n,) of matches (n, 2), (n, 2): the first-order distance from b^T E a = 0."""
-    matrix = np.asarray(E, dtype=np.float64)
-    a, b = homogeneous(normalized_a), homogeneous(normalized_b)
-    return np.asarray(np.abs(np.sum(b * (a @ matrix.T), axis=1)) / sampson_slopes(matrix, a, b))
-
-
-def sampson_slopes(E: Array, rays_a: Array, rays_b: Array) -> Array:
-    """Return the norm (n,) of the gradient of b^T E a by the image-plane points of matched rays (n, 3), (n, 3)."""
-    line_b, line_a = rays_a @ E.T, rays_b @ E
-    squared = np.sum(line_a[:, :2] ** 2, axis=1) + np.sum(line_b[:, :2] ** 2, axis=1)
-    return np.asarray(np.maximum(np.sqrt(squared), 1e-15))
 
 
 def relative_estimate(

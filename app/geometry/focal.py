@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from app.geometry.camera import Camera
-from app.geometry.pnp import estimate_pose_lo_ransac, refine_pose
+from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import PIXEL_NOISE, reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.limits import limit

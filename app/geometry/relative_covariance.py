@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.covariance import OPTIONS as COVARIANCE
 from app.geometry.covariance import SIGMA_PER_MAD
-from app.geometry.epipolar import essential_from_pose, sampson_slopes
+from app.geometry.epipolar import essential_from_pose
+from app.geometry.sampson import sampson_slopes
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.geometry.triangulation import homogeneous
 from app.limits import limit

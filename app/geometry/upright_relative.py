@@ -5,26 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import poselib
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.camera import Camera
+from app.geometry.epipolar import OPTIONS as EPIPOLAR
 from app.geometry.epipolar import (
-    MIN_FUNDAMENTAL_POINTS,
     RelativePoseEstimate,
     in_front_of_both,
     relative_estimate,
-    sampson_slopes,
 )
-from app.geometry.epipolar import OPTIONS as EPIPOLAR
-from app.geometry.se3 import Pose, rotation_between, rotation_from_vector, skew
+from app.geometry.estimators.chosen import ESTIMATORS
+from app.geometry.estimators.interface import MIN_FUNDAMENTAL_POINTS
+from app.geometry.estimators.relative_refinement import KnownVerticals, RelativePoseProblem
+from app.geometry.se3 import Pose, rotation_between
 from app.geometry.triangulation import homogeneous, unit_rays
 from app.geometry.validation import finite_pairs
 from app.limits import limit
 
 Array = NDArray[np.float64]
 
-# The solver of PoseLib has its vertical along y.
+# The solver has its vertical along y.
 DOWN = np.array([0.0, 1.0, 0.0])
 
 
@@ -62,30 +62,9 @@ class UprightOptions:
         "Matches, evenly spread over all, that are used to rank samples.",
         chosen="By hand, for speed: the rank of a sample needs fewer matches than its refinement.",
     )
-    sigma_ratio: float = limit(
-        0.35,
-        "Standard deviation of a match's error over the largest error of an inlier.",
-        chosen="By hand: the inlier limit is about three standard deviations.",
-    )
 
 
 OPTIONS = UprightOptions()
-
-
-@dataclass(frozen=True, slots=True)
-class KnownVerticals:
-    """Down in the axes of two cameras, (3,) each, and the standard deviation, in radians, of the angle between them."""
-
-    in_a: Array
-    in_b: Array
-    sigma_rad: float
-
-    def information(self) -> Array:
-        """Return the inverse covariance (3, 3) that the verticals give a relative rotation's vector in b's axes.
-
-        It is zero for rotations about the vertical, which the verticals don't determine.
-        """
-        return np.asarray((np.eye(3) - np.outer(self.in_b, self.in_b)) / self.sigma_rad**2)
 
 
 def estimate_upright_relative_pose(
@@ -106,7 +85,7 @@ def estimate_upright_relative_pose(
     then a robust least-squares fit in which the verticals have their standard deviation. None for fewer than eight
     matches or inliers. Raises `InvalidInputError` for
     numbers that are not finite. Source: Fraundorfer et al., "A minimal case solution to the calibrated relative pose
-    problem for the case of two known orientation angles", 2010, the solver by PoseLib; C eq. 4.2.1-4.2.4.
+    problem for the case of two known orientation angles", 2010, the solver by `ESTIMATORS`; C eq. 4.2.1-4.2.4.
     """
     a, b = finite_pairs(points_a_px, 2, "pixels", points_b_px, 2, "pixels")
     if len(a) < MIN_FUNDAMENTAL_POINTS:
@@ -119,7 +98,7 @@ def estimate_upright_relative_pose(
     some = slice(None, None, -(-len(a) // OPTIONS.ranking_matches))
     sample_error = OPTIONS.sample_error_ratio * max_error
     support = _support(rays_a[some], rays_b[some], rotations, translations, sample_error)
-    problem = _Problem(rays_a, rays_b, verticals, max_error)
+    problem = RelativePoseProblem(rays_a, rays_b, verticals, max_error)
     rows = np.argsort(-support, kind="stable")[: OPTIONS.refined_poses]
     first = [problem.refined(rotations[row], translations[row], OPTIONS.first_steps) for row in rows]
     _, rotation, translation = min(first, key=lambda found: found[0])
@@ -136,18 +115,10 @@ def _sampled(
     units_a, units_b = unit_rays(rays_a) @ level_a.T, unit_rays(rays_b) @ level_b.T
     rows = np.random.default_rng(seed).integers(0, len(rays_a), (samples, 3))
     rows = rows[(np.diff(np.sort(rows, axis=1), axis=1) > 0).all(axis=1)]
-    found = [
-        pose
-        for three_a, three_b in zip(units_a[rows], units_b[rows], strict=True)
-        for pose in poselib.relpose_upright_3pt(list(three_a), list(three_b))
-    ]
-    if not found:
-        return np.zeros((0, 3, 3)), np.zeros((0, 3))
-    halves = np.array([pose.q for pose in found])
-    directions = np.array([pose.t for pose in found])
+    turns_rad, directions = ESTIMATORS.upright_relative_poses(units_a[rows], units_b[rows])
     lengths = np.linalg.norm(directions, axis=1)
-    usable = np.isfinite(halves).all(axis=1) & np.isfinite(lengths) & (lengths > 1e-9)
-    turns = _about_the_vertical(2.0 * np.arctan2(halves[usable, 2], halves[usable, 0]))
+    usable = np.isfinite(turns_rad) & np.isfinite(lengths) & (lengths > 1e-9)
+    turns = _about_the_vertical(turns_rad[usable])
     return level_b.T @ turns @ level_a, directions[usable] / lengths[usable, None] @ level_b
 
 
@@ -179,61 +150,3 @@ def _facing(rays_a: Array, rays_b: Array, rotation: Array, translation: Array) -
     poses = [Pose(rotation, sign * translation) for sign in (1.0, -1.0)]
     fronts = [np.count_nonzero(in_front_of_both(rays_a[:, :2], rays_b[:, :2], pose)) for pose in poses]
     return poses[int(np.argmax(fronts))]
-
-
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """Matched rays (n, 3), (n, 3), the verticals, and the error above which a match has no weight."""
-
-    rays_a: Array
-    rays_b: Array
-    verticals: KnownVerticals
-    max_error: float
-
-    def refined(self, rotation: Array, translation: Array, steps: int) -> tuple[float, Array, Array]:
-        """Return the least robust cost near a pose, and the rotation and translation there.
-
-        Gauss-Newton with the verticals as a prior.
-        """
-        best = np.inf, rotation, translation
-        for _ in range(steps):
-            cost, hessian, gradient, axes = self._system(rotation, translation)
-            if cost < best[0]:
-                best = cost, rotation, translation
-            step = -np.linalg.solve(hessian + 1e-9 * np.trace(hessian) * np.eye(5), gradient)
-            rotation = rotation_from_vector(step[:3]) @ rotation
-            translation = translation + step[3:] @ axes
-            translation = translation / np.linalg.norm(translation)
-        cost, *_ = self._system(rotation, translation)
-        return (cost, rotation, translation) if cost < best[0] else best
-
-    def _system(self, rotation: Array, translation: Array) -> tuple[float, Array, Array, Array]:
-        """Return the cost, the normal equations (5, 5), (5,), and two axes (2, 3) perpendicular to the translation.
-
-        The unknowns are a rotation vector and the change of the translation along the two axes.
-        """
-        axes = np.linalg.svd(translation[None])[2][1:]
-        turned = self.rays_a @ rotation.T
-        slopes = sampson_slopes(skew(translation) @ rotation, self.rays_a, self.rays_b)
-        slopes *= OPTIONS.sigma_ratio * self.max_error
-        normals = _cross(turned, self.rays_b)
-        errors = normals @ translation / slopes
-        by_turn = _cross(turned, self.rays_b @ skew(translation).T) * -1.0
-        jacobian = np.concatenate([by_turn, normals @ axes.T], axis=1) / slopes[:, None]
-        weights = np.where(np.abs(errors) < 1.0 / OPTIONS.sigma_ratio, 1.0 / (1.0 + errors**2), 0.0)
-        weighted = jacobian * weights[:, None]
-        hessian, gradient = weighted.T @ jacobian, weighted.T @ errors
-        down, sigma = rotation @ self.verticals.in_a, self.verticals.sigma_rad
-        tilt = np.cross(down, self.verticals.in_b) / sigma
-        by_tilt = (np.outer(down, self.verticals.in_b) - down @ self.verticals.in_b * np.eye(3)) / sigma
-        hessian[:3, :3] += by_tilt.T @ by_tilt
-        gradient[:3] += by_tilt.T @ tilt
-        cost = float(np.log1p(np.minimum(errors**2, OPTIONS.sigma_ratio**-2)).sum() + tilt @ tilt)
-        return cost, hessian, gradient, axes
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products (n, 3) of rows, several times as fast as `numpy.cross`."""
-    x, y, z = a.T
-    u, v, w = b.T
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)

@@ -98,7 +98,7 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
     """
     started = time.perf_counter()
     options = parse_build_options(build.options)
-    with _scratch(resources.scratch_dir / f"{build.id}-{build.attempts}") as folder:
+    with _scratch(scratch_folder(resources, build)) as folder:
         root = _unpack(build, resources, folder, progress)
         progress.report("read", 0, 1)
         source = open_scan(root, options.format, replace(options.scan, scratch=folder))
@@ -165,6 +165,11 @@ def _present_map(
             raise
         log.warning("the present map of venue %s can't be used: %s", build.venue_id, error)
         return None
+
+
+def scratch_folder(resources: Resources, build: Build) -> Path:
+    """Return the folder of one attempt at a build."""
+    return resources.scratch_dir / f"{build.id}-{build.attempts}"
 
 
 @contextmanager

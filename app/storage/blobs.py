@@ -84,6 +84,14 @@ class BlobStore:
         except FileNotFoundError:
             raise NotFoundError(f"Blob {digest} is missing from the store.") from None
 
+    def stream(self, digest: str) -> Iterator[bytes]:
+        """Yield a blob's bytes in pieces, past the cache; raises `NotFoundError`."""
+        try:
+            for piece in obstore.get(self._store, _path(digest)).stream():
+                yield bytes(piece)
+        except FileNotFoundError:
+            raise NotFoundError(f"Blob {digest} is missing from the store.") from None
+
     def local_path(self, digest: str) -> Path:
         """Return a file with the blob's contents, for memory-mapping; a remote blob is fetched into the cache."""
         if self._root is not None:
@@ -119,11 +127,14 @@ class BlobStore:
 
     def contains(self, digest: str) -> bool:
         """Return whether the store has the blob."""
+        return self.size(digest) is not None
+
+    def size(self, digest: str) -> int | None:
+        """Return the size of a blob in bytes, None when the store doesn't have it."""
         try:
-            obstore.head(self._store, _path(digest))
+            return int(obstore.head(self._store, _path(digest))["size"])
         except FileNotFoundError:
-            return False
-        return True
+            return None
 
     def delete(self, digests: Iterable[str]) -> None:
         """Delete blobs; one that doesn't exist is no error."""

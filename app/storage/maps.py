@@ -53,23 +53,38 @@ def publish_map(
     images: Sequence[KeyframeImages],
 ) -> int:
     """Add the next version of a venue's map, make it the one that serves, and return its number."""
-    version = _newest_number(connection, venue_id) + 1
+    version = MapVersion(
+        venue_id=venue_id,
+        version=_newest_number(connection, venue_id) + 1,
+        build_id=build_id,
+        artifact_blob=artifact_blob,
+        index_blob=index_blob,
+        statistics=statistics,
+        created_at=now(),
+    )
+    add_map(connection, version, images)
+    set_active_map(connection, venue_id, version.version)
+    return version.version
+
+
+def add_map(connection: Connection, version: MapVersion, images: Sequence[KeyframeImages]) -> None:
+    """Add a map version and the pictures of its keyframes; it doesn't serve by that."""
     connection.execute(
         insert(map_versions).values(
-            venue_id=venue_id,
-            version=version,
-            build_id=build_id,
-            artifact_blob=artifact_blob,
-            index_blob=index_blob,
-            statistics=statistics,
-            created_at=now(),
+            venue_id=version.venue_id,
+            version=version.version,
+            build_id=version.build_id,
+            artifact_blob=version.artifact_blob,
+            index_blob=version.index_blob,
+            statistics=version.statistics,
+            created_at=version.created_at,
         )
     )
     if images:
         rows = [
             {
-                "venue_id": venue_id,
-                "version": version,
+                "venue_id": version.venue_id,
+                "version": version.version,
                 "keyframe": keyframe,
                 "color_blob": image.color_blob,
                 "depth_blob": image.depth_blob,
@@ -77,8 +92,6 @@ def publish_map(
             for keyframe, image in enumerate(images)
         ]
         connection.execute(insert(keyframe_images), rows)
-    set_active_map(connection, venue_id, version)
-    return version
 
 
 def _newest_number(connection: Connection, venue_id: str) -> int:

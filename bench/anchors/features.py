@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera, tangent_of_px
-from app.geometry.epipolar import essential_from_pose, in_front_of_both, sampson_errors
+from app.geometry.epipolar import essential_from_pose, in_front_of_both
+from app.geometry.sampson import sampson_errors
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray

@@ -20,6 +20,7 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.engine.query.settings import PAPER, LocalizerSettings
 from app.errors import InvalidInputError
+from app.geometry.estimators.chosen import ESTIMATORS
 from app.importers.frames import Scan
 from app.importers.registry import open_scan
 from app.services.resources import cap_threads, open_models
@@ -158,7 +159,10 @@ def evaluate(
         settings = {name: _settings(name, keyframes) for name in chosen}
         configurations = list(_configurations(datasets, ranges, parsed, features, settings))
         results = _evaluate_here(configurations, variations, absent or [])
-    _show(results, variations, by_keyframes=ranges is None).write("evaluate", figures)
+    shown = _show(results, variations, by_keyframes=ranges is None)
+    if server is None:
+        shown.line(f"Poses by {ESTIMATORS.name}.")
+    shown.write("evaluate", figures)
     _write(results, json_file, page)
 
 
@@ -335,6 +339,7 @@ def benchmark(
         table.add_row("query / plain SIFT", f"{figures.ratio}")
     shown = Shown()
     shown.table(table)
+    shown.line(f"Poses by {ESTIMATORS.name}.")
     shown.write("benchmark", figures_title)
     if json_file is not None:
         json_file.write_text(json.dumps({**figures.as_dict(), "machine": describe_machine()}, indent=1))

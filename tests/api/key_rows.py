@@ -47,6 +47,7 @@ BODIES: dict[str, dict[str, Any]] = {
         "files": {"archive": b"no archive"},
     },
     "POST /database/calibrate": {"data": {"venue": VENUE}, "files": {"archive": b"no archive"}},
+    "POST /venues/import": {"files": {"archive": b"no file of a venue"}},
     "POST /database/inspect": {"files": {"archive": b"no archive"}},
     "POST /sessions": {"json": {"venue": VENUE}},
     "POST /keys": {"json": {"name": "another", "scope": "locate", "venue": VENUE}},

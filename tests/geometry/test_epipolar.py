@@ -13,8 +13,8 @@ from app.geometry.epipolar import (
     filter_by_fundamental_matrix,
     in_front_of_both,
     relative_pose_from_essential,
-    sampson_errors,
 )
+from app.geometry.sampson import sampson_errors
 from app.geometry.se3 import Pose, rotation_angle_deg, rotation_from_vector
 from app.geometry.triangulation import homogeneous, metric_scale, parallax_deg, pixel_depths, triangulate
 from tests.synthetic import CAMERAS, MODELS, make_two_views

@@ -10,7 +10,7 @@ from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.lens import LENS_SIGMA, Focal, Lens, SharedPoints, fit_lens, refine_lens
-from app.geometry.pnp import refine_pose
+from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import perturbed
 from app.geometry.se3 import Pose
 from tests.synthetic import CAMERAS, random_pixels, random_pose

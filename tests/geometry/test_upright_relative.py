@@ -7,8 +7,9 @@ import pytest
 
 from app.errors import InvalidInputError
 from app.geometry.epipolar import estimate_relative_pose
+from app.geometry.estimators.relative_refinement import KnownVerticals
 from app.geometry.se3 import Pose, rotation_angle_deg, rotation_from_vector
-from app.geometry.upright_relative import KnownVerticals, estimate_upright_relative_pose
+from app.geometry.upright_relative import estimate_upright_relative_pose
 from tests.scenes import CAMERA
 from tests.synthetic import CAMERAS, MODELS, make_two_views
 

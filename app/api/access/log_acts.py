@@ -20,7 +20,9 @@ VENUE = "roomfix.venue"
 async def log_act(request: Request, response: Response) -> None:
     """Note an act that has succeeded, before its answer is sent; an open server has nobody to note."""
     caller = caller_of(request)
-    if request.method in READING or caller.is_open or response.status_code >= 400:
+    # A call that only reads is noted when its route names the venue: that of the export does.
+    is_noted = request.method not in READING or VENUE in request.scope
+    if not is_noted or caller.is_open or response.status_code >= 400:
         return
     state = request.app.state.roomfix
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan

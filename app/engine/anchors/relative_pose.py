@@ -11,8 +11,9 @@ from app.engine.anchors.matching import PixelMatches
 from app.geometry.anchor_pose import GRAVITY_SIGMA_RAD
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.epipolar import RelativePoseEstimate, estimate_relative_pose
+from app.geometry.estimators.relative_refinement import KnownVerticals
 from app.geometry.se3 import Pose, rotation_angle_deg
-from app.geometry.upright_relative import KnownVerticals, estimate_upright_relative_pose
+from app.geometry.upright_relative import estimate_upright_relative_pose
 from app.limits import limit
 
 Array = NDArray[np.float64]

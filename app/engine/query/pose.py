@@ -10,7 +10,8 @@ from app.engine.maps.artifact import MapArtifact
 from app.engine.query.accuracy import seen_from_one_side
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
-from app.geometry.pnp import MIN_POINTS, PnpEstimate, estimate_pose_lo_ransac
+from app.geometry.estimators.interface import MIN_POINTS
+from app.geometry.pnp import PnpEstimate, estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
 
 

@@ -13,7 +13,8 @@ from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera, pinhole
 from app.geometry.lens import Lens
-from app.geometry.pnp import PnpEstimate, refine_pose
+from app.geometry.pnp import PnpEstimate
+from app.geometry.pose_refinement import refine_pose
 from app.geometry.se3 import Pose
 
 WIDTH = 640

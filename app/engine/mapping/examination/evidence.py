@@ -20,8 +20,8 @@ from app.geometry.epipolar import (
     essential_from_pose,
     estimate_relative_pose,
     filter_by_fundamental_matrix,
-    sampson_errors,
 )
+from app.geometry.sampson import sampson_errors
 from app.geometry.se3 import attitude_difference_rad, position_difference_m
 from app.importers.frames import FrameSource
 from app.limits import limit

@@ -26,7 +26,8 @@ from app.engine.tracking.odometry.window import KeyView, Window
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
-from app.geometry.pnp import estimate_pose_lo_ransac, refine_pose
+from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 

@@ -1,0 +1,1 @@
+"""A venue as a file, over HTTP."""

@@ -1,0 +1,1 @@
+"""Robust estimators of poses: one interface, by PoseLib or by OpenCV."""

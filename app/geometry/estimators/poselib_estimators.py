@@ -1,0 +1,108 @@
+"""Robust estimators by PoseLib."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import poselib
+from numpy.typing import NDArray
+
+from app.geometry.camera import Camera
+from app.geometry.estimators.interface import (
+    MIN_FUNDAMENTAL_POINTS,
+    MIN_POINTS,
+    AbsolutePose,
+    RansacBudget,
+)
+from app.geometry.se3 import Pose, quaternion_from_rotation
+from app.limits import limit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseLibOptions:
+    """PoseLib's own refinement."""
+
+    steps: int = limit(
+        50,
+        "Largest number of steps of PoseLib's own refinement.",
+        chosen="By hand: meant to be enough to converge.",
+    )
+
+
+OPTIONS = PoseLibOptions()
+
+
+class PoseLibEstimators:
+    """See `Estimators`."""
+
+    name = "PoseLib"
+
+    def absolute_pose(
+        self,
+        pixels: Array,
+        points: Array,
+        camera: Camera,
+        budget: RansacBudget,
+        *,
+        loss_scale_px: float,
+        prior: Pose | None,
+    ) -> AbsolutePose | None:
+        ransac = {
+            "max_reproj_error": budget.max_error_px,
+            "max_iterations": budget.max_iterations,
+            "min_iterations": budget.min_iterations,
+            "progressive_sampling": budget.sorted_by_quality,
+            "seed": budget.seed,
+        }
+        bundle = {"loss_type": "CAUCHY", "loss_scale": loss_scale_px, "max_iterations": OPTIONS.steps}
+        start = None if prior is None else _poselib_pose(prior)
+        found, info = poselib.estimate_absolute_pose(
+            pixels, points, _poselib_camera(camera), ransac, bundle, start
+        )
+        if info["num_inliers"] < MIN_POINTS:
+            return None
+        return AbsolutePose(Pose(found.R, found.t).inverse(), int(info["iterations"]))
+
+    def relative_pose(
+        self, pixels_a: Array, pixels_b: Array, cameras: tuple[Camera, Camera], budget: RansacBudget
+    ) -> Pose | None:
+        ransac = {
+            "max_epipolar_error": budget.max_error_px,
+            "max_iterations": budget.max_iterations,
+            "min_iterations": budget.min_iterations,
+            "seed": budget.seed,
+        }
+        found, info = poselib.estimate_relative_pose(
+            pixels_a, pixels_b, *map(_poselib_camera, cameras), ransac, {"loss_type": "CAUCHY"}
+        )
+        length = float(np.linalg.norm(found.t))
+        if info["num_inliers"] < MIN_FUNDAMENTAL_POINTS or not np.isfinite(length) or length < 1e-9:
+            return None
+        return Pose(found.R, found.t / length)
+
+    def upright_relative_poses(self, rays_a: Array, rays_b: Array) -> tuple[Array, Array]:
+        found = [
+            pose
+            for three_a, three_b in zip(rays_a, rays_b, strict=True)
+            for pose in poselib.relpose_upright_3pt(list(three_a), list(three_b))
+        ]
+        if not found:
+            return np.zeros(0), np.zeros((0, 3))
+        halves = np.array([pose.q for pose in found])
+        return 2.0 * np.arctan2(halves[:, 2], halves[:, 0]), np.array([pose.t for pose in found])
+
+
+def _poselib_camera(camera: Camera) -> poselib.Camera:
+    """Return the camera for PoseLib, which follows COLMAP's names and parameter order too."""
+    return poselib.Camera(camera.model, camera.params, camera.width, camera.height)
+
+
+def _poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
+    camera_from_world = world_from_camera.inverse()
+    x, y, z, w = quaternion_from_rotation(camera_from_world.rotation)
+    pose = poselib.CameraPose()
+    pose.q, pose.t = np.array([w, x, y, z]), np.array(camera_from_world.translation)
+    return pose

@@ -1,0 +1,150 @@
+"""The pose of least reprojection error near a given one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.errors import DegenerateGeometryError, InvalidInputError
+from app.geometry.camera import Camera
+from app.geometry.reprojection import (
+    PIXEL_NOISE,
+    perturbed,
+    reprojection_errors_px,
+    reprojection_jacobian,
+)
+from app.geometry.se3 import Pose
+from app.geometry.validation import finite_pairs
+from app.limits import limit
+
+Array = NDArray[np.float64]
+Loss = Literal["cauchy", "trivial"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseRefinementOptions:
+    """The Levenberg-Marquardt steps of a pose."""
+
+    refinement_steps: int = limit(
+        30,
+        "Largest number of Levenberg-Marquardt steps, rejected ones included.",
+        chosen="By hand: meant to be enough to converge.",
+    )
+    behind_camera_px: float = limit(
+        1e4,
+        "Residual of a point behind the camera.",
+        chosen="By hand: more than any reprojection error, and finite so that the costs of steps can be compared.",
+    )
+    min_step: float = limit(
+        1e-8,
+        "The refinement ends when a step is smaller than this, in metres and radians.",
+        chosen="By hand: far below the error of a pose.",
+    )
+    min_gain_ratio: float = limit(
+        1e-10,
+        "The refinement ends when a step lowers the cost by at most this ratio.",
+        chosen="By hand: near the rounding error.",
+    )
+    initial_damping: float = limit(
+        1e-4,
+        "Damping of the first step, relative to the diagonal of the normal equations.",
+        chosen="By hand: nearly a Gauss-Newton step.",
+    )
+    min_damping: float = limit(
+        1e-10,
+        "Lower bound of the damping.",
+        chosen="By hand: no damping, up to rounding.",
+    )
+    max_damping: float = limit(
+        1e8,
+        "The refinement ends when no step up to this damping lowers the cost.",
+        chosen="By hand: such a step moves nothing.",
+    )
+
+
+OPTIONS = PoseRefinementOptions()
+
+
+def refine_pose(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    world_from_camera: Pose,
+    *,
+    loss: Loss = "cauchy",
+    loss_scale_px: float = PIXEL_NOISE.loss_scale_px,
+    weights: ArrayLike | None = None,
+    max_steps: int = OPTIONS.refinement_steps,
+) -> Pose:
+    """Return the `world_from_camera` of least reprojection error near the given one.
+
+    Minimizes the sum over pixels (n, 2) and world points (n, 3) of `weights` (n,) times the loss of the squared
+    error: 'trivial' is the squared error itself (A eq. 11, C eq. 5.1.2), 'cauchy' grows only logarithmically beyond
+    `loss_scale_px`. Levenberg-Marquardt with the analytic Jacobian. Raises `DegenerateGeometryError` for fewer than
+    three points in front of the camera, `InvalidInputError` for numbers that are not finite or weights below zero.
+    """
+    pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
+    factors = _checked_weights(weights, len(pixels))
+    errors = reprojection_errors_px(pixels, points, camera, world_from_camera)
+    if np.count_nonzero(np.isfinite(errors) & (factors > 0)) < 3:
+        raise DegenerateGeometryError("A pose needs at least three points in front of the camera.")
+    scale_px = loss_scale_px if loss == "cauchy" else np.inf
+    return _levenberg_marquardt(pixels, points, camera, world_from_camera, factors, scale_px, max_steps)
+
+
+def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
+    if weights is None:
+        return np.ones(count)
+    factors = np.asarray(weights, dtype=np.float64)
+    if factors.shape != (count,) or not np.isfinite(factors).all() or (factors < 0).any():
+        raise InvalidInputError(f"Weights must be {count} finite numbers that are not negative.")
+    return factors
+
+
+def _levenberg_marquardt(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float, max_steps: int
+) -> Pose:
+    damping, cost = OPTIONS.initial_damping, _cost(pixels, points, camera, pose, weights, scale_px)
+    gradient, hessian = _normal_equations(pixels, points, camera, pose, weights, scale_px)
+    for _ in range(max_steps):
+        # Damping relative to the diagonal doesn't depend on the units. The lower bound keeps the matrix
+        # invertible when the points don't determine a direction.
+        diagonal = np.diag(hessian)
+        damped = hessian + np.diag(damping * diagonal + 1e-12 * diagonal.max() + 1e-300)
+        step = -np.linalg.solve(damped, gradient)
+        candidate = perturbed(pose, step)
+        candidate_cost = _cost(pixels, points, camera, candidate, weights, scale_px)
+        if candidate_cost > cost:
+            damping *= 10.0
+            if damping > OPTIONS.max_damping:
+                break
+            continue
+        gain, pose, cost = cost - candidate_cost, candidate, candidate_cost
+        if gain <= OPTIONS.min_gain_ratio * cost or float(np.abs(step).max()) < OPTIONS.min_step:
+            break
+        damping = max(damping * 0.1, OPTIONS.min_damping)
+        gradient, hessian = _normal_equations(pixels, points, camera, pose, weights, scale_px)
+    return pose
+
+
+def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float) -> float:
+    errors = np.minimum(reprojection_errors_px(pixels, points, camera, pose), OPTIONS.behind_camera_px)
+    if np.isinf(scale_px):
+        return float(weights @ errors**2)
+    return float(weights @ (scale_px**2 * np.log1p((errors / scale_px) ** 2)))
+
+
+def _normal_equations(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float
+) -> tuple[Array, Array]:
+    projected, jacobian, _ = reprojection_jacobian(points, camera, pose)
+    residuals = projected - pixels
+    seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    residuals, jacobian = residuals[seen], jacobian[seen]
+    # The derivative of the loss by the squared error: the weight in a reweighted least-squares step.
+    robust = weights[seen] / (1.0 + np.sum(residuals**2, axis=1) / scale_px**2)
+    weighted = (jacobian * robust[:, None, None]).reshape(-1, 6)
+    return weighted.T @ residuals.reshape(-1), weighted.T @ jacobian.reshape(-1, 6)

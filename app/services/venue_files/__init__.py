@@ -1,0 +1,1 @@
+"""One venue as a file: written from a server, and read into another one."""
