@@ -44,6 +44,7 @@ const BUILD_STAGES = {
   check_lens: "Looking for the lens",
   check_sensor: "Checking the depth sensor",
   refine: "Refining depth",
+  distinguish: "Looking for places that look alike",
   index: "Indexing",
   verify: "Checking the map against its own scan",
   store: "Storing",
@@ -57,6 +58,17 @@ export function reasonWords(reason) {
 
 export const stageWords = (stage) => STAGES[stage] ?? humanize(stage);
 export const buildStageWords = (stage) => BUILD_STAGES[stage] ?? humanize(stage);
+
+// What a decomposition of Unicode would lose, or write other than the languages themselves do.
+const LETTERS = {
+  ä: "ae", ö: "oe", ü: "ue", ß: "ss", æ: "ae", œ: "oe", ø: "oe", å: "aa", ł: "l", đ: "d", ð: "d", þ: "th", ı: "i",
+};
+
+/** Return a text with umlauts as two letters and other letters without their marks, for ids that stay readable. */
+export function transliterated(text) {
+  const plain = text.normalize("NFC").replace(/\p{L}/gu, (letter) => LETTERS[letter.toLowerCase()] ?? letter);
+  return plain.normalize("NFKD").replace(/\p{M}/gu, "");
+}
 
 function humanize(name) {
   const words = String(name).replaceAll("_", " ");
