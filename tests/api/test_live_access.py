@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
+import re
 import socket
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
@@ -14,7 +17,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from tests.api.key_rows import ANCHOR, CAMERA, FLOOR, VENUE
+from app.jobs.runner import NoRunner
+from app.main import create_app
+from app.settings import Settings
+from tests.api.key_rows import ANCHOR, BODIES, CAMERA, FLOOR, VENUE, calls
 from tests.live_server import LiveServer, serving
 from tests.scenes import CAMERA_TEXT, View
 
@@ -27,7 +33,12 @@ ALLOWED_BYTES = 20_000_000
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
     folder = tmp_path_factory.mktemp("live")
     with serving(
-        folder, ROOMFIX_ADMIN_KEY=ADMIN_KEY, ROOMFIX_OPEN="false", ROOMFIX_LOG_LEVEL="debug"
+        folder,
+        ROOMFIX_ADMIN_KEY=ADMIN_KEY,
+        ROOMFIX_OPEN="false",
+        ROOMFIX_LOG_LEVEL="debug",
+        ROOMFIX_CALLS_PER_MINUTE="0",
+        ROOMFIX_WRONG_KEYS_PER_MINUTE="0",
     ) as live:
         yield live
 
@@ -71,9 +82,34 @@ def test_held_open_bodies_without_a_key_are_refused_from_their_headers(
             connection.close()
 
 
+def requests_of(call: str, ids: dict[str, str], picture: bytes) -> list[dict[str, Any]]:
+    """Return the bodies that a call is made with: a right one where there is one, a picture in each form, and text."""
+    base64_picture = base64.b64encode(picture).decode()
+    bodies = [dict(BODIES.get(call, {}))]
+    if call.startswith(("POST", "PUT", "PATCH")):
+        bodies += [
+            {
+                "data": {"venue": VENUE, "camera": CAMERA_TEXT},
+                "files": {"image": picture, "archive": picture},
+            },
+            {"content": picture, "headers": {"Content-Type": "image/jpeg"}},
+            {"json": {"image": base64_picture, "venue": VENUE, "name": base64_picture[:100]}},
+            {"content": b"{", "headers": {"Content-Type": "application/json"}},
+        ]
+    path = re.sub(r"{(\w+)}", lambda match: ids[match[1]], call.split(" ", 1)[1])
+    return [{"method": call.split(" ", 1)[0], "url": path, **body} for body in bodies]
+
+
+def made_secrets(answer: httpx.Response) -> list[str]:
+    """Return the key or token that an answer shows, which is its only time."""
+    body = answer.json() if answer.headers.get("content-type") == "application/json" else {}
+    return [str(body[name]) for name in ("text", "token") if isinstance(body, dict) and name in body]
+
+
 def test_nothing_secret_is_logged_at_debug_level(server: LiveServer, queries: list[View]) -> None:
     picture = queries[0].jpeg()
     secrets = [ADMIN_KEY]
+    answers: list[httpx.Response] = []
     with httpx.Client(base_url=server.url, headers={"Authorization": f"Bearer {ADMIN_KEY}"}) as client:
         assert client.post("/venues", json={"id": VENUE, "name": VENUE}).status_code == 201
         client.put(f"/venues/{VENUE}/floors/0", json=FLOOR)
@@ -83,17 +119,6 @@ def test_nothing_secret_is_logged_at_debug_level(server: LiveServer, queries: li
             secrets.append(made["text"])
         token = client.post("/tokens", json={"venue": VENUE}).json()["token"]
         secrets.append(token)
-        form = {"venue": VENUE, "camera": CAMERA_TEXT}
-        for key in [*secrets, "guessed-key-0123456789"]:
-            headers = {"Authorization": f"Bearer {key}"}
-            client.post("/locate", data=form, files={"image": picture}, headers=headers)
-            client.post(
-                f"/anchors/{CAMERA}/frames",
-                content=picture,
-                headers={**headers, "Content-Type": "image/jpeg"},
-            )
-            client.post("/database/build", data={"venue": VENUE}, files={"archive": picture}, headers=headers)
-            client.get("/venues", params={"key": key}, headers=headers)
         secrets.append("guessed-key-0123456789")
         session = client.post("/sessions", json={"venue": VENUE}).json()["session"]
         stream = f"{server.url.replace('http', 'ws', 1)}/sessions/{session}/stream"
@@ -104,14 +129,45 @@ def test_nothing_secret_is_logged_at_debug_level(server: LiveServer, queries: li
             socket_.recv(timeout=60)
         with pytest.raises(InvalidStatus):
             connect(f"{stream}?key={token}")
+
+        build = client.post("/database/build", data={"venue": VENUE}, files={"archive": picture}).json()[
+            "build"
+        ]
+        # Ended, so that its events end too.
+        client.delete(f"/database/builds/{build}")
+        ids = {
+            "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "version": "1",
+            "keyframe": "0", "key": "0" * 16,
+        }  # fmt: skip
+        all_calls = calls(create_app(Settings(_env_file=None, open=True), NoRunner()))
+        # What deletes comes last, and the venue at the very end.
+        ordered = sorted(
+            (call for call in all_calls if not call.startswith("WS")),
+            key=lambda call: (call.startswith("DELETE"), -len(call)),
+        )
+        assert len(ordered) > 45
+        callers = [*reversed(secrets)]
+        for call in ordered:
+            for request in requests_of(call, ids, picture):
+                for key in callers:
+                    headers = {**request.get("headers", {}), "Authorization": f"Bearer {key}"}
+                    in_address = {"params": {"key": key}} if key == token else {}
+                    answers.append(client.request(**{**request, "headers": headers, **in_address}))
+                    secrets += made_secrets(answers[-1])
         metrics = client.get("/metrics").text
-    text = server.log.read_text(encoding="utf-8") + metrics
+    assert {401, 403, 404, 422, 200, 201, 204} <= {answer.status_code for answer in answers}
+    assert not [answer.url.path for answer in answers if answer.status_code >= 500]
+    errors = "\n".join(answer.text for answer in answers if answer.status_code >= 400)
+    log = server.log.read_text(encoding="utf-8")
     # Detailed, and the refused stream is in it.
-    assert " DEBUG " in text
-    assert "/stream" in text
-    for secret in secrets:
-        assert secret not in text
-        assert secret[-16:] not in text
-    assert "JFIF" not in text
-    assert picture[:4].hex(" ") not in text.lower()
-    assert repr(picture[:12])[2:-1] not in text
+    assert " DEBUG " in log
+    assert "/stream" in log
+    assert len(secrets) > 10
+    for text in (log, metrics, errors):
+        for secret in secrets:
+            assert secret not in text
+            assert secret[-16:] not in text
+        assert "JFIF" not in text
+        assert picture[:4].hex(" ") not in text.lower()
+        assert repr(picture[:12])[2:-1] not in text
+        assert base64.b64encode(picture[:12]).decode() not in text
