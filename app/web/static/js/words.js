@@ -51,6 +51,8 @@ const BUILD_STAGES = {
   triangulate: "Triangulating points",
   refine: "Refining depth",
   distinguish: "Looking for places that look alike",
+  "second features": "Describing keyframes a second time",
+  "match pairs": "Matching keyframes with each other",
   index: "Indexing",
   verify: "Checking the map against its own scan",
   store: "Storing",
