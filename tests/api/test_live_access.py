@@ -107,70 +107,85 @@ def made_secrets(answer: httpx.Response) -> list[str]:
     return [str(body[name]) for name in ("text", "token") if isinstance(body, dict) and name in body]
 
 
+def open_stream(server: LiveServer, session: str, token: str, picture: bytes) -> None:
+    """Send a picture by a stream that a token lets in by a subprotocol; in the address it is not taken."""
+    stream = f"{server.url.replace('http', 'ws', 1)}/sessions/{session}/stream"
+    offered = [Subprotocol("roomfix"), Subprotocol(f"roomfix.key.{token}")]
+    with connect(stream, subprotocols=offered) as socket_:
+        assert socket_.subprotocol == "roomfix"
+        socket_.send(picture)
+        socket_.recv(timeout=60)
+    with pytest.raises(InvalidStatus):
+        connect(f"{stream}?key={token}")
+
+
+def ordered_calls() -> list[str]:
+    """Return every call of the API; what deletes comes last, and the venue at the very end."""
+    found = calls(create_app(Settings(_env_file=None, open=True), NoRunner()))
+    http = (call for call in found if not call.startswith("WS"))
+    return sorted(http, key=lambda call: (call.startswith("DELETE"), -len(call)))
+
+
+def whole_api(
+    client: httpx.Client, ids: dict[str, str], secrets: list[str], picture: bytes
+) -> list[httpx.Response]:
+    """Make every call: every key with its right body, other bodies with a right key and a wrong one. What an answer
+    shows of a new key joins the secrets."""
+    answers: list[httpx.Response] = []
+    callers = [*reversed(secrets)]
+    for call in ordered_calls():
+        for number, request in enumerate(requests_of(call, ids, picture)):
+            for key in callers if number == 0 else (GUESSED, ADMIN_KEY):
+                headers = {**request.get("headers", {}), "Authorization": f"Bearer {key}"}
+                in_address = {"params": {"key": key}} if key.startswith("rft_") else {}
+                answers.append(client.request(**{**request, "headers": headers, **in_address}))
+                secrets += made_secrets(answers[-1])
+    return answers
+
+
+def assert_silent(text: str, secrets: list[str], picture: bytes) -> None:
+    """Check that a text holds no key, no token and no byte of a picture."""
+    for secret in secrets:
+        assert secret not in text
+        assert secret[-16:] not in text
+    assert "JFIF" not in text
+    assert picture[:4].hex(" ") not in text.lower()
+    assert repr(picture[:12])[2:-1] not in text
+    assert base64.b64encode(picture[:12]).decode() not in text
+
+
 def test_nothing_secret_is_logged_at_debug_level(server: LiveServer, queries: list[View]) -> None:
     picture = queries[0].jpeg()
-    secrets = [ADMIN_KEY]
-    answers: list[httpx.Response] = []
+    secrets = [ADMIN_KEY, GUESSED]
     headers = {"Authorization": f"Bearer {ADMIN_KEY}"}
     with httpx.Client(base_url=server.url, headers=headers, timeout=60) as client:
         assert client.post("/venues", json={"id": VENUE, "name": VENUE}).status_code == 201
         client.put(f"/venues/{VENUE}/floors/0", json=FLOOR)
         client.put(f"/anchors/{CAMERA}", json=ANCHOR)
         for scope in ("locate", "anchor", "admin"):
-            made = client.post("/keys", json={"name": "app", "scope": scope, "venue": VENUE}).json()
-            secrets.append(made["text"])
-        token = client.post("/tokens", json={"venue": VENUE}).json()["token"]
-        secrets.append(token)
-        secrets.append(GUESSED)
+            made = client.post("/keys", json={"name": "app", "scope": scope, "venue": VENUE})
+            secrets += made_secrets(made)
+        secrets += made_secrets(client.post("/tokens", json={"venue": VENUE}))
         session = client.post("/sessions", json={"venue": VENUE}).json()["session"]
-        stream = f"{server.url.replace('http', 'ws', 1)}/sessions/{session}/stream"
-        offered = [Subprotocol("roomfix"), Subprotocol(f"roomfix.key.{token}")]
-        with connect(stream, subprotocols=offered) as socket_:
-            assert socket_.subprotocol == "roomfix"
-            socket_.send(picture)
-            socket_.recv(timeout=60)
-        with pytest.raises(InvalidStatus):
-            connect(f"{stream}?key={token}")
-
-        build = client.post("/database/build", data={"venue": VENUE}, files={"archive": picture}).json()[
-            "build"
-        ]
+        open_stream(server, session, secrets[-1], picture)
+        submitted = client.post("/database/build", data={"venue": VENUE}, files={"archive": picture})
+        build = submitted.json()["build"]
         # Ended, so that its events end too.
         client.delete(f"/database/builds/{build}")
         ids = {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "version": "1",
             "keyframe": "0", "key": "0" * 16,
         }  # fmt: skip
-        all_calls = calls(create_app(Settings(_env_file=None, open=True), NoRunner()))
-        # What deletes comes last, and the venue at the very end.
-        ordered = sorted(
-            (call for call in all_calls if not call.startswith("WS")),
-            key=lambda call: (call.startswith("DELETE"), -len(call)),
-        )
-        assert len(ordered) > 45
-        callers = [*reversed(secrets)]
-        for call in ordered:
-            for number, request in enumerate(requests_of(call, ids, picture)):
-                # Every key with the right body; the others are read with a right key, and not with a wrong one.
-                for key in callers if number == 0 else (GUESSED, ADMIN_KEY):
-                    headers = {**request.get("headers", {}), "Authorization": f"Bearer {key}"}
-                    in_address = {"params": {"key": key}} if key == token else {}
-                    answers.append(client.request(**{**request, "headers": headers, **in_address}))
-                    secrets += made_secrets(answers[-1])
+        answers = whole_api(client, ids, secrets, picture)
         metrics = client.get("/metrics").text
+    assert len(answers) > 400
     assert {401, 403, 404, 422, 200, 201, 204} <= {answer.status_code for answer in answers}
     assert not [answer.url.path for answer in answers if answer.status_code >= 500]
-    errors = "\n".join(answer.text for answer in answers if answer.status_code >= 400)
+    assert len(secrets) > 10
     log = server.log.read_text(encoding="utf-8")
     # Detailed, and the refused stream is in it.
     assert " DEBUG " in log
     assert "/stream" in log
-    assert len(secrets) > 10
+    errors = "\n".join(answer.text for answer in answers if answer.status_code >= 400)
     for text in (log, metrics, errors):
-        for secret in secrets:
-            assert secret not in text
-            assert secret[-16:] not in text
-        assert "JFIF" not in text
-        assert picture[:4].hex(" ") not in text.lower()
-        assert repr(picture[:12])[2:-1] not in text
-        assert base64.b64encode(picture[:12]).decode() not in text
+        assert_silent(text, secrets, picture)
