@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -59,7 +59,7 @@ OPTIONS = ReadinessOptions()
 # Parts without which no query is answered.
 NEEDED = ("database", "blobs")
 # An open server refuses every call that comes by a name other than localhost.
-FOREIGN = {403: problems(403)[403]}
+FOREIGN: dict[int | str, dict[str, Any]] = {403: problems(403)[403]}
 
 
 @router.head("/healthz", name="headHealth", dependencies=[Depends(public)], include_in_schema=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,15 +110,14 @@ def build_map(
     clock.lap("select")
     chosen, keyframe_rows = sorted({*selected, *support}), set(selected)
 
-    def describe(row: int) -> _Described:
-        return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
-
-    def describe_keyframe(row: int) -> _Described:
-        return _describe(source, row, poses[row], True, models, extractor)
+    def describe(row: int, is_keyframe: bool | None = None) -> _Described:
+        described_whole = row in keyframe_rows if is_keyframe is None else is_keyframe
+        return _describe(source, row, poses[row], described_whole, models, extractor)
 
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    usable, left_out, replaced = _usable(described, selected, poses, rule, source, describe_keyframe)
+    whole = partial(describe, is_keyframe=True)
+    usable, left_out, replaced = _usable(described, selected, poses, rule, source, whole)
     clock.lap("quality")
     refined = _refined(described, usable, source, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)

@@ -79,6 +79,13 @@ class ShownMatches(TypedDict):
     pairs: list[list[float]]
 
 
+class FrameSupport(TypedDict):
+    """The support of the pose by one frame of a query that has several."""
+
+    inliers: int
+    matches: int
+
+
 class LocateResult(TypedDict):
     """Where the camera is, or the reason why that can't be said."""
 
@@ -106,6 +113,7 @@ class LocateResult(TypedDict):
     session_from_world: Pose | None
     hints: list[str]
     shown_matches: ShownMatches | None
+    frames: list[FrameSupport]
 
 
 class TrajectoryPoint(TypedDict):
