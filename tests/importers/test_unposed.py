@@ -35,7 +35,9 @@ def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:
     unposed = open_unposed(tmp_path, "auto", ScanOptions())
     assert unposed is not None
     assert (unposed.format, unposed.video) == ("video", tmp_path / "walk.MP4")
-    with pytest.raises(InvalidScanError, match="only a build reads them"):
+    with pytest.raises(
+        InvalidScanError, match=r"walk\.MP4 is a video of 320 x 160 pixels, 1 s\. Only a build"
+    ):
         open_scan(tmp_path)
 
 
