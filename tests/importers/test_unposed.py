@@ -108,6 +108,12 @@ def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:
     assert unposed.listed is not None
     assert unposed.listed.has_depth
     assert len(unposed.listed.frames) == 3
+    # Where nothing moves only the first picture, and what is asked for by its time, is chosen.
+    still = (tmp_path / "rgb/0.000000.png").read_bytes()
+    for path in (tmp_path / "rgb").iterdir():
+        path.write_bytes(still)
+    chosen = choose_pictures(unposed, ["0.19"], 1, NoProgress())
+    assert [frame.timestamp_s for frame in chosen.scan.frames] == [0.0, 0.2]
 
 
 def test_poses_that_are_there_are_not_used_where_the_options_say_so(tmp_path: Path) -> None:
