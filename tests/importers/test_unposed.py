@@ -109,9 +109,9 @@ def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:
     assert unposed.listed.has_depth
     assert len(unposed.listed.frames) == 3
     # Where nothing moves only the first picture, and what is asked for by its time, is chosen.
-    still = (tmp_path / "rgb/0.000000.png").read_bytes()
+    still = np.kron(np.random.default_rng(0).integers(0, 255, (6, 8, 3)), np.ones((8, 8, 1))).astype(np.uint8)
     for path in (tmp_path / "rgb").iterdir():
-        path.write_bytes(still)
+        cv2.imwrite(str(path), still)
     chosen = choose_pictures(unposed, ["0.19"], 1, NoProgress())
     assert [frame.timestamp_s for frame in chosen.scan.frames] == [0.0, 0.2]
 
