@@ -123,9 +123,7 @@ def build_map(
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
     z_up = states_up(options, source) if z_up is None else z_up
-    artifact, index, kept = _pack(
-        described, usable, points, refined, z_up, source.has_scale, options, models, progress
-    )
+    artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, progress)
     clock.lap("pack")
     if has_second_features(options):
         rows = [described[row] for row in kept]
@@ -268,7 +266,7 @@ def _pack(
     points: Sequence[MapPoints],
     refined: RefinedScan,
     z_up: bool,
-    has_scale: bool,
+    source: FrameSource,
     options: BuildOptions,
     models: VisionModels,
     progress: Progress,
@@ -311,7 +309,7 @@ def _pack(
         keyframe_names=tuple(described[row].frame.name for row, _ in kept),
         lens_sigmas=(refined.lens_sigma,),
         z_up=z_up,
-        has_scale=has_scale,
+        has_scale=source.has_scale,
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
     return MapArtifact(metadata=metadata, arrays=arrays), index, [row for row, _ in kept]
