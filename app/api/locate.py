@@ -146,9 +146,10 @@ class LocateResultBody(BaseModel):
     floor: str | None
     pose: PoseBody | None
     plan: PlanBody | None
-    plan_reason: Literal["up_unknown"] | None = Field(
+    plan_reason: Literal["up_unknown", "scale_unknown"] | None = Field(
         None,
-        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity)",
+        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity), or the map "
+        "has no scale (build with scale; the pose and its accuracy are then in the map's own unit)",
     )
     accuracy: AccuracyBody | None
     confidence: float = Field(description="Probability that the error is below 0.5 m and 5 degrees")

@@ -25,6 +25,7 @@ class Placement(OpenBody):
 
     source: str = Field(description="given, gravity, registered or scan_frame")
     z_up: bool = Field(False, description="Whether the world's z is known to point up")
+    has_scale: bool = Field(True, description="Whether the map is in metres, or in a unit of its own")
 
 
 class SelfCheckFigures(OpenBody):
@@ -55,6 +56,46 @@ class ScanExamination(OpenBody):
 
     verdict: str
     findings: list[Finding]
+
+
+class SourcedFigures(OpenBody):
+    """What something rests on, and its figures."""
+
+    __pydantic_extra__: dict[str, FigureValue] = Field(init=False)
+
+    source: str
+
+
+class CalibratedCamera(BaseModel):
+    """The camera of pictures whose poses were estimated."""
+
+    source: str = Field(description="given, exif_calibrated or self_calibrated")
+    model: str
+    params: list[float]
+
+
+class PicturesPart(BaseModel):
+    """Pictures that are connected with each other and not with the map's."""
+
+    frames: int
+    first: str
+    last: str
+
+
+class EstimatedPoses(OpenBody):
+    """Poses that were estimated from pictures without any."""
+
+    pictures: int = Field(description="Pictures that were sent")
+    chosen: int = Field(description="Those chosen by motion and sharpness")
+    connected: int = Field(description="Those whose poses were found")
+    other_parts: list[PicturesPart]
+    points: int
+    error_px: float = Field(description="Mean reprojection error")
+    camera: CalibratedCamera
+    scale: SourcedFigures = Field(
+        description="Source distance, marker, camera_height, correspondences, depth or none"
+    )
+    up: SourcedFigures = Field(description="Source vertical_edges, camera_axes or none")
 
 
 class FittedThresholds(BaseModel):
@@ -134,6 +175,9 @@ class BuildReport(OpenBody):
     world_from_scan: list[list[float]] | None = Field(None, description="The 4x4 that was used")
     placement: Placement | None = None
     examination: ScanExamination | None = None
+    structure: EstimatedPoses | None = Field(
+        None, description="How poses were estimated from pictures that had none"
+    )
     self_check: SelfCheckFigures | None = None
     lens: dict[str, float] | None = None
     calibration: FittedKeyframes | None = None

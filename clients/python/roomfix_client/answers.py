@@ -97,7 +97,7 @@ class LocateResult(TypedDict):
     floor: str | None
     pose: Pose | None
     plan: PlanPoint | None
-    plan_reason: Literal["up_unknown"] | None
+    plan_reason: Literal["up_unknown", "scale_unknown"] | None
     accuracy: Accuracy | None
     confidence: float
     inliers: int

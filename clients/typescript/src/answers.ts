@@ -80,7 +80,7 @@ export interface LocateResult {
   floor: string | null;
   pose: Pose | null;
   plan: Plan | null;
-  plan_reason: "up_unknown" | null;
+  plan_reason: "up_unknown" | "scale_unknown" | null;
   accuracy: Accuracy | null;
   confidence: number;
   inliers: number;
