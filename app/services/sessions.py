@@ -245,7 +245,7 @@ class SessionService:
             plan = self._features.described(plan, floor)
         point = point_of(session.frames + 1, time_s, tracked, floor, plan)
         path = live.path.copy()
-        corrected = moved_points(path.add(tracked, point), floors, has_up=not lacks_up(tracked, serving))
+        corrected = moved_points(path.add(tracked, point), floors, has_plan=plan_reason is None)
         try:
             self._record(session, tracker, given is None, point, corrected)
         except BaseException:
