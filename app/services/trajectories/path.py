@@ -77,14 +77,14 @@ class PathSinceFix:
 
 
 def moved_points(
-    corrected: Sequence[tuple[SessionPoint, Pose]], floors: Sequence[Floor], *, has_up: bool
+    corrected: Sequence[tuple[SessionPoint, Pose]], floors: Sequence[Floor], *, has_plan: bool
 ) -> list[SessionPoint]:
-    """Return points of a trajectory at their corrected poses, with floor and plan anew; `has_up` says whether the map's
-    z axis is known to point up."""
+    """Return points of a trajectory at their corrected poses, with floor and plan anew; `has_plan` says whether the
+    map's axis of up and its scale are known."""
     found = []
     for point, pose in corrected:
         floor = floor_of(list(floors), pose)
-        plan = None if floor is None or not has_up else plan_point(floor, pose)
+        plan = None if floor is None or not has_plan else plan_point(floor, pose)
         found.append(
             replace(
                 point,
