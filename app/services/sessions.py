@@ -224,10 +224,14 @@ class SessionService:
         rgb = decode_image(frame.image, self._resources.settings.max_image_pixels)
         timer.lap("decode")
         given = frame.camera if frame.camera is not None else _own_camera(session, live.tracker, rgb)
-        camera = _followed_camera(given, rgb, frame.image)
+        known = query_camera(given, rgb, frame.image).camera
+        # What EXIF says is too rough to follow points by; the first fix searches for the focal length.
+        camera = known if isinstance(known, Camera) else None
         serving = self._library.active(session.venue_id)
         opened = None if serving is None else serving[0]
-        behind_lens = _behind_lens(camera, opened)
+        behind_lens = (
+            camera if camera is None or opened is None else scanned_camera(opened.artifact.metadata, camera)
+        )
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
             earth = earth_of(connection, session.venue_id, floors)
@@ -320,20 +324,6 @@ class SessionService:
         keep = self._resources.settings.session_trajectory_points
         with self._resources.database.write(OPTIONS.record_wait_s) as connection:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep, corrected)
-
-
-def _followed_camera(given: CameraHint | None, rgb: Rgb, image: bytes) -> Camera | None:
-    """Return the camera by which points are followed: what EXIF says is too rough for that, and the first fix then
-    searches for the focal length."""
-    known = query_camera(given, rgb, image).camera
-    return known if isinstance(known, Camera) else None
-
-
-def _behind_lens(camera: Camera | None, opened: OpenMap | None) -> Camera | None:
-    """Return the camera with the lens of the map's scan where it is the scan's own."""
-    if camera is None or opened is None:
-        return camera
-    return scanned_camera(opened.artifact.metadata, camera)
 
 
 def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> CameraHint | None:
