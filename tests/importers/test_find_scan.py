@@ -72,7 +72,7 @@ def touch(folder: Path, *names: str) -> None:
         (("images.txt", "cameras.txt", "points3D.txt"), "model's pictures are of 0 cameras"),
         (("walk.bag",), "walk.bag can't be read as a ROS bag"),
         (("walk.mp4", "notes.md"), "This is a video among other files"),
-        (("walk.mp4",), "only a build reads them"),
+        (("walk.mp4",), "walk.mp4 is not a video that can be decoded"),
         (("map.db",), "RTAB-Map"),
         (("notes.txt", "b.jpg"), r"can't be told .* At the top are: b\.jpg, notes\.txt\."),
         ((), "At the top are: no files"),

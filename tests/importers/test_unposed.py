@@ -36,7 +36,9 @@ def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:
     unposed = open_unposed(tmp_path, "auto", ScanOptions())
     assert unposed is not None
     assert (unposed.format, unposed.video) == ("video", tmp_path / "walk.MP4")
-    with pytest.raises(InvalidScanError, match="only a build reads them"):
+    with pytest.raises(
+        InvalidScanError, match=r"walk\.MP4 is a video of 320 x 160 pixels, 1 s\. Only a build"
+    ):
         open_scan(tmp_path)
 
 
@@ -109,6 +111,12 @@ def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:
     assert unposed.listed is not None
     assert unposed.listed.has_depth
     assert len(unposed.listed.frames) == 3
+    # Where nothing moves only the first picture, and what is asked for by its time, is chosen.
+    still = np.kron(np.random.default_rng(0).integers(0, 255, (6, 8, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+    for path in (tmp_path / "rgb").iterdir():
+        cv2.imwrite(str(path), still)
+    chosen = choose_pictures(unposed, ["0.19"], 1, NoProgress())
+    assert [frame.timestamp_s for frame in chosen.scan.frames] == [0.0, 0.2]
 
 
 def test_poses_that_are_there_are_not_used_where_the_options_say_so(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from tests.web.live import KEY, Server, Tab, live_server, watched_tab
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
 BOARD_VIEWS = ("plan", "align", "draw", "cameras")
 STUDIO_VIEWS = ("start", "scan", *BOARD_VIEWS, "try", "share")
-START_VIEWS = ("locate", "maps", "floors")
+START_VIEWS = ("locate", "maps", "floors", "keys")
 # Page, and what is opened on it by a click: dialogs, and views that a fragment chooses.
 PLACES = [
     *((f"/#{view}", None) for view in START_VIEWS),

@@ -144,7 +144,10 @@ def _of_listed(listed: Scan, wanted: Collection[str], progress: Progress) -> Cho
     meter = MotionMeter.start()
     for frame in _counted(listed.frames, len(listed.frames), "measure_frames", progress):
         meter.add(to_gray(frame_rgb(listed, frame)))
+    taken_s = np.array([frame.timestamp_s for frame in listed.frames])
+    times_s = [time for name in wanted if (time := frame_time_s(name)) is not None]
     forced = {number for number, frame in enumerate(listed.frames) if frame.name in wanted}
+    forced |= {int(np.abs(taken_s - time_s).argmin()) for time_s in times_s}
     numbers = choose_frames(meter.steps, meter.sharpness, forced)
     frames = tuple(replace(listed.frames[number], scan_from_camera=STILL) for number in numbers)
     note = f"Of {len(listed.frames)} frames, {len(frames)} were chosen by motion and sharpness."
