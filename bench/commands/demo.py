@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app.commands.build import build_scan, ensure_venue
-from app.commands.console import BarProgress, console, log_to_stderr, progress_bars, settings_from
+from app.commands.console import BarProgress, console, progress_bars, settings_from
 from app.commands.serve import run_server
 from app.commands.serve_phones import run_for_phones
 from app.errors import RoomfixError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
+from app.logs import configure_logs
 from app.services.floor_features import store_features
 from app.services.floor_plans import PlanFile, store_plan_image
 from app.services.map_library import MapLibrary
@@ -58,7 +59,7 @@ def demo(
     queries = _prepare(settings, data_dir, whole)
     _print_what_to_try(settings, queries[0])
     if not prepare_only:
-        log_to_stderr()
+        configure_logs()
         if phones:
             run_for_phones(settings, https_port, PHONE_PATH, PHONE_VENUE)
         else:
