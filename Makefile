@@ -3,7 +3,7 @@ VENV := .venv
 STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
 
-.PHONY: run test check format mutants faults clean help
+.PHONY: run test check format mutants faults fuzz clean help
 
 help:  ## Show the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -11,7 +11,7 @@ help:  ## Show the targets
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Roomfix needs Python 3.11 or later; set PYTHON=python3.x") if sys.version_info < (3, 11) else None'
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,postgresql,scans,surf]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,postgresql,scans,sfm,surf]'
 	touch $(STAMP)
 
 run: $(STAMP)  ## Build the demonstration venue, serve it on 127.0.0.1:8000, and phones by https with a QR code
@@ -36,6 +36,11 @@ FAULTS ?= 200
 
 faults: $(STAMP)  ## Kill, damage and fill disks on purpose, 200 times each (more than an hour; FAULTS=20 for less)
 	FAULTS=$(FAULTS) $(BIN)/python -m pytest tests/faults
+
+FUZZ ?= 50
+
+fuzz: $(STAMP)  ## Requests made from the OpenAPI document, FUZZ of them per call, kind of key and phase (minutes)
+	FUZZ=$(FUZZ) $(BIN)/python -m pytest tests/fuzz
 
 clean:  ## Remove the environment and the demonstration data
 	rm -rf $(VENV) .roomfix

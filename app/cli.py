@@ -19,6 +19,7 @@ COMMANDS = {
     "serve": "app.commands.serve:serve",
     "worker": "app.commands.serve:worker",
     "inspect": "app.commands.inspect:inspect",
+    "marker": "app.commands.marker:marker",
     "build": "app.commands.build:build",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",

@@ -6,8 +6,15 @@ from collections.abc import Iterator
 
 import pytest
 
+from app.commands.console import console
 from tests.scenes import Room, View, query_poses, scan_files, walk, zipped
 from tests.server import Server, running
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _wide_console() -> None:
+    """Let no printed table break its cells, whatever `COLUMNS` was when the console was made."""
+    console.width = 400
 
 
 @pytest.fixture(scope="session")

@@ -13,11 +13,12 @@ from starlette.datastructures import UploadFile
 from app.api.bodies.anchor import Anchor
 from app.api.deps import ID_PATTERN, CallerOf, State, require
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.described import CAMERA_TYPES, DescribedAs
 from app.api.requests.fields import FIELDS
 from app.api.requests.form_request import is_multipart
 from app.api.requests.json_body import RequestBody
 from app.api.requests.paging import Paged
-from app.api.schemas import problems
+from app.api.schemas import FILE_CONTENT, problems
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.errors import InvalidInputError
 from app.geometry.camera_hint import parse_camera_hint
@@ -27,16 +28,20 @@ from app.vision.image_files.formats import FORMATS_IN_WORDS
 
 router = APIRouter(prefix="/anchors", tags=["anchors"], route_class=ContractRoute)
 AnchorId = Annotated[str, Path(pattern=ID_PATTERN, description="The monitoring camera's id")]
-BINARY = {"schema": {"type": "string", "format": "binary"}}
 IMAGE_BODY: dict[str, Any] = {
     "required": True,
     "content": {
         "multipart/form-data": {
-            "schema": {"type": "object", "required": ["image"], "properties": {"image": BINARY["schema"]}}
+            "schema": {
+                "type": "object",
+                "required": ["image"],
+                "properties": {"image": FILE_CONTENT["schema"]},
+                "additionalProperties": False,
+            }
         },
-        "image/jpeg": BINARY,
-        "image/png": BINARY,
-        "image/webp": BINARY,
+        "image/jpeg": FILE_CONTENT,
+        "image/png": FILE_CONTENT,
+        "image/webp": FILE_CONTENT,
     },
 }
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -93,7 +98,9 @@ class NewAnchor(RequestBody):
     heading_deg: Number | None = Field(
         None, description="Where it looks, counter-clockwise from plan x; a check only"
     )
-    camera: Any = Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]", or {model, width, height, params}')
+    camera: Annotated[Any, DescribedAs(CAMERA_TYPES)] = Field(
+        description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]", or {model, width, height, params}'
+    )
     pois: list[PoiBody] = Field(min_length=1, max_length=FIELDS.max_pois)
     store_images: bool = Field(False, description="Keep the newest frame's image too, not its features alone")
     max_age_s: Number | None = Field(None, gt=0, description="Age from which its frame is not used any more")

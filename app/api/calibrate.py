@@ -101,7 +101,7 @@ async def calibrate(
     state: State,
     caller: CallerOf,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
-    venue: Annotated[str, Form(description="The venue that the scan is of")],
+    venue: Annotated[str, Form(min_length=1, description="The venue that the scan is of")],
     options: OptionsField = "{}",
 ) -> CalibrationBody:
     """Fit matches over pose difference to a scan and answer with the keyframe thresholds for it.

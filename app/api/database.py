@@ -131,7 +131,7 @@ def build(
     state: State,
     caller: CallerOf,
     archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
-    venue: Annotated[str, Form(description="The venue that the map is for")],
+    venue: Annotated[str, Form(min_length=1, description="The venue that the map is for")],
     options: OptionsField = "{}",
     idempotency_key: Annotated[
         str | None,

@@ -6,15 +6,16 @@ import json
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, File, Form, Request, Response, UploadFile
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from app.api.bodies.floor import Floor, StoredFloor
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.described import PLAN_FROM_WORLD_TYPES, DescribedAs
 from app.api.requests.fields import FIELDS
-from app.api.requests.json_body import RequestBody
-from app.api.schemas import problems
+from app.api.requests.json_body import RequestBody, whole
+from app.api.schemas import FILE_CONTENT, problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.errors import InvalidInputError, NotFoundError
 from app.services.floor_plans import PLAN_FORMATS_IN_WORDS, PlanFile, as_dict, store_plan_image
@@ -51,10 +52,10 @@ class NewFloor(RequestBody):
     )
 
     name: str = Field(min_length=1, max_length=FIELDS.max_name_characters)
-    level: int = Field(ge=FIELDS.min_level, le=FIELDS.max_level)
-    z_min_m: float = Field(allow_inf_nan=False, strict=True)
-    z_max_m: float = Field(allow_inf_nan=False, strict=True)
-    plan_from_world: Any = None
+    level: Annotated[int, BeforeValidator(whole)] = Field(ge=FIELDS.min_level, le=FIELDS.max_level)
+    z_min_m: float = Field(allow_inf_nan=False)
+    z_max_m: float = Field(allow_inf_nan=False)
+    plan_from_world: Annotated[Any, DescribedAs(PLAN_FROM_WORLD_TYPES | None)] = None
 
     @model_validator(mode="after")
     def _heights(self) -> NewFloor:
@@ -172,7 +173,7 @@ def put_plan(
     name="getPlan",
     dependencies=[Depends(require("locate"))],
     responses={
-        200: {"content": {"image/png": {}, "image/jpeg": {}}},
+        200: {"content": {"image/png": FILE_CONTENT, "image/jpeg": FILE_CONTENT}},
         **NOT_MODIFIED,
         **problems(401, 404, 422),
     },

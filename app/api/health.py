@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -58,10 +58,12 @@ class ReadinessOptions:
 OPTIONS = ReadinessOptions()
 # Parts without which no query is answered.
 NEEDED = ("database", "blobs")
+# An open server refuses every call that comes by a name other than localhost.
+FOREIGN: dict[int | str, dict[str, Any]] = {403: problems(403)[403]}
 
 
 @router.head("/healthz", name="headHealth", dependencies=[Depends(public)], include_in_schema=False)
-@router.get("/healthz", name="getHealth", dependencies=[Depends(public)])
+@router.get("/healthz", name="getHealth", dependencies=[Depends(public)], responses=FOREIGN)
 def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
@@ -71,7 +73,7 @@ def healthz() -> Health:
     "/readyz",
     name="getReadiness",
     response_model=Readiness,
-    responses={503: {"model": Readiness}},
+    responses={**FOREIGN, 503: {"model": Readiness}},
     dependencies=[Depends(public)],
 )
 def readyz(state: State) -> Readiness | Response:
@@ -133,7 +135,7 @@ def _maps(state: AppState) -> str:
     name="getMetrics",
     response_class=Response,
     dependencies=[Depends(require("admin"))],
-    responses=problems(401),
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **problems(401)},
 )
 def metrics(state: State, caller: CallerOf) -> Response:
     """Return metrics in Prometheus's text format; they are of all venues."""

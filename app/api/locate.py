@@ -21,6 +21,12 @@ from app.api.requests.axes import (
 from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
+from app.api.requests.several_frames import (
+    CAMERAS_IN_WORDS,
+    IMAGES_IN_WORDS,
+    MOTION_IN_WORDS,
+    later_frames,
+)
 from app.api.schemas import CameraBody, PoseBody, problems
 from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
@@ -71,6 +77,7 @@ EXAMPLE: dict[str, Any] = {
     "anchors": [],
     "vertical": None,
     "hints": [],
+    "frames": [],
 }
 
 
@@ -117,6 +124,13 @@ class ShownMatchesBody(BaseModel):
         return ShownMatchesBody(keyframe=shown.keyframe, pairs=pairs.tolist())
 
 
+class FrameSupportBody(BaseModel):
+    """The support of the pose by one frame of a query that has several."""
+
+    inliers: int
+    matches: int
+
+
 class LocateResultBody(BaseModel):
     """Where the camera is, or the reason why that can't be said. `pose` is world_from_camera."""
 
@@ -132,9 +146,10 @@ class LocateResultBody(BaseModel):
     floor: str | None
     pose: PoseBody | None
     plan: PlanBody | None
-    plan_reason: Literal["up_unknown"] | None = Field(
+    plan_reason: Literal["up_unknown", "scale_unknown"] | None = Field(
         None,
-        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity)",
+        description="Why a pose has no plan: the map's z axis isn't known to point up (build with gravity), or the map "
+        "has no scale (build with scale; the pose and its accuracy are then in the map's own unit)",
     )
     accuracy: AccuracyBody | None
     confidence: float = Field(description="Probability that the error is below 0.5 m and 5 degrees")
@@ -159,6 +174,9 @@ class LocateResultBody(BaseModel):
     )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
     shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
+    frames: list[FrameSupportBody] = Field(
+        [], description="How each frame of a query with images supports the pose, image first"
+    )
 
 
 @router.post("/locate", name="locateImage", responses=problems(401, 404, 413, 415, 422, 503))
@@ -183,19 +201,28 @@ async def locate(
     matches: Annotated[
         bool, Form(description="Answer with the matches that agree with the pose too")
     ] = False,
+    images: Annotated[list[UploadFile] | None, File(description=IMAGES_IN_WORDS)] = None,
+    motion: Annotated[str | None, Form(description=MOTION_IN_WORDS)] = None,
+    cameras: Annotated[str | None, Form(description=CAMERAS_IN_WORDS)] = None,
 ) -> LocateResultBody:
-    """Locate one image."""
+    """Locate one image, alone or by further frames of a burst or a rig.
+
+    The pose is always that of `image`. With `motion` it is found by the features of all frames together; without it
+    frames that are located alone must agree, and what they share with `image` helps to find it.
+    """
     frames = parse_frames(axes, device_pose)
+    hint = _camera(camera)
     request = LocateRequest(
         image=await image.read(),
         venue=caller.venue_or_own(venue or None),
         floor=floor or None,
-        camera=_camera(camera),
+        camera=hint,
         gravity=_gravity(gravity, frames.axes),
         prior=_prior(prior, frames.axes),
         method=method,
         area=area or None,
         show_matches=matches,
+        later=await later_frames(images or (), motion, cameras, hint, frames.axes),
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))
     state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
@@ -253,6 +280,7 @@ def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultB
         session_from_world=None if session_from_world is None else PoseBody.of(session_from_world),
         hints=list(result.hints),
         shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
+        frames=[FrameSupportBody(inliers=each.inliers, matches=each.matches) for each in result.frames],
     )
 
 

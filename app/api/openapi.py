@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 
-from app.api.schemas import PROBLEM_MEDIA_TYPE, Problem
+from app.api.schemas import FILE_CONTENT, PROBLEM_MEDIA_TYPE, Problem
 
 Document = dict[str, Any]
 
@@ -29,7 +29,6 @@ TAGS = (
 WITH_BODY = (400, 413, 415)
 # Generators of clients know no media types of pictures; a call that takes a picture takes it under this name too.
 RAW_PICTURE = "application/octet-stream"
-BINARY = {"type": "string", "format": "binary"}
 RAW_IN_WORDS = (
     "\n\nThe body may also be the picture itself, with the other fields as query parameters, or JSON with the picture "
     "as base64."
@@ -37,6 +36,8 @@ RAW_IN_WORDS = (
 METHODS = ("get", "put", "post", "patch", "delete", "head")
 # Schemas of FastAPI's own error body, which no call answers with.
 UNUSED = ("HTTPValidationError", "ValidationError")
+# FastAPI names the schema of a form by this and the route.
+FORM_PREFIX = "Body_"
 
 
 def operation_id(route: APIRoute) -> str:
@@ -69,6 +70,10 @@ def openapi_document(app: FastAPI) -> Document:
     schemas = document["components"]["schemas"]
     problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     schemas |= {**problem.pop("$defs"), "Problem": problem}
+    for name, schema in schemas.items():
+        if name.startswith(FORM_PREFIX):
+            # A field that a form doesn't have is refused, as a key of a JSON body is.
+            schema["additionalProperties"] = False
     for calls in document["paths"].values():
         for method in METHODS:
             if method in calls:
@@ -83,7 +88,27 @@ def openapi_document(app: FastAPI) -> Document:
                 field["format"] = "binary"
     for name in UNUSED:
         schemas.pop(name, None)
+    for schema in schemas.values():
+        if "example" in schema:
+            _restore_nulls(schema["example"], schema, schemas)
     return _renamed(document)
+
+
+def _restore_nulls(example: Any, schema: Document, schemas: Document) -> None:
+    """Put the nulls back into an example that FastAPI has left out: a required field is missing for no other reason."""
+    if "$ref" in schema:
+        schema = schemas[schema["$ref"].rpartition("/")[2]]
+    for choice in schema.get("anyOf", ()):
+        if choice.get("type") != "null":
+            _restore_nulls(example, choice, schemas)
+    if isinstance(example, list):
+        for item in example:
+            _restore_nulls(item, schema.get("items", {}), schemas)
+    elif isinstance(example, dict) and "properties" in schema:
+        for field in schema.get("required", ()):
+            example.setdefault(field, None)
+        for field, value in example.items():
+            _restore_nulls(value, schema["properties"].get(field, {}), schemas)
 
 
 def _describe_errors(call: Document) -> None:
@@ -101,7 +126,7 @@ def _describe_pictures(call: Document, schemas: Document) -> None:
     content = call.get("requestBody", {}).get("content", {})
     for kind in [kind for kind in content if kind.startswith("image/")]:
         del content[kind]
-        content[RAW_PICTURE] = {"schema": BINARY}
+        content[RAW_PICTURE] = FILE_CONTENT
     reference = content.get("multipart/form-data", {}).get("schema", {}).get("$ref", "")
     form = schemas.get(reference.rpartition("/")[2])
     if form is None or not _is_binary(form["properties"].get("image", {})):
@@ -111,7 +136,7 @@ def _describe_pictures(call: Document, schemas: Document) -> None:
     name = f"{readable(reference.rpartition('/')[2]).removesuffix('Form')}Json"
     schemas[name] = {**form, "title": name, "properties": fields}
     content["application/json"] = {"schema": {"$ref": f"#/components/schemas/{name}"}}
-    content[RAW_PICTURE] = {"schema": BINARY}
+    content[RAW_PICTURE] = FILE_CONTENT
     call["description"] += RAW_IN_WORDS
 
 

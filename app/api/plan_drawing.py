@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Query, Response
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
-from app.api.schemas import problems
+from app.api.schemas import FILE_CONTENT, problems
 from app.engine.navigation.plan_drawing import draw_plan
 from app.errors import InvalidInputError
 from app.storage.floors import get_floor
@@ -25,7 +25,7 @@ HEADERS = {"Content-Security-Policy": "default-src 'none'; img-src data:; style-
     "",
     name="drawPlan",
     dependencies=[Depends(require("locate"))],
-    responses={200: {"content": {"image/svg+xml": {}}}, **problems(401, 404, 422)},
+    responses={200: {"content": {"image/svg+xml": FILE_CONTENT}}, **problems(401, 404, 422)},
     response_class=Response,
 )
 def get(

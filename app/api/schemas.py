@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from http import HTTPStatus
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -10,6 +11,8 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 
 PROBLEM_MEDIA_TYPE = "application/problem+json"
+# The content of a body or answer that is a file.
+FILE_CONTENT: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 
 
 class Position(BaseModel):

@@ -26,6 +26,7 @@ from app.api.requests.axes import (
 )
 from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.described import CAMERA_TYPES, DescribedAs
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.schemas import PoseBody, problems
@@ -58,6 +59,7 @@ Language = Annotated[
 ]
 CameraField = Annotated[
     str | dict[str, Any] | list[float],
+    DescribedAs(CAMERA_TYPES),
     Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or {model, width, height, params}, as in /locate'),
 ]
 TrackingState = Literal["initializing", "tracking", "relocalized", "lost"]

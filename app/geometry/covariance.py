@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.camera import Camera
 from app.geometry.reprojection import reprojection_jacobian
+from app.geometry.rigs.refinement import rig_jacobian
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs
 from app.limits import limit
@@ -18,6 +20,8 @@ Array = NDArray[np.float64]
 
 # A normal distribution's standard deviation over its median absolute deviation.
 SIGMA_PER_MAD = 1.4826
+# What is stacked of the terms of several cameras.
+NOISY = ("jacobian", "point_noise")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,23 +66,73 @@ def pose_covariance(
     `DegenerateGeometryError` for points that leave the pose undetermined, `InvalidInputError` for a bad number.
     Source: first-order error propagation.
     """
+    terms = camera_terms(points_px, points_in_world, camera, world_from_camera, point_sigma_m)
+    if len(terms.jacobian) < 3:
+        raise DegenerateGeometryError("A pose covariance needs at least three points in front of the camera.")
+    return covariance_of_terms([terms], sigma_px, focal_sigma=focal_sigma, lens_sigma=lens_sigma)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraTerms:
+    """What one camera contributes to the covariance of a pose, for the points that it has in view.
+
+    `residuals` (n, 2) in pixels, `jacobian` (n, 2, 6) by the perturbation of the pose, `point_noise` (n, 2, 2) the
+    covariance of the pixels by the noise of the points, `by_log_focal` and `by_lens` (n, 2) the derivatives by the
+    focal length's logarithm and by the radial coefficient.
+    """
+
+    residuals: Array
+    jacobian: Array
+    point_noise: Array
+    by_log_focal: Array
+    by_lens: Array
+
+    def moved(self, rig_centre_to_camera: Array) -> CameraTerms:
+        """Return the terms by the perturbation of a rig's pose, from whose centre the camera's is the vector (3,) in
+        world axes."""
+        return replace(self, jacobian=rig_jacobian(self.jacobian, rig_centre_to_camera))
+
+
+def camera_terms(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    world_from_camera: Pose,
+    point_sigma_m: ArrayLike | None,
+) -> CameraTerms:
+    """Return the terms of pixels (n, 2) and world points (n, 3); raises `InvalidInputError` for a bad number."""
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
-    centre_px, focal_px = camera.principal_point_px, camera.focal_px
     projected, jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
     seen = np.isfinite(jacobian).all(axis=(1, 2))
-    if np.count_nonzero(seen) < 3:
-        raise DegenerateGeometryError("A pose covariance needs at least three points in front of the camera.")
     projected, jacobian, by_point = projected[seen], jacobian[seen], by_point[seen]
-    point_variance = _variances(point_sigma_m, len(points), "point_sigma_m")[seen]
-    noise = point_variance[:, None, None] * (by_point @ by_point.transpose(0, 2, 1))
+    variance = _variances(point_sigma_m, len(points), "point_sigma_m")[seen]
+    by_log_focal = projected - camera.principal_point_px
+    return CameraTerms(
+        residuals=projected - pixels[seen],
+        jacobian=jacobian,
+        point_noise=variance[:, None, None] * (by_point @ by_point.transpose(0, 2, 1)),
+        by_log_focal=by_log_focal,
+        by_lens=by_log_focal * np.sum((by_log_focal / camera.focal_px) ** 2, axis=1)[:, None],
+    )
+
+
+def covariance_of_terms(
+    terms: Sequence[CameraTerms],
+    sigma_px: float | None = None,
+    *,
+    focal_sigma: float = 0.0,
+    lens_sigma: float = 0.0,
+) -> Array:
+    """Return the covariance (6, 6) of the pose that all terms are about, as `pose_covariance` has it; focal length and
+    lens are one unknown each."""
+    jacobian, noise = (np.concatenate([getattr(each, name) for each in terms]) for name in NOISY)
     if sigma_px is None:
-        sigma_px = _sigma_of_pixels(projected - pixels[seen], noise)
+        sigma_px = _sigma_of_pixels(np.concatenate([each.residuals for each in terms]), noise)
     pixel_variance = _variances(sigma_px, 1, "sigma_px")[0]
     noise = noise + pixel_variance * np.eye(2)
-    by_log_focal = projected - centre_px
-    by_lens = by_log_focal * np.sum((by_log_focal / focal_px) ** 2, axis=1)[:, None]
-    for by_one, sigma in (by_log_focal, focal_sigma), (by_lens, lens_sigma):
+    for name, sigma in ("by_log_focal", focal_sigma), ("by_lens", lens_sigma):
         if sigma > 0:
+            by_one = np.concatenate([getattr(each, name) for each in terms])
             jacobian, noise = _with_unknown(jacobian, noise, by_one, sigma)
     return _least_squares_covariance(jacobian, noise)[:6, :6]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -92,7 +93,12 @@ def refine_pose(
     if np.count_nonzero(np.isfinite(errors) & (factors > 0)) < 3:
         raise DegenerateGeometryError("A pose needs at least three points in front of the camera.")
     scale_px = loss_scale_px if loss == "cauchy" else np.inf
-    return _levenberg_marquardt(pixels, points, camera, world_from_camera, factors, scale_px, max_steps)
+    return minimized(
+        world_from_camera,
+        lambda pose: _cost(pixels, points, camera, pose, factors, scale_px),
+        lambda pose: _normal_equations(pixels, points, camera, pose, factors, scale_px),
+        max_steps,
+    )
 
 
 def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
@@ -104,11 +110,18 @@ def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
     return factors
 
 
-def _levenberg_marquardt(
-    pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float, max_steps: int
+def minimized(
+    pose: Pose,
+    cost_of: Callable[[Pose], float],
+    normal_equations: Callable[[Pose], tuple[Array, Array]],
+    max_steps: int,
 ) -> Pose:
-    damping, cost = OPTIONS.initial_damping, _cost(pixels, points, camera, pose, weights, scale_px)
-    gradient, hessian = _normal_equations(pixels, points, camera, pose, weights, scale_px)
+    """Return the pose of least cost near the given one, by Levenberg-Marquardt.
+
+    `normal_equations` returns the gradient (6,) and the approximate Hessian (6, 6) by the perturbation of `perturbed`.
+    """
+    damping, cost = OPTIONS.initial_damping, cost_of(pose)
+    gradient, hessian = normal_equations(pose)
     for _ in range(max_steps):
         # Damping relative to the diagonal doesn't depend on the units. The lower bound keeps the matrix
         # invertible when the points don't determine a direction.
@@ -116,7 +129,7 @@ def _levenberg_marquardt(
         damped = hessian + np.diag(damping * diagonal + 1e-12 * diagonal.max() + 1e-300)
         step = -np.linalg.solve(damped, gradient)
         candidate = perturbed(pose, step)
-        candidate_cost = _cost(pixels, points, camera, candidate, weights, scale_px)
+        candidate_cost = cost_of(candidate)
         if candidate_cost > cost:
             damping *= 10.0
             if damping > OPTIONS.max_damping:
@@ -126,7 +139,7 @@ def _levenberg_marquardt(
         if gain <= OPTIONS.min_gain_ratio * cost or float(np.abs(step).max()) < OPTIONS.min_step:
             break
         damping = max(damping * 0.1, OPTIONS.min_damping)
-        gradient, hessian = _normal_equations(pixels, points, camera, pose, weights, scale_px)
+        gradient, hessian = normal_equations(pose)
     return pose
 
 

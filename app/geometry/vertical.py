@@ -69,14 +69,16 @@ class VerticalDirection:
     share: float
 
 
-def vertical_direction(starts: ArrayLike, ends: ArrayLike, lengths: ArrayLike) -> VerticalDirection | None:
+def vertical_direction(
+    starts: ArrayLike, ends: ArrayLike, lengths: ArrayLike, *, max_edges: int = OPTIONS.max_edges
+) -> VerticalDirection | None:
     """Return the vertical that most straight edges agree on, or None when there is none within 45 degrees of image y.
 
-    Edges run from `starts` (n, 2) to `ends` (n, 2), in image-plane coordinates, and are weighted by `lengths` (n,).
-    Random pairs of edges give candidates of the vanishing point; the one with the largest weight of edges is refined
-    by least squares. None also when fewer than `OPTIONS.min_edges` edges are steep. Raises `InvalidInputError` for
-    arrays of different lengths. Source: the planes through edges and the camera of Barnard, "Interpreting perspective
-    images", 1983.
+    Edges run from `starts` (n, 2) to `ends` (n, 2), in image-plane coordinates, and are weighted by `lengths` (n,); the
+    `max_edges` longest steep ones are used. Random pairs of edges give candidates of the vanishing point; the one with
+    the largest weight of edges is refined by least squares. None also when fewer than `OPTIONS.min_edges` edges are
+    steep. Raises `InvalidInputError` for arrays of different lengths. Source: the planes through edges and the camera
+    of Barnard, "Interpreting perspective images", 1983.
     """
     a, b = homogeneous(starts), homogeneous(ends)
     weights = np.asarray(lengths, dtype=np.float64)
@@ -85,7 +87,7 @@ def vertical_direction(starts: ArrayLike, ends: ArrayLike, lengths: ArrayLike) -
     normals = np.cross(a, b)
     sines = np.linalg.norm(normals, axis=1)
     steep = np.flatnonzero(np.abs(normals[:, 1]) < np.sin(MAX_TILT_RAD) * sines)
-    chosen = steep[np.argsort(-weights[steep])[: OPTIONS.max_edges]]
+    chosen = steep[np.argsort(-weights[steep])[:max_edges]]
     if len(chosen) < OPTIONS.min_edges:
         return None
     edges = _Edges(

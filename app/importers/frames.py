@@ -71,7 +71,8 @@ class ScanOptions:
     `camera` and `depth_camera` are a `Camera` or 4, 8 or 9 numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]`, which
     then get the images' size. `depth_scale` is in units per metre. `color_from_depth` needs a `depth_camera`.
     `max_time_difference_s` is how far apart the times of colour, depth and pose may be. `motion` stands in for
-    the poses of a scan that has none. `convention` is how the poses are written; the next three are as in
+    the poses of a scan that has none; `estimate_poses` says that no poses are read, since they are estimated from the
+    pictures. `convention` is how the poses are written; the next three are as in
     `DepthFormat`. `scratch` is the folder for the frames of recordings, by default that of the system. Raises
     `InvalidInputError` for values that can't be meant.
     """
@@ -82,6 +83,7 @@ class ScanOptions:
     color_from_depth: Pose | None = None
     max_time_difference_s: float = 0.02
     motion: UniformMotion | None = None
+    estimate_poses: bool = False
     convention: PoseConvention = PoseConvention()
     swap_depth_bytes: bool = False
     depth_along_rays: bool = False
@@ -126,6 +128,10 @@ class FrameSource(Protocol):
     def has_depth(self) -> bool:
         """Whether the frames have depth images; without them all depth is 0."""
 
+    @property
+    def has_scale(self) -> bool:
+        """Whether positions and depth are in metres; without it they are in a unit of the scan's own."""
+
     def color_bytes(self, frame: Frame) -> bytes:
         """Return the colour image's file contents."""
 
@@ -141,7 +147,8 @@ class Scan:
     the names of the colour images. `gravity` is the unit direction of down in the scan's frame, if known. `notes` are
     sentences on what the files left open and how it was read. `trajectory` holds the rows that the poses are from, as
     they are written, where a format has more of them than frames. Without `has_depth` the depth images are blank, and
-    points have to be triangulated. `keeps` holds what must live as long as the scan: the folder of unpacked frames.
+    points have to be triangulated. Without `has_scale` positions are in a unit of their own, not metres. `keeps` holds
+    what must live as long as the scan: the folder of unpacked frames.
     """
 
     camera: Camera
@@ -152,6 +159,7 @@ class Scan:
     notes: tuple[str, ...] = ()
     trajectory: Trajectory | None = None
     has_depth: bool = True
+    has_scale: bool = True
     keeps: object = field(default=None, compare=False, repr=False)
 
     def color_bytes(self, frame: Frame) -> bytes:

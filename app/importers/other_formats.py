@@ -46,7 +46,6 @@ _FORMATS: tuple[tuple[Callable[[set[str]], bool], str], ...] = (
     ),
     (
         _ends(".mp4", ".mov", ".mkv", ".avi"),
-        "This is a video, which is not read: a map is made of colour images with depth and poses. Extract the frames, "
-        "and " + TO_TUM,
+        'This is a video among other files: if it alone is the scan, send it by itself or give "format": "video".',
     ),
 )

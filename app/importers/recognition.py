@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from app.importers.unposed.pictures import format_of_names
+
 # What a format's files are called, by regular expressions of paths below the scan's folder. The first is what the
 # format is known by; the others are what a scan of it needs too.
 Part = tuple[str, str]
@@ -100,8 +102,15 @@ def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
     """
     paths = [name.replace("\\", "/").removeprefix("./") for name in names]
     found = [item for name, parts in PARTS.items() if (item := _match(name, parts, paths)) is not None]
+    name = None if found else format_of_names(paths)
+    if name is not None:
+        return (Recognised(name, _folder_of(paths), ()),)
     least = min((len(item.missing) for item in found), default=0)
     return tuple(item for item in found if len(item.missing) == least)
+
+
+def _folder_of(paths: Sequence[str]) -> str:
+    return paths[0].rpartition("/")[0]
 
 
 def _match(name: str, parts: Sequence[Part], paths: Sequence[str]) -> Recognised | None:

@@ -16,6 +16,8 @@ from app.importers.other_formats import describe_other_format
 from app.importers.phones import arkit_scenes, polycam, record3d, scanner_app, stray_scanner
 from app.importers.recordings import ros_bag, rtabmap, sens
 from app.importers.time_offset import with_time_offset
+from app.importers.unposed import pictures
+from app.importers.unposed.scan import UnposedScan
 from app.limits import limit
 
 
@@ -51,6 +53,9 @@ FORMATS: dict[str, Importer] = {
 }
 
 
+WITHOUT_POSES = "A video and photos have no camera poses: only a build reads them, which estimates the poses."
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOptions:
     """Where a scan is looked for below the folder that was sent."""
@@ -73,8 +78,11 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     """Return the scan in a folder, or in the only folder below it that holds one.
 
     `format` is one of `FORMATS`; None or `auto` finds it from the files. Raises `InvalidScanError`, with a
-    sentence naming the file or the frame, for a folder that holds no scan that can become a map, or several.
+    sentence naming the file or the frame, for a folder that holds no scan that can become a map, or several, and for
+    a video or photos, which have no poses.
     """
+    if unposed_format(directory, format) is not None:
+        raise InvalidScanError(WITHOUT_POSES)
     folder, name = find_scan(directory, format)
     if options is not None and options.motion is not None and name != "tum":
         raise InvalidScanError(
@@ -88,13 +96,43 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     return _read_by_convention(scan, given.convention)
 
 
+def open_unposed(directory: Path, format: str | None, options: ScanOptions) -> UnposedScan | None:  # noqa: A002
+    """Return pictures whose poses are to be estimated: a video, photos, or any scan where the options ask for it.
+
+    None for a scan with poses. Raises `InvalidScanError` as `open_scan`.
+    """
+    name = unposed_format(directory, format)
+    if name is not None:
+        return pictures.open_pictures(directory, name, options)
+    if not options.estimate_poses:
+        return None
+    listed = open_scan(directory, format, options)
+    _, name = find_scan(directory, format)
+    return UnposedScan(
+        format=name,
+        listed=replace(listed, gravity=None, trajectory=None),
+        camera=options.camera,
+        scratch=options.scratch,
+    )
+
+
+def unposed_format(directory: Path, format: str | None) -> str | None:  # noqa: A002
+    """Return `video` or `images` where a folder's pictures are read as such, None where they are a scan with poses."""
+    name = (format or "auto").lower()
+    if name in pictures.FORMATS:
+        return name
+    if name != "auto" or not directory.is_dir() or any(True for _ in _scans(directory, FORMATS)):
+        return None
+    return pictures.find_format(directory)
+
+
 def find_scan(directory: Path, format: str | None = None) -> tuple[Path, str]:  # noqa: A002
     """Return the folder that holds a scan, and its format; raises as `open_scan`."""
     if not directory.is_dir():
         raise InvalidScanError(f"The scan's folder {directory.name!r} does not exist.")
     name = (format or "auto").lower()
     if name != "auto" and name not in FORMATS:
-        known = list(FORMATS)
+        known = [*FORMATS, *pictures.FORMATS]
         raise InvalidScanError(
             f"The scan format {format!r} is not known; use auto, {', '.join(known[:-1])} or {known[-1]}."
         )

@@ -14,7 +14,7 @@ from app.jobs.lease import LeaseWatch
 from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.run_build import run_build
+from app.services.run_build import run_build, scratch_folder
 from app.storage.builds import Build, State, finish_build, report_progress
 from app.storage.leases import list_leases, take_back
 from app.storage.sweep import GRACE, discard_blobs, sweep_blobs, sweep_scratch
@@ -87,14 +87,13 @@ def recover(resources: Resources, watch: LeaseWatch) -> None:
         log.log(level, "build %s lost its worker and is %s: %s", build.id, build.state, build.error or "")
     if taken:
         _discard_archives(resources, [build for build in taken if build.ended])
-        remove_scratch(resources, {build.id for build in taken})
+        remove_scratch(resources, taken)
 
 
-def remove_scratch(resources: Resources, build_ids: set[str]) -> None:
-    """Remove the scratch folders of builds that don't run."""
-    for folder in resources.scratch_dir.iterdir():
-        if folder.name.split("-")[0] in build_ids:
-            shutil.rmtree(folder, ignore_errors=True)
+def remove_scratch(resources: Resources, taken: Sequence[Build]) -> None:
+    """Remove the scratch folders of the attempts that builds were taken from; another worker may make the next one."""
+    for build in taken:
+        shutil.rmtree(scratch_folder(resources, build), ignore_errors=True)
 
 
 def sweep(resources: Resources, grace: timedelta = GRACE) -> None:

@@ -11,10 +11,14 @@ from typing import Any
 from app.engine.mapping.examination.examine import examine_scan
 from app.engine.mapping.examination.outcome import Examination, Finding, RefusedScanError
 from app.engine.mapping.options import BuildOptions, parse_build_options
+from app.engine.mapping.structure.estimate import EstimatedScan, estimate_poses
 from app.engine.progress import Progress
+from app.errors import InvalidScanError
 from app.importers.frames import Scan
-from app.importers.registry import open_scan
+from app.importers.registry import open_scan, open_unposed
+from app.services.resources import Resources
 
+WITHOUT_SCALE = "A map without scale can't be extended, nor can a scan without scale extend one: give scale."
 # One mistake hides another, as wrong axes hide a wrong depth scale.
 MAX_REPAIRS = 3
 
@@ -23,22 +27,26 @@ MAX_REPAIRS = 3
 class ExaminedScan:
     """A scan that may be built, the options that it was read with, and what its examination found.
 
-    `repairs` are the findings that `repair` mended. A scan whose poses are a stated motion is not examined: they are
-    no measurement.
+    `repairs` are the findings that `repair` mended. A scan whose poses are a stated motion is not examined, since they
+    are no measurement, nor is one whose poses were estimated from its own pictures, by `estimate`.
     """
 
     scan: Scan
     options: BuildOptions
     examination: Examination | None
     repairs: tuple[Finding, ...] = ()
+    estimate: EstimatedScan | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the scan."""
-        return () if self.examination is None else self.examination.warnings
+        estimated = () if self.estimate is None else self.estimate.warnings
+        return estimated if self.examination is None else self.examination.warnings
 
     def repairs_report(self) -> dict[str, Any]:
-        """Return the first lines of the build's report, none where nothing was repaired."""
+        """Return the first lines of the build's report, none where nothing was repaired or estimated."""
+        if self.estimate is not None:
+            return {"structure": self.estimate.report}
         if not self.repairs:
             return {}
         changed = {name: value for finding in self.repairs for name, value in finding.options.items()}
@@ -47,6 +55,39 @@ class ExaminedScan:
             "repaired": f"The scan was read another way than its files and options say. {told}",
             "repairs": changed,
         }
+
+
+def read_scan(
+    root: Path,
+    options: Mapping[str, Any],
+    resources: Resources,
+    progress: Progress,
+    *,
+    up_is_known: bool,
+    scratch: Path,
+) -> ExaminedScan:
+    """Return the scan of a folder, read with the options of a request: examined, or with estimated poses.
+
+    `up_is_known` and `scratch` are as in `examined_scan`, which raises the same.
+    """
+    parsed = parse_build_options(options)
+    given = replace(parsed.scan, scratch=scratch)
+    unposed = open_unposed(root, parsed.format, given)
+    if unposed is not None:
+        lacks_scale = parsed.scale is None and not (unposed.listed and unposed.listed.has_depth)
+        if parsed.mode == "extend" and lacks_scale:
+            raise InvalidScanError(WITHOUT_SCALE)
+        estimate = estimate_poses(unposed, parsed.scale, resources.models, resources.executor, progress)
+        return ExaminedScan(scan=estimate.scan, options=parsed, examination=None, estimate=estimate)
+    if parsed.scale is not None:
+        raise InvalidScanError(
+            'The option scale is for pictures without poses, and this scan has poses: leave it out, or give "poses": '
+            '"estimate" to have them estimated from the pictures.'
+        )
+    scan = open_scan(root, parsed.format, given)
+    return examined_scan(
+        root, scan, options, resources.executor, progress, up_is_known=up_is_known, scratch=scratch
+    )
 
 
 def examined_scan(

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from app.engine.floors.floor import Floor
 from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera_sources import QueryCamera, query_camera
 from app.engine.query.localization import Localization
+from app.engine.query.localizer import Localizer
 from app.engine.query.narrowing import AreaOnFloor, allowed_keyframes
+from app.engine.query.several.frame import GivenFrame
+from app.engine.query.several.localize import localize_several
 from app.engine.query.shown_matches import shown_matches
 from app.engine.query.upright import localize_upright
+from app.engine.query.vdm.localizer import VdmLocalizer
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidInputError, MapDamagedError
 from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
+from app.services.later_frames import decode_later
 from app.services.localizers import localizer_on, vdm_localizer_on
 from app.services.locate_result import (
     LocateRequest,
@@ -38,6 +47,15 @@ class _Place:
     venue: str
     floors: list[Floor]
     version: MapVersion | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Pictures:
+    """The picture that is to be placed, what is known of its camera, and the further frames of the query."""
+
+    rgb: Rgb
+    camera: QueryCamera
+    later: tuple[GivenFrame, ...]
 
 
 class LocateService:
@@ -67,10 +85,13 @@ class LocateService:
         rgb = decode_image(request.image, self._resources.settings.max_image_pixels)
         timer.lap("decode")
         camera = query_camera(request.camera, rgb, request.image)
+        later = decode_later(request, rgb, self._resources.settings.max_image_pixels)
+        if later:
+            timer.lap("decode")
         known = camera.camera if isinstance(camera.camera, Camera) else None
         result = None
         if request.method != "anchor":
-            result = self._by_map(place, rgb, camera, request, areas)
+            result = self._by_map(place, _Pictures(rgb, camera, later), request, areas)
         if request.method == "anchor" or (request.method == "auto" and known is not None):
             result = self._by_anchor(place, rgb, known, request, result)
         assert result is not None  # noqa: S101 - one of the two was asked
@@ -80,42 +101,40 @@ class LocateService:
     def _by_map(
         self,
         place: _Place,
-        rgb: Rgb,
-        camera: QueryCamera,
+        pictures: _Pictures,
         request: LocateRequest,
         areas: list[AreaOnFloor] | None,
     ) -> LocateResult:
         """Answer from the venue's map."""
         if place.version is None:
-            known = camera.likely
+            known = pictures.camera.likely
             return LocateResult(
                 venue=place.venue,
                 method="vdm" if request.method == "vdm" else "rgbd",
                 map_version=None,
                 reason="no_map",
                 camera=known,
-                camera_source=camera.source_of(known),
+                camera_source=pictures.camera.source_of(known),
                 gravity_checked=None if request.gravity is None else False,
             )
         try:
-            return self._by_version(place, place.version, rgb, camera, request, areas)
+            return self._by_version(place, place.version, pictures, request, areas)
         except MapDamagedError:
             # Damage that the query itself came upon: the version before answers.
-            return self._by_version(place, place.version, rgb, camera, request, areas)
+            return self._by_version(place, place.version, pictures, request, areas)
 
     def _by_version(
         self,
         place: _Place,
         active: MapVersion,
-        rgb: Rgb,
-        camera: QueryCamera,
+        pictures: _Pictures,
         request: LocateRequest,
         areas: list[AreaOnFloor] | None,
     ) -> LocateResult:
         """Answer from the version that serves in place of the active one, which is the active one unless damaged."""
         opened, version = self._library.serving(active)
-        found, narrowed = self._search(place, opened, rgb, camera, request, areas)
-        result = map_result(place.venue, version, found, narrowed, place.floors, request, camera)
+        found, narrowed = self._search(place, opened, pictures, request, areas)
+        result = map_result(place.venue, version, found, narrowed, place.floors, request, pictures.camera)
         if not request.show_matches or result.reason is not None or found.inliers is None:
             return result
         return replace(result, shown_matches=shown_matches(opened.artifact, found.inliers))
@@ -170,8 +189,7 @@ class LocateService:
         self,
         place: _Place,
         opened: OpenMap,
-        rgb: Rgb,
-        camera: QueryCamera,
+        pictures: _Pictures,
         request: LocateRequest,
         areas: list[AreaOnFloor] | None,
     ) -> tuple[Localization, bool]:
@@ -181,7 +199,27 @@ class LocateService:
         floor = next((floor for floor in place.floors if floor.id == request.floor), None)
         allowed = allowed_keyframes(opened.artifact.arrays.positions, floor, areas, request.prior)
         if allowed is not None and len(allowed):
-            found = localize_upright(localizer, rgb, camera.camera, request.gravity, allowed)
+            found = _localize(localizer, pictures, request, allowed)
             if found.world_from_camera is not None:
                 return found, True
-        return localize_upright(localizer, rgb, camera.camera, request.gravity), False
+        return _localize(localizer, pictures, request), False
+
+
+def _localize(
+    localizer: Localizer | VdmLocalizer,
+    pictures: _Pictures,
+    request: LocateRequest,
+    allowed: NDArray[np.int64] | None = None,
+) -> Localization:
+    """Localize the picture, by further ones where there are any."""
+    camera = pictures.camera.camera
+    if not pictures.later:
+        return localize_upright(localizer, pictures.rgb, camera, request.gravity, allowed)
+    assert isinstance(localizer, Localizer)  # noqa: S101 - `decode_later` refuses other methods
+    first = GivenFrame(
+        rgb=pictures.rgb,
+        camera=camera,
+        first_from_camera=None if pictures.later[0].first_from_camera is None else Pose.identity(),
+        gravity=request.gravity,
+    )
+    return localize_several(localizer, [first, *pictures.later], allowed)

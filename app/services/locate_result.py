@@ -24,16 +24,27 @@ from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
-PlanReason = Literal["up_unknown"]
+PlanReason = Literal["up_unknown", "scale_unknown"]
 # A phone that is held still knows down to a degree or two; moving it can add ten.
 GRAVITY_LIMIT_DEG = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaterFrame:
+    """A further picture of a query, its camera as in `LocateRequest`, and its camera's pose in that of the first
+    picture, None where the motion is not known."""
+
+    image: bytes
+    camera: CameraHint | None = None
+    first_from_camera: Pose | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
     image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
-    of down in camera axes, `area` an area's id or name. `show_matches` asks for matches to draw."""
+    of down in camera axes, `area` an area's id or name. `show_matches` asks for matches to draw. The answer is
+    about `image`; the `later` frames of a burst or a rig, all with a motion or none, help to find it."""
 
     image: bytes
     venue: str | None = None
@@ -44,6 +55,7 @@ class LocateRequest:
     method: Method = "auto"
     area: str | None = None
     show_matches: bool = False
+    later: tuple[LaterFrame, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,8 +64,9 @@ class LocateResult:
 
     `narrowed` says whether floor, area or prior held the search; `gravity_checked` whether the pose that was found
     was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
-    plan position: `up_unknown`, while the map's z axis is not known to point up. `hints` say what would help a picture
-    that is not located.
+    plan position: `up_unknown`, while the map's z axis is not known to point up, or `scale_unknown`, while its unit is
+    not known to be the metre. `hints` say what would help a picture that is not located. `frames` is the support by
+    each frame of a query that has several.
     """
 
     venue: str
@@ -77,6 +90,7 @@ class LocateResult:
     vertical: Vertical | None = None
     hints: tuple[Hint, ...] = ()
     shown_matches: ShownMatches | None = None
+    frames: tuple[Support, ...] = ()
 
 
 def map_result(
@@ -92,6 +106,8 @@ def map_result(
     gravity_checked = None if request.gravity is None else pose is not None and version.z_up
     if gravity_checked and _contradicts(pose, request.gravity):
         reason, pose = "ambiguous", None
+    # The heights of floors are in metres.
+    floors = floors if version.has_scale else []
     floor = floor_of(floors, pose) if pose is not None else None
     if pose is not None and floors and floor is None:
         reason, pose = "outside_venue", None
@@ -108,7 +124,7 @@ def map_result(
         world_from_camera=pose,
         floor=floor,
         plan=plan_point(floor, pose) if floor is not None and pose is not None and version.z_up else None,
-        plan_reason="up_unknown" if pose is not None and not version.z_up else None,
+        plan_reason=version.plan_reason if pose is not None else None,
         accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
         support=found.evidence.support,
@@ -119,6 +135,7 @@ def map_result(
         gravity_checked=gravity_checked,
         timings_ms=dict(found.timings_ms),
         hints=() if located else _hints(found, reason, camera),
+        frames=found.frames,
     )
 
 

@@ -7,7 +7,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,8 @@ from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_
 from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame, FrameSource
-from app.importers.registry import open_scan
 from app.limits import limit
-from app.services.examine_scan import ExaminedScan, examined_scan
+from app.services.examine_scan import WITHOUT_SCALE, ExaminedScan, read_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
@@ -98,22 +97,13 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
     """
     started = time.perf_counter()
     options = parse_build_options(build.options)
-    with _scratch(resources.scratch_dir / f"{build.id}-{build.attempts}") as folder:
+    with _scratch(scratch_folder(resources, build)) as folder:
         root = _unpack(build, resources, folder, progress)
         progress.report("read", 0, 1)
-        source = open_scan(root, options.format, replace(options.scan, scratch=folder))
         unpacked = time.perf_counter()
         present = _present_map(build, options, library)
         z_is_up = present is not None and present[1].z_up
-        examined = examined_scan(
-            root,
-            source,
-            build.options,
-            resources.executor,
-            progress,
-            up_is_known=z_is_up,
-            scratch=folder,
-        )
+        examined = read_scan(root, build.options, resources, progress, up_is_known=z_is_up, scratch=folder)
         source, options = examined.scan, examined.options
         seen = time.perf_counter()
         placement = _place(source, options, present, resources, progress)
@@ -167,6 +157,11 @@ def _present_map(
         return None
 
 
+def scratch_folder(resources: Resources, build: Build) -> Path:
+    """Return the folder of one attempt at a build."""
+    return resources.scratch_dir / f"{build.id}-{build.attempts}"
+
+
 @contextmanager
 def _scratch(folder: Path) -> Iterator[Path]:
     # A worker that was killed may have left a half-unpacked scan.
@@ -210,8 +205,12 @@ def _place(
     if options.world_from_scan is not None:
         return Placement(own, "given", True, {})
     by_gravity = options.gravity is not None or source.gravity is not None
-    if present is None:
-        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
+    alone = Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
+    in_metres = present is not None and source.has_scale and present[1].has_scale
+    if present is not None and options.mode == "extend" and not in_metres:
+        raise InvalidScanError(WITHOUT_SCALE)
+    if present is None or not in_metres:
+        return alone
     try:
         found = register_scan(source, Localizer(present[0]), resources.executor, progress)
     except UnregisteredScanError as error:
@@ -343,7 +342,12 @@ def _report(
         "bytes": sizes,
         "seconds": seconds,
         "world_from_scan": placement.world_from_scan.matrix.tolist(),
-        "placement": {"source": placement.source, "z_up": placement.z_up, **placement.figures},
+        "placement": {
+            "source": placement.source,
+            "z_up": placement.z_up,
+            "has_scale": source.has_scale,
+            **placement.figures,
+        },
         "examination": None if examined.examination is None else examined.examination.as_dict(),
         "self_check": check.as_dict(),
         "lens": next(

@@ -14,7 +14,7 @@ from app.engine.query.placed import plan_frame
 from app.engine.tracking.memory import pose_to_json
 from app.engine.tracking.state import State
 from app.engine.tracking.tracked import Tracked
-from app.services.locate_result import LocateResult
+from app.services.locate_result import LocateResult, PlanReason
 from app.storage.maps import MapVersion
 from app.storage.sessions import Session, SessionPoint
 
@@ -46,11 +46,11 @@ def place_of(tracked: Tracked, floors: list[Floor]) -> tuple[Floor | None, PlanP
     return floor, plan_point(replace(floor, plan_from_world=np.eye(4)), placed.frame_from_camera)
 
 
-def lacks_up(tracked: Tracked, serving: tuple[OpenMap, MapVersion] | None) -> bool:
-    """Whether a pose in the world has no plan position: the map's z axis is not known to point up."""
-    if tracked.placed is None or tracked.placed.world_from_camera is None:
-        return False
-    return serving is not None and not serving[1].z_up
+def plan_reason_of(tracked: Tracked, serving: tuple[OpenMap, MapVersion] | None) -> PlanReason | None:
+    """Return why a pose in the world has no plan position, None where the map gives it one."""
+    if tracked.placed is None or tracked.placed.world_from_camera is None or serving is None:
+        return None
+    return serving[1].plan_reason
 
 
 def point_of(

@@ -39,7 +39,7 @@ from app.services.localizers import localizer_on
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
-from app.services.session_answer import SessionResult, lacks_up, place_of, point_of, result_of
+from app.services.session_answer import SessionResult, place_of, plan_reason_of, point_of, result_of
 from app.services.session_guidance import SessionGuide, Way
 from app.storage.floors import list_floors
 from app.storage.sessions import (
@@ -235,7 +235,8 @@ class SessionService:
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
         timer.lap("track")
         floor, plan = place_of(tracked, floors)
-        if lacks_up(tracked, serving):
+        plan_reason = plan_reason_of(tracked, serving)
+        if plan_reason is not None:
             plan = None
         if floor is not None and plan is not None:
             plan = self._features.described(plan, floor)
@@ -249,7 +250,7 @@ class SessionService:
         result = result_of(session, tracked, floor, plan)
         result = replace(
             result,
-            plan_reason="up_unknown" if lacks_up(tracked, serving) else None,
+            plan_reason=plan_reason,
             map_version=None if serving is None else serving[1].version,
             # What was given is answered as it was given.
             **_camera_of(session, camera or tracker.camera),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import Connection, Row, delete, func, insert, select
 
@@ -33,6 +33,18 @@ class MapVersion:
         or of the scan that it was registered to."""
         placement = self.statistics.get("placement", {})
         return bool(placement.get("z_up", placement.get("source") in ("given", "gravity")))
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether the map is in metres; else it is in a unit of its own."""
+        return bool(self.statistics.get("placement", {}).get("has_scale", True))
+
+    @property
+    def plan_reason(self) -> Literal["up_unknown", "scale_unknown"] | None:
+        """Why poses in the map have no plan position, None where they have."""
+        if not self.has_scale:
+            return "scale_unknown"
+        return None if self.z_up else "up_unknown"
 
 
 @dataclass(frozen=True, slots=True)

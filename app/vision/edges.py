@@ -48,19 +48,26 @@ def down_in_picture(gray: Gray, camera: Camera) -> NDArray[np.float64] | None:
 
     None when too few edges agree, and for a camera that is tilted by more than 45 degrees.
     """
+    starts, ends, lengths = straight_edges(gray, camera)
+    if not len(lengths):
+        return None
+    vertical = vertical_direction(starts, ends, lengths)
+    if vertical is None or vertical.edges < OPTIONS.min_edges:
+        return None
+    return vertical.down if vertical.share >= OPTIONS.min_agreeing_share else None
+
+
+def straight_edges(
+    gray: Gray, camera: Camera
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the straight edges of a camera's image (height, width): where they start and end, in image-plane
+    coordinates (n, 2), (n, 2), and their lengths (n,) in pixels."""
     small, _ = shrink(gray, OPTIONS.max_side_px)
     camera = camera.scaled_to(small.shape[1], small.shape[0])
     found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(small)[0]
-    if found is None:
-        return None
-    edges = np.asarray(found, dtype=np.float64).reshape(-1, 4)
+    edges = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)
     lengths = np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1])
     long = lengths > OPTIONS.min_length_ratio * max(small.shape)
     starts, ends = (camera.normalize(edges[long, k : k + 2]) for k in (0, 2))
     seen = np.isfinite(starts).all(axis=1) & np.isfinite(ends).all(axis=1)
-    if not seen.any():
-        return None
-    vertical = vertical_direction(starts[seen], ends[seen], lengths[long][seen])
-    if vertical is None or vertical.edges < OPTIONS.min_edges:
-        return None
-    return vertical.down if vertical.share >= OPTIONS.min_agreeing_share else None
+    return starts[seen], ends[seen], lengths[long][seen]

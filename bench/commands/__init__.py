@@ -11,6 +11,7 @@ COMMANDS = {
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-formats": "bench.formats.command:evaluate_formats_command",
+    "evaluate-unposed": "bench.unposed.command:evaluate_unposed_command",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
     "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +27,7 @@ from app.storage.floors import put_floor
 
 if TYPE_CHECKING:
     from bench.demo import DemoFloor, DemoQuery
+    from bench.recordings.monitors import MonitorPair
 
 DEFAULT_DIR = Path(".roomfix/demo")
 QUERIES = 12
@@ -56,14 +57,23 @@ def demo(
     settings = settings_from(host=host, port=port, data_dir=data_dir, open=True)
     if not prepare_only:
         _check_port(host, port)
-    queries = _prepare(settings, data_dir, whole)
+    queries, cameras = _prepare(settings, data_dir, whole)
     _print_what_to_try(settings, queries[0])
+    _print_camera_to_try(settings, cameras[0])
     if not prepare_only:
-        configure_logs()
-        if phones:
-            run_for_phones(settings, https_port, PHONE_PATH, PHONE_VENUE)
-        else:
+        _serve(settings, cameras, https_port if phones else None)
+
+
+def _serve(settings: Settings, cameras: Sequence[MonitorPair], https_port: int | None) -> None:
+    """Serve, phones too where a port for them is given, with fresh frames of the monitoring cameras."""
+    from bench.anchors.demo_cameras import FreshFrames
+
+    configure_logs()
+    with FreshFrames(_address(settings), cameras):
+        if https_port is None:
             run_server(settings)
+        else:
+            run_for_phones(settings, https_port, PHONE_PATH, PHONE_VENUE)
 
 
 def _check_port(host: str, port: int) -> None:
@@ -77,8 +87,9 @@ def _check_port(host: str, port: int) -> None:
             ) from None
 
 
-def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]:
+def _prepare(settings: Settings, data_dir: Path, whole: bool) -> tuple[list[DemoQuery], list[MonitorPair]]:
     try:
+        from bench.anchors.demo_cameras import put_cameras, render_cameras
         from bench.demo import VENUE, floor_plans, render_queries, render_venue, render_wing
     except ImportError as error:
         raise RoomfixError(
@@ -92,6 +103,7 @@ def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]
             data_dir / f"scan-{region}", workers=settings.workers, progress=_reporter(progress, "render")
         )
         queries = render_queries(data_dir / "queries", QUERIES)
+        cameras = render_cameras(data_dir / "cameras", workers=settings.workers)
         resources = Resources.open(settings)
         try:
             ensure_venue(resources, VENUE.id, VENUE.name)
@@ -100,6 +112,7 @@ def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]
             for floor in floor_plans():
                 # After all floors are there: stairs lead from each to the other.
                 store_features(resources, VENUE.id, floor.id, floor.features)
+            put_cameras(resources, cameras)
             marker = data_dir / "mapped.json"
             wanted = {"region": region, "poses": len(scan.timestamps_s)}
             if (
@@ -113,7 +126,7 @@ def _prepare(settings: Settings, data_dir: Path, whole: bool) -> list[DemoQuery]
                 marker.write_text(json.dumps(wanted))
         finally:
             resources.close()
-    return list(queries)
+    return list(queries), cameras
 
 
 def _is_mapped(resources: Resources, venue: str) -> bool:
@@ -149,8 +162,7 @@ def _put_floor(resources: Resources, venue: str, floor: DemoFloor) -> None:
 def _print_what_to_try(settings: Settings, query: DemoQuery) -> None:
     from bench.demo import floor_plans
 
-    address = f"http://{settings.host}:{settings.port}"
-    camera = ",".join(f"{value:g}" for value in query.camera.params)
+    address, camera = _address(settings), _numbers(query.camera.params)
     truth = _truth(query, {floor.level: floor for floor in floor_plans()})
     console.print(f"\nOpen  [bold]{address}/[/bold]  (API: {address}/docs)")
     console.print(f"Studio  {address}/studio\nA simulated phone  {address}/{PHONE_PATH}#simulated\nTry:\n")
@@ -161,6 +173,31 @@ def _print_what_to_try(settings: Settings, query: DemoQuery) -> None:
     )
     console.print("\nThe truth of that photo, to compare the answer with:")
     console.print_json(json.dumps(truth), indent=None)
+
+
+def _print_camera_to_try(settings: Settings, pair: MonitorPair) -> None:
+    from bench.anchors.demo_anchors import anchor_pair
+
+    pictured = anchor_pair(pair)
+    console.print("\nA phone in a corner that was not scanned, where a monitoring camera hangs:\n")
+    console.print(
+        f"curl -s {_address(settings)}/locate -F venue=demo -F method=anchor "
+        f"-F camera={_numbers(pictured.phone_camera.params)} "
+        f"-F gravity={_numbers(tuple(pictured.gravity_in_phone.round(4) + 0.0))} -F image=@{pair.phone}",
+        soft_wrap=True,
+        highlight=False,
+    )
+    x, y = (round(float(value), 3) for value in pictured.phone_on_plan)
+    console.print("\nThe truth of it:")
+    console.print_json(json.dumps({"floor": str(pair.floor), "plan": {"x": x, "y": y}}), indent=None)
+
+
+def _address(settings: Settings) -> str:
+    return f"http://{settings.host}:{settings.port}"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ",".join(f"{value:g}" for value in values)
 
 
 def _truth(query: DemoQuery, floors: dict[int, DemoFloor]) -> dict[str, Any]:

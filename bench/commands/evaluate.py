@@ -25,6 +25,8 @@ from app.importers.frames import Scan
 from app.importers.registry import open_scan
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
+from bench.bursts.frames import MOTION_ERROR_DEG, MOTION_ERROR_RATIO
+from bench.bursts.measure import BurstPlan, evaluate_bursts
 from bench.evaluation.absent import check_places, locate_absent
 from bench.evaluation.benchmark import describe_machine, run_benchmark
 from bench.evaluation.dataset import Split, split_scan
@@ -101,6 +103,13 @@ AbsentOption = Annotated[
     list[str] | None,
     typer.Option(help="A folder of other places, or synthetic: none may be located; repeat it for several."),
 ]
+BurstOption = Annotated[
+    int | None,
+    typer.Option(
+        min=2, max=8, help="Ask single frames, and bursts of that number of frames with and without motion."
+    ),
+]
+ApartOption = Annotated[float, typer.Option(min=0.01, help="Seconds between the frames of a burst.")]
 ServerOption = Annotated[
     str | None,
     typer.Option(help="Evaluate over HTTP, e.g. http://127.0.0.1:8000; with the key in ROOMFIX_ADMIN_KEY."),
@@ -133,6 +142,8 @@ def evaluate(
     ] = False,
     absent: AbsentOption = None,
     server: ServerOption = None,
+    burst: BurstOption = None,
+    apart_s: ApartOption = 0.2,
     options: Annotated[
         list[str] | None, typer.Option(help="JSON, as in POST /database/build; repeat it to compare.")
     ] = None,
@@ -147,22 +158,23 @@ def evaluate(
     parsed = [json_object(each) for each in options or ["{}"]]
     page = None if report is None else Report(_title(datasets), report)
     ranges = _ranges(protocol, database, queries)
+    plan = None if burst is None else BurstPlan(burst, apart_s)
     if server is not None:
-        if features or pipeline or keyframes is not None or absent or ranges is None:
+        if features or pipeline or keyframes is not None or absent or ranges is None or plan is not None:
             raise InvalidInputError(
-                "--server takes its pipeline from the server: leave out features, pipeline, keyframes, absent and "
-                "--protocol keyframes."
+                "--server takes its pipeline from the server: leave out features, pipeline, keyframes, absent, burst "
+                "and --protocol keyframes."
             )
         results = list(_evaluate_there(server, datasets, ranges, parsed, variations))
     else:
         chosen: list[Pipeline] = [name.value for name in pipeline or [PipelineName.DEFAULT]]
         settings = {name: _settings(name, keyframes) for name in chosen}
         configurations = list(_configurations(datasets, ranges, parsed, features, settings))
-        results = _evaluate_here(configurations, variations, absent or [])
-    shown = _show(results, variations, by_keyframes=ranges is None)
+        results = _evaluate_here(configurations, variations, absent or [], plan)
+    shown = _show(results, variations, by_keyframes=ranges is None) if plan is None else _show_bursts(results)
     if server is None:
         shown.line(f"Poses by {ESTIMATORS.name}.")
-    shown.write("evaluate", figures)
+    shown.write("evaluate" if plan is None else "bursts", figures)
     _write(results, json_file, page)
 
 
@@ -210,13 +222,16 @@ def _configurations(
 
 
 def _evaluate_here(
-    configurations: Sequence[_Configuration], variations: Sequence[Variation], absent: Sequence[str]
+    configurations: Sequence[_Configuration],
+    variations: Sequence[Variation],
+    absent: Sequence[str],
+    plan: BurstPlan | None,
 ) -> list[Evaluation]:
     models = open_models(Settings())
     results: list[Evaluation] = []
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         for configuration in configurations:
-            results += _evaluate_map(configuration, variations, absent, models, executor, progress)
+            results += _evaluate_map(configuration, variations, absent, plan, models, executor, progress)
     return results
 
 
@@ -224,6 +239,7 @@ def _evaluate_map(
     configuration: _Configuration,
     variations: Sequence[Variation],
     absent: Sequence[str],
+    plan: BurstPlan | None,
     models: VisionModels,
     executor: Executor,
     progress: Progress,
@@ -249,6 +265,9 @@ def _evaluate_map(
         built = replace(built, figures=replace(built.figures, thresholds=thresholds))
     asked: set[bool] = set()
     for variation in variations:
+        if plan is not None:
+            yield from evaluate_bursts(built, split, plan, progress, variation)
+            continue
         result = run_evaluation(built, split, progress, variation)
         if absent and variation.camera_given not in asked:
             asked.add(variation.camera_given)
@@ -286,6 +305,16 @@ def _show(results: Sequence[Evaluation], variations: Sequence[Variation], *, by_
         shown.table(variations_table(results))
         for line in absent_lines(results):
             shown.line(line)
+    return shown
+
+
+def _show_bursts(results: Sequence[Evaluation]) -> Shown:
+    shown = Shown()
+    shown.table(variations_table(results))
+    shown.line(
+        f"The motion is the true one with a normal error of {MOTION_ERROR_RATIO:.0%} of its length and "
+        f"{MOTION_ERROR_DEG:g} degrees; frames of a burst are none of the map's."
+    )
     return shown
 
 

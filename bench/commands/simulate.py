@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +19,9 @@ from bench.simulation.log import WalkLog
 from bench.simulation.summary import (
     Setting,
     figures_of,
+    floor_line,
 )
-from bench.simulation.walks import Outcome
+from bench.simulation.walks import SILENCE_S, Outcome
 
 KINDS = ("on", "lost", "off")
 
@@ -54,6 +56,12 @@ def simulate(
     no_map: NoMap = False,
     anchors: AnchorsDir = None,
     pois: Annotated[int, typer.Option(min=1, max=4, help="Largest number of POIs of each of them.")] = 4,
+    from_floor: Annotated[
+        int | None, typer.Option(help="Begin all trips on this floor, scanned or not.")
+    ] = None,
+    silence: Annotated[
+        float, typer.Option(min=1.0, help="Seconds without guidance after which a walker is lost.")
+    ] = SILENCE_S,
     seed: Annotated[int, typer.Option(help="What chance comes from: the same seed, the same trips.")] = 1,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
     log: Annotated[
@@ -73,9 +81,22 @@ def simulate(
     ]
     wanted = _numbers(lengths, "lengths", 5.0, 500.0)
     folder = _cameras(anchors or data_dir / f"cameras-{pois}", pois) if no_map else data_dir
-    outcomes = _walk(folder, settings_of, wanted, runs, width, seed, workers, WalkLog(log))
+    walks = Walks(
+        settings_of=settings_of,
+        lengths=wanted,
+        runs=runs,
+        width=width,
+        seed=seed,
+        workers=workers,
+        from_floor=from_floor,
+        silence_s=silence,
+    )
+    outcomes = _walk(folder, walks, WalkLog(log))
     figures = [row for setting in settings_of for row in figures_of(setting, outcomes[setting])]
-    show_figures(figures, outcomes, report, json_file).write("simulate", figures_title)
+    shown = show_figures(figures, outcomes, report, json_file)
+    if from_floor is not None:
+        shown.line(floor_line(from_floor, [one for found in outcomes.values() for one in found]))
+    shown.write("simulate", figures_title)
 
 
 def _cameras(folder: Path, pois: int) -> Path:
@@ -89,41 +110,49 @@ def _cameras(folder: Path, pois: int) -> Path:
     return folder
 
 
-def _walk(
-    data_dir: Path,
-    settings_of: list[Setting],
-    lengths: list[float],
-    runs: int,
-    width: int,
-    seed: int,
-    workers: int,
-    log: WalkLog,
-) -> dict[Setting, list[Outcome]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walks:
+    """Which walks are walked, and how."""
+
+    settings_of: list[Setting]
+    lengths: list[float]
+    runs: int
+    width: int
+    seed: int
+    workers: int
+    from_floor: int | None
+    silence_s: float
+
+
+def _walk(data_dir: Path, walks: Walks, log: WalkLog) -> dict[Setting, list[Outcome]]:
     from bench.render.scene import demo_scene
     from bench.simulation.runs import Job, Place, choose_trips, run_jobs
 
     cap_threads()
     settings = settings_from(data_dir=data_dir)
-    place = Place.open(settings, settings_of[0].no_map)
+    place = Place.open(settings, walks.settings_of[0].no_map)
     try:
-        trips = choose_trips(place, lengths, runs, seed)
+        trips = choose_trips(place, walks.lengths, walks.runs, walks.seed, walks.from_floor)
     finally:
         place.resources.close()
-    jobs = [Job(setting, trip, seed) for setting in settings_of for trip in trips]
+    jobs = [
+        Job(setting, trip, walks.seed, walks.silence_s) for setting in walks.settings_of for trip in trips
+    ]
     with tempfile.TemporaryDirectory() as folder, progress_bars() as progress:
         demo_scene().save(Path(folder))
         demo_scene.cache_clear()
         found = run_jobs(
             settings,
             Path(folder),
-            width,
+            walks.width,
             jobs,
-            workers,
+            walks.workers,
             lambda done, total: progress.report("walk", done, total),
             log,
         )
     return {
-        setting: found[row * len(trips) : (row + 1) * len(trips)] for row, setting in enumerate(settings_of)
+        setting: found[row * len(trips) : (row + 1) * len(trips)]
+        for row, setting in enumerate(walks.settings_of)
     }
 
 

@@ -29,10 +29,12 @@ def parse_range(text: str) -> slice:
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """The scan reduced to its database frames, and the query frames (none of them in the database)."""
+    """The scan reduced to its database frames, the query frames, and all frames that are not in the database, which the
+    queries are among."""
 
     database: Scan
     queries: tuple[Frame, ...]
+    unmapped: tuple[Frame, ...] = ()
 
 
 def split_scan(directory: Path, database: str, queries: str, format: str, options: ScanOptions) -> Split:  # noqa: A002
@@ -49,7 +51,8 @@ def split_scan(directory: Path, database: str, queries: str, format: str, option
             f"{len(asked)} for queries; both need some."
         )
     part = replace(scan, frames=tuple(scan.frames[i] for i in chosen))
-    return Split(part, tuple(scan.frames[i] for i in asked))
+    others = _without(range(len(scan.frames)), chosen)
+    return Split(part, tuple(scan.frames[i] for i in asked), tuple(scan.frames[i] for i in others))
 
 
 def _rows(scan: Scan, directory: Path, format: str, part: str) -> list[int]:  # noqa: A002

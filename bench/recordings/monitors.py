@@ -21,7 +21,7 @@ from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.noise import seeded
 from bench.render.scene import SCENE_VERSION, demo_scene
 from bench.render.sensor import ColourSensor
-from bench.venue.layout import ROOMS
+from bench.venue.layout import ROOMS, Room
 
 Floats = NDArray[np.float64]
 
@@ -62,8 +62,11 @@ def render_monitor_pairs(
     workers: int = 1,
     phone_camera: Camera = PHONE_CAMERA,
     progress: Progress | None = None,
+    rooms: Sequence[Room] = ROOMS,
 ) -> list[MonitorPair]:
     """Render pairs with angles and distances inside the ranges; `pairs.json` in the directory lists them.
+
+    They are of the `rooms` in turn.
 
     Returns at once when the directory holds them. Raises `InvalidInputError` when the building has not as many.
     """
@@ -74,9 +77,10 @@ def render_monitor_pairs(
         "seed": seed,
         "version": [SCENE_VERSION, PROTOCOL_VERSION],
         "camera": [phone_camera.model, phone_camera.width, phone_camera.height, *phone_camera.params],
+        **({} if rooms is ROOMS else {"rooms": [room.id for room in rooms]}),
     }
     if not is_complete(directory, recipe):
-        pairs = _sampled(directory, count, angles_deg, distances_m, seed, phone_camera)
+        pairs = _sampled(directory, count, angles_deg, distances_m, seed, phone_camera, rooms)
 
         def fill(partial: Path) -> None:
             jobs = [job for pair in pairs for job in _jobs(partial, pair, seed, phone_camera)]
@@ -164,12 +168,13 @@ def _sampled(
     distances_m: tuple[float, float],
     seed: int,
     phone_camera: Camera,
+    rooms: Sequence[Room],
 ) -> list[MonitorPair]:
     rng, scene = seeded("monitors", seed, f"{angles_deg} {distances_m}"), demo_scene()
     pairs: list[MonitorPair] = []
     for turn in range(TURNS * count):
         # Room by room, so that consecutive cameras see different places.
-        room = ROOMS[turn % len(ROOMS)]
+        room = rooms[turn % len(rooms)]
         view = sample_view(rng, scene, room, (MONITOR_CAMERA, phone_camera), angles_deg, distances_m)
         if view is not None:
             name = f"pair_{len(pairs):04d}"

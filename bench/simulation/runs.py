@@ -16,7 +16,7 @@ from app.engine.anchors.features import AnchorDescriber
 from app.engine.floors.floor import Floor
 from app.engine.navigation.places import PlanPlace
 from app.engine.tracking.settings import TrackerSettings
-from app.errors import ConflictError
+from app.errors import ConflictError, InvalidInputError
 from app.geometry.plan import PlanTransform
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
@@ -37,7 +37,7 @@ from bench.simulation.trips import (
     shuffled,
     spots_of,
 )
-from bench.simulation.walks import Outcome, walk_trip
+from bench.simulation.walks import SILENCE_S, Outcome, walk_trip
 from bench.simulation.world import DemoBuilding, Phone, SessionNavigator, phone_camera
 from bench.venue.venue import VENUE
 
@@ -57,16 +57,18 @@ Report = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A trip under a setting."""
+    """A trip under a setting; after `silence_s` without guidance its walker is lost."""
 
     setting: Setting
     trip: Trip
     seed: int
+    silence_s: float = SILENCE_S
 
     def walk(self, width: int) -> dict[str, Any]:
         """Return what makes this the same walk when it is walked again."""
         trip = {"trip": self.trip.number, "start": self.trip.start, "to": self.trip.destination}
-        return {**asdict(self.setting), "seed": self.seed, "width": width, **trip}
+        silence = {} if self.silence_s == SILENCE_S else {"silence_s": self.silence_s}
+        return {**asdict(self.setting), "seed": self.seed, "width": width, **trip, **silence}
 
 
 @dataclass(slots=True)
@@ -97,15 +99,25 @@ class Place:
         return Place(resources, floors, features, routes, services)
 
 
-def choose_trips(place: Place, lengths: Sequence[float], runs: int, seed: int) -> list[Trip]:
+def choose_trips(
+    place: Place, lengths: Sequence[float], runs: int, seed: int, from_floor: int | None = None
+) -> list[Trip]:
     """Return a trip for each run: from a room that looks like no other, at most `SHIFT_M` off its landmark and facing
-    anywhere, to any landmark by a route of the demanded length."""
+    anywhere, to any landmark by a route of the demanded length. With `from_floor` all begin on that floor."""
     marks = {
         mark.id: (floor.id, level, mark)
         for level, floor in place.floors.items()
         for mark in place.features.features(floor).landmarks.values()
     }
-    starts = [name for name in marks if not name.startswith("door-") and not any(w in name for w in NO_START)]
+    starts = [
+        name
+        for name, (_, level, _) in marks.items()
+        if from_floor in (None, level)
+        and not name.startswith("door-")
+        and not any(w in name for w in NO_START)
+    ]
+    if not starts:
+        raise InvalidInputError(f"No walk can begin on floor {from_floor}: the building has no room there.")
     routes = {
         (start, end): place.routes.route(VENUE.id, f"{marks[start][0]}:{start}", f"{marks[end][0]}:{end}")
         for start, end in candidates(starts, list(marks))
@@ -190,4 +202,5 @@ def _run(job: Job) -> Outcome:
         fps=setting.fps,
         light=setting.light,
         seed=job.seed,
+        silence_s=job.silence_s,
     )

@@ -134,3 +134,14 @@ def interval_percent(successes: int, count: int) -> tuple[float, float]:
     low = 0.0 if successes == 0 else float(beta.ppf(0.025, successes, count - successes + 1))
     high = 1.0 if successes == count else float(beta.ppf(0.975, successes + 1, count - successes))
     return round(100 * low, 1), round(100 * high, 1)
+
+
+def floor_line(floor: int, outcomes: Sequence[Outcome]) -> str:
+    """Return the sentence about what floors were stated on walks that begin on one floor."""
+    frames = sum(one.frames for one in outcomes)
+    placed = sum(round(one.told_percent * one.frames / 100.0) for one in outcomes)
+    wrong = sum(one.wrong_floor_frames for one in outcomes)
+    return (
+        f"{len(outcomes)} walks begin on floor {floor}: {frames} frames, {placed} with a place, "
+        f"{wrong} with a place on a wrong floor."
+    )

@@ -140,8 +140,10 @@ def walk_trip(
     fps: float,
     light: float = 1.0,
     seed: int = 0,
+    silence_s: float = SILENCE_S,
 ) -> Outcome:
-    """Walk a trip by guidance alone and return what came of it. `floors` are those of the building by number."""
+    """Walk a trip by guidance alone and return what came of it. `floors` are those of the building by number; after
+    `silence_s` without guidance the walker is lost."""
     x, y, floor = trip.start
     rng = np.random.default_rng([seed, 2, trip.number])
     walker = Walker(building=building, x=x, y=y, floor=floor, heading_deg=trip.heading_deg, rng=rng)
@@ -151,7 +153,7 @@ def walk_trip(
     try:
         guided_s = 0.0
         until_s = PATIENCE_S + PATIENCE_S_PER_M * trip.route_m
-        while not arrived and walker.time_s < min(until_s, guided_s + SILENCE_S):
+        while not arrived and walker.time_s < min(until_s, guided_s + silence_s):
             pose = walker.camera_pose()
             shot = Shot(pose, walker.floor, walker.time_s, walker.turned_deg_s, light)
             answer = navigator.ask(shot, pictures)

@@ -15,21 +15,21 @@ from app.geometry.se3 import Pose
 from tests.server import Server
 
 
-def options_schema(server: Server, path: str) -> dict[str, Any]:
-    """Return the schema of the field `options` of a call."""
+def options_schema(server: Server, path: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the schema of the field `options` of a call, and that of the JSON in it."""
     document = server.client.get("/openapi.json").json()
     reference = document["paths"][path]["post"]["requestBody"]["content"]["multipart/form-data"]["schema"][
         "$ref"
     ]
-    form = document["components"]["schemas"][reference.rsplit("/", 1)[1]]
-    return dict(form["properties"]["options"])
+    schemas = document["components"]["schemas"]
+    field = schemas[reference.rsplit("/", 1)[1]]["properties"]["options"]
+    return field, schemas[field["contentSchema"]["$ref"].rsplit("/", 1)[1]]
 
 
 @pytest.mark.parametrize("path", ["/database/build", "/database/calibrate"])
 def test_openapi_shows_every_option_with_a_description_and_an_example(museum: Server, path: str) -> None:
-    schema = options_schema(museum, path)
+    schema, content = options_schema(museum, path)
     assert (schema["type"], schema["contentMediaType"]) == ("string", "application/json")
-    content = schema["contentSchema"]
     assert set(content["properties"]) == KEYS
     assert all(option["description"] for option in content["properties"].values())
     assert parse_build_options(content["example"]).scan.depth_scale == 1000

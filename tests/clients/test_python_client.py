@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 from roomfix_client import AsyncRoomfix, BuildError, Frame, Roomfix, RoomfixError, answers
-from roomfix_client.calls import LONGEST_PAUSE_S, form, pause_s
+from roomfix_client.calls import LONGEST_PAUSE_S, form, pause_s, with_picture
 
 from app.api.openapi import openapi_document
 from app.jobs.runner import NoRunner
@@ -137,6 +137,17 @@ def test_only_what_passes_is_tried_again() -> None:
 def test_fields_are_written_as_forms_have_them() -> None:
     given = {"camera": [1, 2.5], "prior": {"radius_m": 1}, "floor": None, "venue": "v", "timestamp": 1.5}
     assert form(given) == {"camera": "1,2.5", "prior": '{"radius_m": 1}', "venue": "v", "timestamp": "1.5"}
+    pose = {"position": {"x": 1}}
+    assert form({"motion": [pose], "cameras": [None, "1,2,3,4"]}) == {
+        "motion": '[{"position": {"x": 1}}]',
+        "cameras": '[null, "1,2,3,4"]',
+    }
+    assert form({"motion": pose}) == {"motion": '{"position": {"x": 1}}'}
+    call = with_picture("/locate", b"0", {"images": [b"1", b"2"], "camera": [1]})
+    assert call.options() == {
+        "data": {"camera": "1"},
+        "files": [("image", ("image", b"0")), ("images", ("image", b"1")), ("images", ("image", b"2"))],
+    }
 
 
 def test_the_client_needs_nothing_of_the_server() -> None:

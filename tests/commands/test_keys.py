@@ -34,8 +34,6 @@ def settings(data_dir: Path, **values: object) -> Settings:
 def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("ROOMFIX_ADMIN_KEY", "ROOMFIX_OPEN"):
         monkeypatch.delenv(name, raising=False)
-    # Wide enough that no column is broken.
-    monkeypatch.setenv("COLUMNS", "200")
 
 
 def test_a_key_is_made_listed_and_revoked(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.requests.paging import Paged
 from app.api.schemas import problems
+from app.services.keys.key_service import OPTIONS as LIFE
 from app.services.keys.key_service import NewKey
 from app.storage.keys import Key, Scope
 
@@ -44,7 +45,12 @@ class KeyRequest(RequestBody):
         None, pattern=ID_PATTERN, description="Scope anchor: limits it to one monitoring camera"
     )
     expires_in_s: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="After how many seconds it ends; never if left out"
+        None,
+        gt=0,
+        le=FIELDS.max_key_expiry_s,
+        allow_inf_nan=False,
+        description="After how many seconds it ends; never if left out",
+        json_schema_extra={"minimum": LIFE.min_expiry_s},
     )
 
 
@@ -101,7 +107,11 @@ class TokenRequest(RequestBody):
         None, pattern=ID_PATTERN, description="May be left out with a key that is limited to one venue"
     )
     expires_in_s: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="After how many seconds it ends; an hour if left out"
+        None,
+        gt=0,
+        allow_inf_nan=False,
+        description="After how many seconds it ends; an hour if left out",
+        json_schema_extra={"minimum": LIFE.min_expiry_s, "maximum": LIFE.max_token_expiry_s},
     )
 
 

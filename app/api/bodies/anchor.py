@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.schemas import PoseBody
 
 
 class StatedCamera(BaseModel):
@@ -50,12 +52,41 @@ class AnchorFrame(BaseModel):
     image_stored: bool
 
 
+class CalibratedPlace(BaseModel):
+    """Where a monitoring camera is on the plan by the map."""
+
+    x: float
+    y: float
+    heading_deg: float
+
+
+class CalibratedAccuracy(BaseModel):
+    """One sigma."""
+
+    position_m: float
+    orientation_deg: float
+
+
+class CalibratedPoi(BaseModel):
+    """A POI's position by the map."""
+
+    id: str
+    position: AnchorPosition
+    height_m: float
+    distance_m: float
+
+
 class AnchorCalibration(BaseModel):
     """What calibration found of the camera in the map."""
 
-    model_config = ConfigDict(extra="allow")
-
-    __pydantic_extra__: dict[str, Any] = Field(init=False)
+    map_version: int
+    pose: PoseBody
+    plan: CalibratedPlace
+    height_m: float
+    accuracy: CalibratedAccuracy
+    inliers: int
+    pois: list[CalibratedPoi] = Field(description="Those that the map has enough points of")
+    calibrated_at: str
 
 
 class Anchor(BaseModel):

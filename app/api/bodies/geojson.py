@@ -29,6 +29,9 @@ class FeatureProperties(BaseModel):
 class FloorFeature(Feature[Point | Polygon | LineString, FeatureProperties]):
     """A landmark or POI (Point), an area (Polygon) or a link (LineString), in plan metres."""
 
+    geometry: Point | Polygon | LineString
+    properties: FeatureProperties
+
 
 class FloorFeatureCollection(FeatureCollection[FloorFeature]):
     """The features of a floor."""

@@ -6,6 +6,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.anchor import StatedCamera
+
+FigureValue = bool | int | float | str | list[float] | None
+OptionValue = bool | int | float | str | list[float] | list[list[float]] | StatedCamera | None
+
 
 class OpenBody(BaseModel):
     """An object that may hold more than its model names: what builds report grows."""
@@ -20,6 +25,7 @@ class Placement(OpenBody):
 
     source: str = Field(description="given, gravity, registered or scan_frame")
     z_up: bool = Field(False, description="Whether the world's z is known to point up")
+    has_scale: bool = Field(True, description="Whether the map is in metres, or in a unit of its own")
 
 
 class SelfCheckFigures(OpenBody):
@@ -30,6 +36,103 @@ class SelfCheckFigures(OpenBody):
     expected: int | None = None
     median_position_m: float | None = None
     median_orientation_deg: float | None = None
+
+
+class Finding(OpenBody):
+    """Something that is wrong with a scan, and the options of a build that would mend it."""
+
+    code: str = Field(description="Stable, for programs")
+    sentence: str
+    severity: str
+    options: dict[str, OptionValue] = Field(description="Of a build")
+    certain: bool = Field(description="Whether `repair` uses the options by itself")
+    figures: dict[str, FigureValue]
+
+
+class ScanExamination(OpenBody):
+    """What was found to be right or wrong in a scan."""
+
+    __pydantic_extra__: dict[str, FigureValue] = Field(init=False)
+
+    verdict: str
+    findings: list[Finding]
+
+
+class SourcedFigures(OpenBody):
+    """What something rests on, and its figures."""
+
+    __pydantic_extra__: dict[str, FigureValue] = Field(init=False)
+
+    source: str
+
+
+class CalibratedCamera(BaseModel):
+    """The camera of pictures whose poses were estimated."""
+
+    source: str = Field(description="given, exif_calibrated or self_calibrated")
+    model: str
+    params: list[float]
+
+
+class PicturesPart(BaseModel):
+    """Pictures that are connected with each other and not with the map's."""
+
+    frames: int
+    first: str
+    last: str
+
+
+class EstimatedPoses(OpenBody):
+    """Poses that were estimated from pictures without any."""
+
+    pictures: int = Field(description="Pictures that were sent")
+    chosen: int = Field(description="Those chosen by motion and sharpness")
+    connected: int = Field(description="Those whose poses were found")
+    other_parts: list[PicturesPart]
+    points: int
+    error_px: float = Field(description="Mean reprojection error")
+    camera: CalibratedCamera
+    scale: SourcedFigures = Field(
+        description="Source distance, marker, camera_height, correspondences, depth or none"
+    )
+    up: SourcedFigures = Field(description="Source vertical_edges, camera_axes or none")
+
+
+class FittedThresholds(BaseModel):
+    """As `keyframes.position_m` and `keyframes.attitude_rad` of a build take them."""
+
+    position_m: float
+    attitude_rad: float
+
+
+class FittedCurve(BaseModel):
+    """matches = a x^b around the threshold; errors in matches, differences in metres or radians."""
+
+    a: float
+    b: float
+    rmse_fit: float
+    rmse_validation: float | None = Field(description="Of the pairs held back from the fit")
+    pairs_fit: int
+    pairs_validation: int
+    threshold: float
+    reached: str
+    left_at_threshold: float | None = Field(
+        description="Median matches of held-back pairs around the threshold"
+    )
+    range: tuple[float, float] = Field(description="Differences that the curve is fitted to")
+    other_limit: float = Field(description="Largest other difference (rad or m) of its pairs")
+
+
+class FittedKeyframes(OpenBody):
+    """Keyframe thresholds that were fitted to the scan, and the curves that they follow from."""
+
+    wanted_matches: float
+    features: str
+    frames: int
+    thresholds: FittedThresholds
+    position: FittedCurve
+    attitude: FittedCurve
+    warnings: list[str]
 
 
 class BuildReport(OpenBody):
@@ -55,12 +158,14 @@ class BuildReport(OpenBody):
         },
     )
 
+    repaired: str | None = Field(None, description="What `repair` changed, in words")
+    repairs: dict[str, OptionValue] = Field({}, description="The options that it used")
     warnings: list[str] = []
     frames: int | None = Field(None, description="Frames of the scan")
     discarded: dict[str, int] = Field({}, description="Number of frames left out, by reason")
     discarded_frames: dict[str, list[str]] = Field({}, description="The first of them by name")
     notes: list[str] = []
-    replaced: dict[str, Any] = {}
+    replaced: dict[str, str] = Field({}, description="Discarded keyframe -> the frame in its place")
     keyframes: int | None = Field(None, description="Keyframes of this scan")
     features: int | None = None
     feature_method: str | None = None
@@ -69,9 +174,10 @@ class BuildReport(OpenBody):
     seconds: dict[str, float] = Field({}, description="Time by stage")
     world_from_scan: list[list[float]] | None = Field(None, description="The 4x4 that was used")
     placement: Placement | None = None
-    examination: dict[str, Any] | None = Field(
-        None, description="What was found to be right or wrong in the scan"
+    examination: ScanExamination | None = None
+    structure: EstimatedPoses | None = Field(
+        None, description="How poses were estimated from pictures that had none"
     )
     self_check: SelfCheckFigures | None = None
     lens: dict[str, float] | None = None
-    calibration: dict[str, Any] | None = None
+    calibration: FittedKeyframes | None = None

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.deps import ID_PATTERN, State, VenueId, require
 from app.api.maps.versions import Version
 from app.api.requests.contract_route import ContractRoute
-from app.api.schemas import PoseBody, problems
+from app.api.schemas import FILE_CONTENT, PoseBody, problems
 from app.engine.maps.drawing.coverage import DIRECTIONS
 from app.limits import limit
 from app.services.map_views.views import KeyframeView
@@ -149,7 +149,7 @@ class CoverageBody(BaseModel):
 @router.get(
     "/points",
     name="getMapPoints",
-    responses={200: {"content": {BINARY: {}, PLY: {}}}, **problems(401, 404, 422)},
+    responses={200: {"content": {BINARY: FILE_CONTENT, PLY: FILE_CONTENT}}, **problems(401, 404, 422)},
     response_class=Response,
 )
 def points(
@@ -184,7 +184,7 @@ def keyframes(state: State, venue: VenueId, version: Version) -> list[MapKeyfram
 @router.get(
     "/keyframes/{keyframe}/picture",
     name="getKeyframePicture",
-    responses={200: {"content": {"image/jpeg": {}}}, **problems(401, 404, 422)},
+    responses={200: {"content": {"image/jpeg": FILE_CONTENT}}, **problems(401, 404, 422)},
     response_class=Response,
 )
 def picture(
@@ -227,7 +227,7 @@ def coverage(
 @router.get(
     "/map.png",
     name="drawMap",
-    responses={200: {"content": {"image/png": {}}}, **problems(401, 404, 409, 422)},
+    responses={200: {"content": {"image/png": FILE_CONTENT}}, **problems(401, 404, 409, 422)},
     response_class=Response,
 )
 def top_view(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +127,14 @@ def parse_pose(text: str | None, name: str) -> Pose | None:
         return None
     try:
         value = json.loads(text)
+    except (ValueError, RecursionError):
+        value = None
+    return pose_of(value, name)
+
+
+def pose_of(value: Any, name: str) -> Pose:
+    """Return the pose that JSON values hold; raises `InvalidInputError`."""
+    try:
         refuse_unknown_keys(value, known_names(("position", "quaternion")), name)
         refuse_unknown_keys(value["position"], known_names("xyz"), f"{name}.position")
         refuse_unknown_keys(value["quaternion"], known_names("xyzw"), f"{name}.quaternion")

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import Form
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.requests.described import GivenCamera
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refuse_unknown_keys
 from app.engine.mapping.keyframe_rule import KEYS as KEYFRAME_KEYS
-from app.engine.mapping.options import FORMATS, KEYS
+from app.engine.mapping.options import ESTIMATE, FORMATS, KEYS
 from app.errors import InvalidInputError
 from app.importers.conventions import AXES_NAMES, DIRECTIONS, OWN_AXES, QUATERNION_ORDERS
 from app.vision.local_features import FEATURE_NAMES
 
 CAMERA = "fx, fy, cx, cy[, k1, k2, p1, p2[, k3]] as a list, or {model, width, height, params}"
-Camera = list[float] | dict[str, Any] | str
+Camera = list[float] | GivenCamera | str
 Matrix = list[list[float]]
 
 
@@ -50,6 +51,38 @@ class KeyframesOption(BaseModel):
     steady: bool | None = Field(None, description="Rule content: blurred frames are left out")
     every_m: float | None = Field(None, description="Rule distance: metres between keyframes")
     every: int | None = Field(None, description="Rule interval: frames from one keyframe to the next")
+
+
+Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class PlanPlaceOption(BaseModel):
+    """A point on the plan: where the camera stood at a frame, or what a pixel of the frame shows."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    frame: str | float = Field(description="A photo's or frame's name, or seconds since a video's start")
+    plan: Pixel = Field(description="x and y on the plan in metres")
+    pixel: Pixel | None = Field(None, description="u and v; without it the place is the camera's own")
+
+
+class ScaleOption(BaseModel):
+    """The scale of pictures without poses: distance_m with frame and pixels, or one of the others."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"marker_m": 0.16}})
+
+    distance_m: float | None = Field(None, description="Between what two pixels of a frame show")
+    frame: str | float | None = Field(
+        None, description="Of distance_m: a photo's or frame's name, or seconds since a video's start"
+    )
+    pixels: list[Pixel] | None = Field(None, description="Of distance_m: two pixels, u and v each")
+    marker_m: float | None = Field(None, description="Side of printed markers that are in view")
+    camera_height_m: float | None = Field(
+        None, description="Height of the camera above a floor that is in view"
+    )
+    correspondences: list[PlanPlaceOption] | None = Field(
+        None, description="Three or more places on the plan"
+    )
 
 
 class BuildOptionsBody(BaseModel):
@@ -118,8 +151,8 @@ class BuildOptionsBody(BaseModel):
     )
     poses: str = Field(
         "world_from_camera",
-        description="Direction of the transforms in the files",
-        json_schema_extra={"enum": list(DIRECTIONS)},
+        description="Direction of the transforms in the files, or estimate: poses are estimated from the pictures",
+        json_schema_extra={"enum": [*DIRECTIONS, ESTIMATE]},
     )
     quaternion: str = Field(
         "xyzw",
@@ -133,6 +166,9 @@ class BuildOptionsBody(BaseModel):
         0.0, description="The pose of a picture is that of its time plus this; at most an hour"
     )
     position_scale: float = Field(1.0, description="Units per metre of the positions in the poses")
+    scale: ScaleOption | None = Field(
+        None, description="What is known of the size of pictures without poses, in one of four ways"
+    )
     swap_depth_bytes: bool = Field(False, description="Exchange the two bytes of each depth value")
     depth_along_rays: bool = Field(
         False, description="Depth is the distance along the ray, not along the optical axis"

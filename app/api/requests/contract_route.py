@@ -18,7 +18,13 @@ from starlette.requests import HTTPConnection
 from app.api.access.gate import admit, scopes_of
 from app.api.access.log_acts import log_act
 from app.api.requests.body_reader import BODY, Kind
-from app.api.requests.form_request import JSON_MEDIA_TYPE, PICTURE, FormRequest, is_raw, media_type
+from app.api.requests.form_request import (
+    JSON_MEDIA_TYPE,
+    FormRequest,
+    is_picture,
+    is_raw,
+    media_type,
+)
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
 
@@ -113,7 +119,7 @@ async def refuse_unknown_names(request: Request) -> None:
 def takes_picture(declared: DeclaredNames) -> bool:
     """Whether a route's form may come as a plain picture or as JSON too; a route that reads its body itself decides
     by itself."""
-    return declared.files == PICTURE and declared.media_types == FORM_MEDIA_TYPES
+    return is_picture(declared.files) and declared.media_types == FORM_MEDIA_TYPES
 
 
 def refuse_unknown_query(socket: WebSocket) -> None:

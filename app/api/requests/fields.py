@@ -33,6 +33,11 @@ class FieldOptions:
         "Largest absolute heading.",
         chosen="By hand: angles that were added up once too often are taken.",
     )
+    max_key_expiry_s: float = limit(
+        3.2e9,
+        "Longest life of a key that expires.",
+        chosen="By hand: a hundred years; a key that is meant to last has no expiry.",
+    )
     min_level: int = limit(-100, "Lowest level of a floor.", chosen="By hand: below every building's.")
     max_level: int = limit(1000, "Highest level of a floor.", chosen="By hand: above every building's.")
     max_pois: int = limit(

@@ -18,6 +18,8 @@ from starlette.types import Receive, Scope
 
 # Files of a form that a plain picture or JSON may stand for.
 PICTURE = frozenset({"image"})
+# Files that a form of a picture may have beside it; in JSON they are a list.
+FURTHER = frozenset({"images"})
 JSON_MEDIA_TYPE = "application/json"
 
 
@@ -25,8 +27,8 @@ class FormRequest(Request):
     """A request whose form parts of the names `files` are files, with or without a file name.
 
     Without it a part that has no file name is text: bytes that are no text are lost, and it may have 1 MB at most.
-    Where the only file is the picture `image`, the body may also be the picture itself, with the other fields in the
-    query, or JSON that holds it as base64 beside the other fields.
+    Where the only file is the picture `image`, further `images` aside, the body may also be the picture itself, with
+    the other fields in the query, or JSON that holds it as base64 beside the other fields.
     """
 
     def __init__(self, scope: Scope, receive: Receive, files: frozenset[str]) -> None:
@@ -34,9 +36,9 @@ class FormRequest(Request):
         self._files = files
 
     async def _get_form(self, **limits: Any) -> FormData:
-        if self._form is None and self._files == PICTURE and is_raw(self.headers):
+        if self._form is None and is_picture(self._files) and is_raw(self.headers):
             self._form = FormData([*self.query_params.multi_items(), ("image", _file(await self.body()))])
-        elif self._form is None and self._files == PICTURE and media_type(self.headers) == JSON_MEDIA_TYPE:
+        elif self._form is None and is_picture(self._files) and media_type(self.headers) == JSON_MEDIA_TYPE:
             self._form = form_of_json(await self.body())
         elif self._form is None and self._files and is_multipart(self.headers):
             try:
@@ -67,7 +69,8 @@ class FilePartParser(MultiPartParser):
 
 
 def form_of_json(body: bytes) -> FormData:
-    """Return the form that a JSON object stands for: `image` is base64, other values are written as a form has them.
+    """Return the form that a JSON object stands for: `image` is base64, `images` a list of such; other values are
+    written as a form has them.
 
     Raises `HTTPException` for anything else.
     """
@@ -83,9 +86,16 @@ def form_of_json(body: bytes) -> FormData:
     for name, value in values.items():
         if name == "image":
             fields.append((name, _file(_decoded(value))))
+        elif name in FURTHER and isinstance(value, list):
+            fields += [(name, _file(_decoded(each))) for each in value]
         elif value is not None:
             fields.append((name, _as_text(value)))
     return FormData(fields)
+
+
+def is_picture(files: frozenset[str]) -> bool:
+    """Whether the files of a form are a picture, and perhaps further ones."""
+    return PICTURE <= files <= PICTURE | FURTHER
 
 
 def _decoded(value: object) -> bytes:

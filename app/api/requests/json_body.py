@@ -10,10 +10,16 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from app.api.requests.names import Known, refusal, shown, unknown_names
 
 
-class RequestBody(BaseModel):
-    """A JSON object of a request. A key that it doesn't have is refused, with the key that was probably meant."""
+def whole(value: object) -> object:
+    """Return a whole number such as 2.0 as an int, as JSON schema understands integers; other values as they are."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
-    model_config = ConfigDict(extra="forbid")
+
+class RequestBody(BaseModel):
+    """A JSON object of a request. A key that it doesn't have is refused, with the key that was probably meant, and so
+    is a value of another JSON type than the one described, such as true for a number."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     @model_validator(mode="before")
     @classmethod

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, File, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.report import ScanExamination
 from app.api.deps import State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
@@ -112,7 +113,7 @@ class InspectionBody(BaseModel):
     duration_s: float
     rate_hz: float | None
     trajectory: TrajectoryBody
-    examination: dict[str, Any] | None
+    examination: ScanExamination | None
     build: PlannedBuildBody
     notes: list[str]
     path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")

@@ -111,6 +111,7 @@ def read_collection(value: object, floor_id: str) -> tuple[GeoJson, FloorFeature
     ids must differ."""
     if not isinstance(value, Mapping) or value.get("type") != "FeatureCollection":
         raise InvalidInputError('The body must be a GeoJSON object with "type": "FeatureCollection".')
+    check_bbox(value)
     entries = value.get("features")
     if not isinstance(entries, list):
         raise InvalidInputError("A FeatureCollection has a list of features.")
@@ -121,6 +122,17 @@ def read_collection(value: object, floor_id: str) -> tuple[GeoJson, FloorFeature
     reader = _Reader(floor_id, read_origin(value))
     stored = [reader.read(index, entry) for index, entry in enumerate(entries)]
     return {"type": "FeatureCollection", "features": stored}, reader.features()
+
+
+def check_bbox(value: object) -> None:
+    """Raise `InvalidInputError` for a GeoJSON object whose bounding box is none: four numbers, six with heights (RFC
+    7946, section 5). What it says is not used."""
+    box = value.get("bbox") if isinstance(value, Mapping) else None
+    if box is None:
+        return
+    is_box = isinstance(box, list) and len(box) in (4, 6)
+    if not is_box or not all(isinstance(each, int | float) and not isinstance(each, bool) for each in box):
+        raise InvalidInputError("bbox must be four or six numbers: west, south, (down,) east, north(, up).")
 
 
 class _Reader:
@@ -142,6 +154,8 @@ class _Reader:
     def _read(self, index: int, entry: object) -> GeoJson:
         if not isinstance(entry, Mapping) or entry.get("type") != "Feature":
             raise InvalidInputError('it must be an object with "type": "Feature".')
+        check_bbox(entry)
+        check_bbox(entry.get("geometry"))
         properties = entry.get("properties")
         if not isinstance(properties, Mapping):
             raise InvalidInputError("it has no properties.")

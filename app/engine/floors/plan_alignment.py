@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.floors.plan_checks import check_matrix, fit_checked
+from app.engine.floors.sentences import short
 from app.errors import InvalidInputError
 from app.geometry.plan import PlanTransform
 from app.limits import limit
@@ -46,7 +47,11 @@ def parse_plan_from_world(value: object, height_m: float | None = None) -> PlanA
     if value is None:
         return None
     if isinstance(value, Mapping):
+        _check_keys(value, ("correspondences",), "plan_from_world")
         return _fit(value.get("correspondences"), height_m)
+    rows = value if isinstance(value, list) else []
+    if any(isinstance(cell, bool | str) for row in rows if isinstance(row, list) for cell in row):
+        raise InvalidInputError("plan_from_world must be a 4x4 matrix of numbers.")
     try:
         matrix = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -69,11 +74,18 @@ def _fit(correspondences: object, height_m: float | None) -> PlanAlignment:
     for pair in correspondences:
         if not isinstance(pair, Mapping) or "world" not in pair or "plan" not in pair:
             raise InvalidInputError('Each correspondence is {"world": [x, y, z], "plan": [x, y]}.')
+        _check_keys(pair, ("world", "plan"), "A correspondence")
         world.append(_coordinates(pair["world"], (2, 3), "world"))
         plan.append(_coordinates(pair["plan"], (2,), "plan"))
     columns = min(map(len, world))
     fit = fit_checked(np.array([point[:columns] for point in world]), np.array(plan), height_m)
     return PlanAlignment(fit.matrix, fit.residual_rms_m, fit.scale)
+
+
+def _check_keys(value: Mapping[str, object], known: tuple[str, ...], name: str) -> None:
+    unknown = [key for key in value if key not in known]
+    if unknown:
+        raise InvalidInputError(f"{name} has no field {short(unknown[0])}: it takes {' and '.join(known)}.")
 
 
 def _coordinates(value: object, counts: tuple[int, ...], name: str) -> list[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,22 +110,23 @@ def build_map(
     clock.lap("select")
     chosen, keyframe_rows = sorted({*selected, *support}), set(selected)
 
-    def describe(row: int) -> _Described:
-        return _describe(source, row, poses[row], row in keyframe_rows, models, extractor)
-
-    def describe_keyframe(row: int) -> _Described:
-        return _describe(source, row, poses[row], True, models, extractor)
+    def describe(row: int, is_keyframe: bool | None = None) -> _Described:
+        described_whole = row in keyframe_rows if is_keyframe is None else is_keyframe
+        return _describe(source, row, poses[row], described_whole, models, extractor)
 
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    usable, left_out, replaced = _usable(described, selected, poses, rule, source, describe_keyframe)
+    whole = partial(describe, is_keyframe=True)
+    usable, left_out, replaced = _usable(described, selected, poses, rule, source, whole)
     clock.lap("quality")
     refined = _refined(described, usable, source, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
     z_up = states_up(options, source) if z_up is None else z_up
-    artifact, index, kept = _pack(described, usable, points, refined, z_up, options, models, progress)
+    artifact, index, kept = _pack(
+        described, usable, points, refined, z_up, source.has_scale, options, models, progress
+    )
     clock.lap("pack")
     if has_second_features(options):
         own = [described[row] for row in kept]
@@ -267,6 +269,7 @@ def _pack(
     points: Sequence[MapPoints],
     refined: RefinedScan,
     z_up: bool,
+    has_scale: bool,
     options: BuildOptions,
     models: VisionModels,
     progress: Progress,
@@ -309,6 +312,7 @@ def _pack(
         keyframe_names=tuple(described[row].frame.name for row, _ in kept),
         lens_sigmas=(refined.lens_sigma,),
         z_up=z_up,
+        has_scale=has_scale,
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
     return MapArtifact(metadata=metadata, arrays=arrays), index, [row for row, _ in kept]

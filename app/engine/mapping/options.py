@@ -13,6 +13,7 @@ from app.engine.mapping.option_values import choice as _choice
 from app.engine.mapping.option_values import count as _count
 from app.engine.mapping.option_values import flag as _flag
 from app.engine.mapping.option_values import number as _number
+from app.engine.mapping.structure.scale_options import Scale, parse_scale
 from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import parse_camera_hint
@@ -34,13 +35,16 @@ MIN_FEATURES_PER_KEYFRAME = 50
 FORMATS = (
     "auto", "tum", "12scenes", "7scenes", "nerfstudio", "polycam", "scannet", "redwood", "stray-scanner", "record3d",
     "3d-scanner-app", "arkitscenes", "sens", "rtabmap", "rtabmap-export", "ros-bag", "kapture", "colmap",
+    "video", "images",
 )  # fmt: skip
+# What `poses` says to have them estimated from the pictures.
+ESTIMATE = "estimate"
 MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "second_features", "store_images",
     "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "time_offset_s",
-    "position_scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
+    "position_scale", "scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
 }  # fmt: skip
 
 
@@ -52,6 +56,7 @@ class BuildOptions:
     allows (`app.engine.mapping.sparse_map`). `gravity` is in the frame of the poses as they are read. `repair` lets
     the examination change how the scan is read where that is beyond doubt; `second_features` are kept, in maps with
     pictures, for frames in which the own ones find too little; `force` replaces a map that contradicts the new one.
+    `scale` is what is known of the size of a scan whose poses are estimated.
     """
 
     format: str = "auto"
@@ -67,6 +72,7 @@ class BuildOptions:
     max_features_per_keyframe: int | None = None
     repair: bool = False
     force: bool = False
+    scale: Scale | None = None
 
 
 def parse_build_options(values: object) -> BuildOptions:
@@ -94,6 +100,7 @@ def parse_build_options(values: object) -> BuildOptions:
         max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
         repair=_flag(values, "repair", False),
         force=_flag(values, "force", False),
+        scale=parse_scale(values.get("scale")),
     )
 
 
@@ -106,6 +113,7 @@ def _scan_options(values: Mapping[str, Any]) -> ScanOptions:
         color_from_depth=_matrix(values.get("color_from_depth"), "color_from_depth"),
         max_time_difference_s=0.02 if difference is None else difference,
         motion=_motion(values),
+        estimate_poses=values.get("poses") == ESTIMATE,
         convention=_convention(values),
         swap_depth_bytes=_flag(values, "swap_depth_bytes", False),
         depth_along_rays=_flag(values, "depth_along_rays", False),
@@ -123,9 +131,10 @@ def _convention(values: Mapping[str, Any]) -> PoseConvention:
     rotate = _number(values.get("rotate_deg"), "rotate_deg") or 0.0
     offset_s = _number(values.get("time_offset_s"), "time_offset_s")
     scale = _number(values.get("position_scale"), "position_scale")
+    poses = _choice(values, "poses", (*DIRECTIONS, ESTIMATE), "world_from_camera")
     return PoseConvention(
         axes=parse_axes(axes),
-        poses=_choice(values, "poses", DIRECTIONS, "world_from_camera"),  # type: ignore[arg-type]
+        poses="world_from_camera" if poses == ESTIMATE else poses,  # type: ignore[arg-type]
         quaternion=_choice(values, "quaternion", QUATERNION_ORDERS, "xyzw"),  # type: ignore[arg-type]
         rotate_deg=int(rotate) if rotate == int(rotate) else -1,
         time_offset_s=0.0 if offset_s is None else offset_s,

@@ -31,6 +31,7 @@ class MapMetadata:
     `position_sigma_m` and `orientation_sigma_deg` are the error that frames of its own scan have in it: what the
     map adds to the error of any pose. `lens_sigmas` are how well the lens of each camera is known where the scan
     didn't state it but showed it, 0 where it is as stated. `z_up` says whether the world's z axis is known to point up.
+    Without `has_scale` all lengths are in a unit of the map's own instead of metres.
     """
 
     features: str
@@ -42,6 +43,7 @@ class MapMetadata:
     orientation_sigma_deg: float = 0.0
     lens_sigmas: tuple[float, ...] = ()
     z_up: bool = True
+    has_scale: bool = True
 
     @property
     def shown_lenses(self) -> tuple[tuple[Camera, Lens], ...]:
@@ -209,4 +211,5 @@ def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:
         lens_sigmas=tuple(values.get("lens_sigmas", [0.0] * len(cameras))),
         # Maps that don't say it were made as if it did.
         z_up=values.get("z_up", True),
+        has_scale=values.get("has_scale", True),
     )

@@ -77,6 +77,19 @@ class ContradictionOptions:
 OPTIONS = ContradictionOptions()
 
 
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """How many cells of a picture contradict a pose, and how many hold inliers."""
+
+    against: int = 0
+    supported: int = 0
+
+    @property
+    def contradicted_share(self) -> float:
+        """The contradicting cells among those that contradict or hold inliers."""
+        return self.against / (self.against + self.supported) if self.against else 0.0
+
+
 def contradicted_in_map(
     opened: OpenMap,
     world_from_camera: Pose,
@@ -85,15 +98,27 @@ def contradicted_in_map(
     inliers_px: Array,
     allowed: NDArray[np.int64] | None = None,
 ) -> float:
-    """Return the `contradicted_share` by the keyframes that see what the pose sees; `allowed` restricts them."""
+    """Return the share of contradicting cells by the keyframes that see what the pose sees; `allowed` restricts
+    them."""
+    return cells_in_map(opened, world_from_camera, camera, features, inliers_px, allowed).contradicted_share
+
+
+def cells_in_map(
+    opened: OpenMap,
+    world_from_camera: Pose,
+    camera: Camera,
+    features: tuple[Array, NDArray[np.float32]],
+    inliers_px: Array,
+    allowed: NDArray[np.int64] | None = None,
+) -> Cells:
+    """Return the cells that speak for and against a pose, by the keyframes that see what it sees; `allowed` restricts
+    them."""
     keyframes = opened.retrieval.covisible(world_from_camera, OPTIONS.keyframes, set(), allowed)
     binary = opened.extractor.binary
-    return contradicted_share(
-        opened.artifact, keyframes, world_from_camera, camera, features, inliers_px, binary
-    )
+    return _cells_of(opened.artifact, keyframes, world_from_camera, camera, features, inliers_px, binary)
 
 
-def contradicted_share(
+def _cells_of(
     artifact: MapArtifact,
     keyframes: list[int],
     world_from_camera: Pose,
@@ -101,8 +126,8 @@ def contradicted_share(
     features: tuple[Array, NDArray[np.float32]],
     inliers_px: Array,
     binary: bool,
-) -> float:
-    """Return the share of contradicting cells among those that contradict or hold inliers, on a 12 x 9 grid.
+) -> Cells:
+    """Return the cells on a 12 x 9 grid.
 
     `keyframes` are those that see what the pose sees; `features` the pixels (n, 2) and unit descriptors (n, d) of the
     picture's features; `inliers_px` (m, 2) those that agree with the pose.
@@ -115,14 +140,14 @@ def contradicted_share(
     expected, own = _count(cells), _count(own_cells)
     doubtful = (expected >= OPTIONS.min_expected) & (own >= OPTIONS.min_features) & ~supported
     if not doubtful.any():
-        return 0.0
+        return Cells(0, int(supported.sum()))
     asked = doubtful[cells]
     theirs = to_unit_vectors(artifact.arrays.descriptors[rows[asked]], binary)
     found, used = _explained(expected_px[asked], theirs, points_px, unit, camera, binary)
     explained, own_explained = _count(cells[asked][found]), _count(own_cells[used])
     share = OPTIONS.max_explained_share
     against = doubtful & (explained <= share * expected) & (own_explained <= share * own)
-    return float(against.sum() / (against.sum() + supported.sum()))
+    return Cells(int(against.sum()), int(supported.sum()))
 
 
 def _expected(

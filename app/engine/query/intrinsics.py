@@ -147,18 +147,20 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     if fit is None:
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
-    may_be_other = is_doubted or not is_verified or bool(square_pixels(camera))
+    is_stretched = bool(square_pixels(camera))
+    may_be_other = is_doubted or not is_verified or is_stretched
     refined = _refined(best, camera, fit, estimate, search) if may_be_other else None
     if refined is not None:
         return refined
     is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
     is_confirmed = not is_doubted and is_near and fit.focal_sigma <= OPTIONS.confirmed_sigma
+    # A check by one focal length doesn't show pixels that are not square.
     return CheckedCamera(
         camera=camera,
         best=best,
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
         max_confidence=OPTIONS.unverified_confidence
-        if is_doubted or _is_flat(best)
+        if is_doubted or is_stretched or _is_flat(best)
         else _max_confidence(fit),
         is_contradicted=is_doubted,
     )
@@ -172,11 +174,22 @@ def _is_flat(best: Hypothesis) -> bool:
 
 
 def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
-    """Return by how much another camera that the matches allow would change a pose."""
+    """Return by how much another camera that the matches allow would change a pose.
+
+    The camera that fits best is uncertain itself, by the focal length's sigma.
+    """
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
+    unknown = _by_focal_sigma(best, fit.focal_sigma)
     return Accuracy(
-        factor * float(np.linalg.norm(apart.translation)), factor * rotation_angle_deg(apart.rotation)
+        factor * max(float(np.linalg.norm(apart.translation)), unknown.position_m),
+        factor * max(rotation_angle_deg(apart.rotation), unknown.orientation_deg),
     )
+
+
+def _by_focal_sigma(best: Hypothesis, focal_sigma: float) -> Accuracy:
+    """Return what a relative sigma of the focal length changes of a pose: it moves along its axis."""
+    distances = np.linalg.norm(best.inliers.points_in_world - best.pose.translation, axis=1)
+    return Accuracy(focal_sigma * float(np.median(distances)), float(np.degrees(focal_sigma)) / 2)
 
 
 def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
@@ -235,11 +248,10 @@ def _max_confidence(fit: FreeIntrinsics | None) -> float:
 
 
 def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
-    """Return what an unknown share of the focal length changes of a pose: it moves along its axis."""
+    """Return by how much the pose of a refined camera may be wrong for want of its exact focal length."""
     few = max(1.0, OPTIONS.refined_features / found.inliers.feature_count) ** 0.5
     sigma = max(OPTIONS.refined_sigma * few, 0.0 if fit is None else fit.focal_sigma)
-    distances = np.linalg.norm(found.inliers.points_in_world - found.pose.translation, axis=1)
-    return Accuracy(sigma * float(np.median(distances)), float(np.degrees(sigma)) / 2)
+    return _by_focal_sigma(found, sigma)
 
 
 def _starts(

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.engine.query.hints import Hint
 from app.engine.query.matches import Matches
-from app.engine.query.placed import Accuracy
+from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Evidence, Reason
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
@@ -48,7 +48,8 @@ class Localization:
     5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
     for it. `is_refined` says that the matches fit another camera than the stated one far better, and `camera` is it.
     `hints` say what would help a frame that is not located.
-    `inliers` are the matches that agree with the pose, None where the method keeps none.
+    `inliers` are the matches that agree with the pose, None where the method keeps none. `frames` is the support by
+    each frame of a query that has several, empty for a single one.
     """
 
     evidence: Evidence = field(default_factory=Evidence)
@@ -63,6 +64,7 @@ class Localization:
     is_refined: bool = False
     hints: tuple[Hint, ...] = ()
     inliers: Matches | None = None
+    frames: tuple[Support, ...] = ()
 
     def refused(self, reason: Reason) -> Localization:
         """Return the outcome with its pose refused for a reason."""

@@ -55,8 +55,8 @@ class Localizer:
 
     def __init__(self, opened: OpenMap, settings: LocalizerSettings | None = None) -> None:
         self.map = opened
-        self._settings = settings or LocalizerSettings()
-        self._limits = self._settings.limits or Limits(min_inliers=opened.extractor.min_inliers)
+        self.settings = settings or LocalizerSettings()
+        self.limits = self.settings.limits or Limits(min_inliers=opened.extractor.min_inliers)
 
     @staticmethod
     def of(
@@ -84,8 +84,15 @@ class Localizer:
 
     def answer(self, query: Query) -> Localization:
         """Localize a query: a first attempt, and where that finds nothing a second and a third, wider ones."""
-        opened, settings = self.map, self._settings
-        matcher = QueryMatcher(query, opened, fundamental_filter=settings.fundamental_filter)
+        return self.answer_by(self.matcher_of(query))
+
+    def matcher_of(self, query: Query) -> QueryMatcher:
+        """Return what matches a query with this map."""
+        return QueryMatcher(query, self.map, fundamental_filter=self.settings.fundamental_filter)
+
+    def answer_by(self, matcher: QueryMatcher) -> Localization:
+        """Localize the query of a matcher, which then holds the keyframes that were matched for it."""
+        opened, settings, query = self.map, self.settings, matcher.query
         started = clock_s()
         descriptor = opened.descriptor.describe(query.rgb)
         described = clock_s()
@@ -94,11 +101,11 @@ class Localizer:
         )
         query.spent_s["describe"] += described - started
         query.spent_s["retrieve"] += clock_s() - described
-        result = self._attempt(matcher, matcher.match(similar))
+        result = self.attempt(matcher, matcher.match(similar))
         if (
             settings.second_attempt
             and result.reason in UNSURE
-            and matcher.feature_count >= self._limits.min_inliers
+            and matcher.feature_count >= self.limits.min_inliers
         ):
             result = _later(result, self._second_attempt(matcher, descriptor))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
@@ -115,41 +122,41 @@ class Localizer:
         """Localize with keyframes further down the ranks, and with those for the image turned by 90, 180 and 270
         degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
         query, retrieval = matcher.query, self.map.retrieval
-        rows = retrieval.similar(descriptor, self._settings.second_attempt, 0, query.allowed)
+        rows = retrieval.similar(descriptor, self.settings.second_attempt, 0, query.allowed)
         for turns in () if query.upright else (1, 2, 3):
             turned = self.map.descriptor.describe(np.ascontiguousarray(np.rot90(query.rgb, turns)))
-            rows += retrieval.similar(turned, self._settings.keyframes, 0, query.allowed)
-        return self._attempt(matcher, matcher.match_all(rows))
+            rows += retrieval.similar(turned, self.settings.keyframes, 0, query.allowed)
+        return self.attempt(matcher, matcher.match_all(rows))
 
     def _third_attempt(self, query: Query, keyframes: list[int]) -> Localization:
         """Localize with the features of a faint image, among keyframes that were matched before."""
         faint = QueryMatcher(
-            query, self.map, self.map.faint_extractor, fundamental_filter=self._settings.fundamental_filter
+            query, self.map, self.map.faint_extractor, fundamental_filter=self.settings.fundamental_filter
         )
-        return self._attempt(faint, faint.match(keyframes))
+        return self.attempt(faint, faint.match(keyframes))
 
     def _second_look(self, first: QueryMatcher, look: SecondLook, similar: Sequence[int]) -> Localization:
         """Localize with the map's second features, by limits of their own."""
         matcher = SecondMatcher(first.query, self.map, first, look)
         options = SECOND_LOOK
         settings = replace(
-            self._settings,
+            self.settings,
             covisible=options.covisible,
             look_alikes=options.look_alikes,
-            limits=replace(self._limits, min_inliers=options.min_inliers),
+            limits=replace(self.limits, min_inliers=options.min_inliers),
         )
         matches = matcher.match(similar[: options.keyframes])
         if matches.feature_count < options.min_matches:
             return _nothing(first.query, matches, None)
-        return Localizer(self.map, settings)._attempt(matcher, matches)
+        return Localizer(self.map, settings).attempt(matcher, matches)
 
-    def _attempt(self, matcher: Matcher, matches: Matches) -> Localization:
+    def attempt(self, matcher: Matcher, matches: Matches) -> Localization:
         """Localize by these matches and those that a first pose leads to."""
         query, known = matcher.query, matcher.query.known
-        camera = known if isinstance(known, Camera) else self._find_camera(matches, query)
+        camera = known if isinstance(known, Camera) else self.find_camera(matches, query)
         if camera is None:
             return _nothing(query, matches, None)
-        lens = lens_of_query(self.map.artifact.metadata, known) if self._settings.fit_lens else None
+        lens = lens_of_query(self.map.artifact.metadata, known) if self.settings.fit_lens else None
         camera = camera if lens is None else lens.of(camera)
         best = self._hypothesis(matcher, matches, camera)
         if best is not None and (not isinstance(known, Camera) or (lens is not None and lens.is_guess)):
@@ -157,8 +164,8 @@ class Localizer:
         if best is None:
             return _nothing(query, matches, camera)
         checked = CheckedCamera(camera=camera, best=best)
-        if isinstance(known, Camera) and self._settings.check_intrinsics:
-            checked = check_intrinsics(best, camera, self._estimate, partial(self._find_camera, query=query))
+        if isinstance(known, Camera) and self.settings.check_intrinsics:
+            checked = check_intrinsics(best, camera, self.estimate, partial(self.find_camera, query=query))
             best, camera = checked.best, checked.camera
         rival = self._rival(matcher, best, camera)
         if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
@@ -173,13 +180,14 @@ class Localizer:
         fitted = fit_query_camera(best.inliers, best.estimate, camera, known, lens)
         if fitted is None:
             return camera, None
-        estimate = self._estimate(best.matches, fitted, best.pose)
+        estimate = self.estimate(best.matches, fitted, best.pose)
         return fitted, None if estimate is None else Hypothesis.of(estimate, best.matches)
 
-    def _find_camera(self, matches: Matches, query: Query) -> Camera | None:
+    def find_camera(self, matches: Matches, query: Query) -> Camera | None:
+        """Return the pinhole of any focal length that most matches agree with, near the one that is known roughly."""
         near = query.known if isinstance(query.known, ApproximateCamera) else None
-        points, threshold = (matches.points_px, matches.points_in_world), self._settings.max_error_tangent
-        return find_camera(*points, *query.size_px, threshold, max(self._limits.min_inliers, 8), near)
+        points, threshold = (matches.points_px, matches.points_in_world), self.settings.max_error_tangent
+        return find_camera(*points, *query.size_px, threshold, max(self.limits.min_inliers, 8), near)
 
     def _hypothesis(
         self, matcher: Matcher, matches: Matches, camera: Camera, rival: PnpEstimate | None = None
@@ -190,22 +198,22 @@ class Localizer:
         what retrieval missed is not lost. A rival always is, to be judged by all that speaks for it.
         """
         query = matcher.query
-        first = rival or self._estimate(matches, camera)
+        first = rival or self.estimate(matches, camera)
         if first is None:
             return None
         found = Hypothesis.of(first, matches)
-        if not self._settings.covisible or (rival is None and self._is_convincing(found, camera)):
+        if not self.settings.covisible or (rival is None and self._is_convincing(found, camera)):
             return found
         more = self.map.retrieval.covisible(
-            found.pose, self._settings.covisible, matcher.matched, query.allowed
+            found.pose, self.settings.covisible, matcher.matched, query.allowed
         )
         matches = Matches.merge([matches, matcher.match(more)])
-        second = self._estimate(matches, camera, found.pose)
+        second = self.estimate(matches, camera, found.pose)
         return None if second is None else Hypothesis.of(second, matches)
 
     def _is_convincing(self, found: Hypothesis, camera: Camera) -> bool:
-        inliers, settings = found.inliers, self._settings
-        enough = inliers.feature_count >= settings.convincing_inliers_factor * self._limits.min_inliers
+        inliers, settings = found.inliers, self.settings
+        enough = inliers.feature_count >= settings.convincing_inliers_factor * self.limits.min_inliers
         size_px = camera.width, camera.height
         return enough and coverage(inliers.points_px, size_px) >= settings.convincing_coverage
 
@@ -214,15 +222,15 @@ class Localizer:
 
         Places that look like the best keyframes are matched for it, whether retrieval found them or not.
         """
-        settings, rest = self._settings, best.rest
+        settings, rest = self.settings, best.rest
         if settings.look_alikes:
             voted = [vote.keyframe for vote in votes_of(best.matches, best.inliers)[:2]]
             twins = self.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
             rest = Matches.merge([rest, matcher.match(twins)])
         needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inliers.feature_count)
-        if self._limits.max_rival_share >= 1.0 or len(rest) < needed:
+        if self.limits.max_rival_share >= 1.0 or len(rest) < needed:
             return None
-        first = self._estimate(rest, camera, max_iterations=settings.rival_iterations)
+        first = self.estimate(rest, camera, max_iterations=settings.rival_iterations)
         if first is None or same_place(first.world_from_camera, best.pose):
             return None
         if rest.take(first.inlier_mask).feature_count < needed:
@@ -230,10 +238,11 @@ class Localizer:
         rival = self._hypothesis(matcher, rest, camera, first)
         return None if rival is None or same_place(rival.pose, best.pose) else rival
 
-    def _estimate(
+    def estimate(
         self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
     ) -> PnpEstimate | None:
-        settings = self._settings
+        """Return the pose of a camera that most matches agree on, None when too few do."""
+        settings = self.settings
         if settings.estimator == "epnp_lm":
             threshold_px = settings.max_error_tangent * camera.focal_px
             return estimate_pose_epnp_lm(
@@ -295,13 +304,13 @@ class Localizer:
         )
         unrepeated = matcher.unrepeated_count(inliers)
         evidence = replace(evidence, position_sigma_m=own.position_m, unrepeated=unrepeated)
-        reason = judge(evidence, accuracy.position_m, self._limits)
+        reason = judge(evidence, accuracy.position_m, self.limits)
         if reason is None:
             share = contradicted_in_map(
                 self.map, best.pose, camera, matcher.features, inliers.points_px, matcher.query.allowed
             )
             evidence = replace(evidence, contradicted=share)
-            reason = judge(evidence, accuracy.position_m, self._limits)
+            reason = judge(evidence, accuracy.position_m, self.limits)
         return evidence, reason
 
 

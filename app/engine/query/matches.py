@@ -60,9 +60,9 @@ class Matches:
         """How many of the query's features have a distinct match."""
         return len(np.unique(self.query_rows[self.distinct]))
 
-    def take(self, mask: NDArray[np.bool_]) -> Matches:
-        """Return the matches that the mask (n,) marks."""
-        return Matches(**{name: getattr(self, name)[mask] for name in FIELDS})
+    def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Matches:
+        """Return the matches that a mask (n,) marks, or those at rows (m,)."""
+        return Matches(**{name: getattr(self, name)[chosen] for name in FIELDS})
 
     @staticmethod
     def none() -> Matches:

@@ -31,7 +31,7 @@ def localize_upright(
     if turns is None:
         return localizer.localize(rgb, camera, allowed)
     upright = np.ascontiguousarray(np.rot90(rgb, turns))
-    found = localizer.localize(upright, _turned(camera, turns), allowed, upright=True)
+    found = localizer.localize(upright, turned_known(camera, turns), allowed, upright=True)
     pose = found.world_from_camera
     return replace(
         found,
@@ -42,7 +42,8 @@ def localize_upright(
     )
 
 
-def _turned(camera: Camera | ApproximateCamera | None, turns: int) -> Camera | ApproximateCamera | None:
+def turned_known(camera: Camera | ApproximateCamera | None, turns: int) -> Camera | ApproximateCamera | None:
+    """Return what is known of a camera after its image was rotated by quarter turns."""
     if isinstance(camera, ApproximateCamera):
         return ApproximateCamera(turned_camera(camera.camera, turns))
     return None if camera is None else turned_camera(camera, turns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
+from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose
 
 Array = NDArray[np.float64]
@@ -60,6 +62,14 @@ class Estimators(Protocol):
 
         It is refined on its inliers by the Cauchy loss with `loss_scale_px`. `prior` is a `world_from_camera` that
         is tried besides the samples.
+        """
+
+    def rig_pose(
+        self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float
+    ) -> Pose | None:
+        """Return the `world_from_rig` with the most inliers among the points of all views, at least four, or None.
+
+        The budget's inlier limit is that of the first view; those of the others are the same angle.
         """
 
     def relative_pose(

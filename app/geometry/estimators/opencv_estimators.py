@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ from app.geometry.estimators.relative_refinement import RelativePoseProblem
 from app.geometry.estimators.upright_solver import upright_relative_poses
 from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.rigs.refinement import refine_rig_pose
+from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import homogeneous
 from app.limits import limit
@@ -77,6 +80,32 @@ class OpenCvEstimators:
             if cost < least_cost:
                 best, least_cost = refined, cost
         return None if best is None else AbsolutePose(best, 0)
+
+    def rig_pose(
+        self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float
+    ) -> Pose | None:
+        """OpenCV has no generalized estimator: samples are drawn from one view at a time, and count in all."""
+        tangent = budget.max_error_px / views[0].camera.focal_px
+        best, least_cost = None, np.inf
+        for view in views:
+            own = replace(budget, max_error_px=tangent * view.camera.focal_px)
+            if len(view.points_px) < MIN_POINTS:
+                continue
+            start = _sampled_pose(view.points_px, view.points_in_world, view.camera, own)
+            refined = start and _refined_rig(
+                views, start @ view.rig_from_camera.inverse(), tangent, loss_scale_px
+            )
+            if refined is None:
+                continue
+            cost = sum(
+                float(
+                    np.minimum((each.errors_px(refined) / (tangent * each.camera.focal_px)) ** 2, 1.0).sum()
+                )
+                for each in views
+            )
+            if cost < least_cost:
+                best, least_cost = refined, cost
+        return best
 
     def relative_pose(
         self, pixels_a: Array, pixels_b: Array, cameras: tuple[Camera, Camera], budget: RansacBudget
@@ -150,4 +179,14 @@ def _refined(
             pose = refine_pose(pixels[inliers], points[inliers], camera, pose, loss_scale_px=loss_scale_px)
         except DegenerateGeometryError:
             return None
+    return pose
+
+
+def _refined_rig(views: Sequence[RigView], pose: Pose, tangent: float, loss_scale_px: float) -> Pose | None:
+    """Return a rig's pose refined on its inliers, or None when it has fewer than four."""
+    for _ in range(OPTIONS.pose_rounds):
+        inliers = [view.take(view.errors_px(pose) <= tangent * view.camera.focal_px) for view in views]
+        if sum(len(view.points_px) for view in inliers) < MIN_POINTS:
+            return None
+        pose = refine_rig_pose(inliers, pose, loss_scale_px)
     return pose

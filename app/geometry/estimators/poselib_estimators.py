@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from app.geometry.estimators.interface import (
     AbsolutePose,
     RansacBudget,
 )
+from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose, quaternion_from_rotation
 from app.limits import limit
 
@@ -66,6 +68,27 @@ class PoseLibEstimators:
             return None
         return AbsolutePose(Pose(found.R, found.t).inverse(), int(info["iterations"]))
 
+    def rig_pose(
+        self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float
+    ) -> Pose | None:
+        # The estimator has one limit in pixels: all views are compared at the resolution of the first.
+        scales = [views[0].camera.focal_px / view.camera.focal_px for view in views]
+        ransac = {
+            "max_reproj_error": budget.max_error_px,
+            "max_iterations": budget.max_iterations,
+            "min_iterations": budget.min_iterations,
+            "seed": budget.seed,
+        }
+        found, info = poselib.estimate_generalized_absolute_pose(
+            [_scaled_px(view.points_px, scale) for view, scale in zip(views, scales, strict=True)],
+            [view.points_in_world for view in views],
+            [_poselib_pose(view.rig_from_camera) for view in views],
+            [_scaled_camera(view.camera, scale) for view, scale in zip(views, scales, strict=True)],
+            ransac,
+            {"loss_type": "CAUCHY", "loss_scale": loss_scale_px, "max_iterations": OPTIONS.steps},
+        )
+        return None if info["num_inliers"] < MIN_POINTS else Pose(found.R, found.t).inverse()
+
     def relative_pose(
         self, pixels_a: Array, pixels_b: Array, cameras: tuple[Camera, Camera], budget: RansacBudget
     ) -> Pose | None:
@@ -106,3 +129,14 @@ def _poselib_pose(world_from_camera: Pose) -> poselib.CameraPose:
     pose = poselib.CameraPose()
     pose.q, pose.t = np.array([w, x, y, z]), np.array(camera_from_world.translation)
     return pose
+
+
+def _scaled_px(pixels: Array, scale: float) -> Array:
+    return np.asarray((pixels + 0.5) * scale - 0.5)
+
+
+def _scaled_camera(camera: Camera, scale: float) -> poselib.Camera:
+    fx, fy, cx, cy = camera.params[:4]
+    centre_px = _scaled_px(np.array([cx, cy]), scale)
+    params = (fx * scale, fy * scale, *centre_px, *camera.params[4:])
+    return poselib.Camera(camera.model, params, round(camera.width * scale), round(camera.height * scale))

@@ -23,9 +23,11 @@ class Video:
     fps: float
     count: int
 
-    def pictures(self) -> Iterator[NDArray[np.uint8]]:
-        """Yield the pictures (height, width, 3), BGR, as they are stored, without the rotation for players."""
+    def pictures(self, *, upright: bool = False) -> Iterator[NDArray[np.uint8]]:
+        """Yield the pictures (height, width, 3), BGR, as they are stored, or turned `upright` as players show them."""
         capture = _opened(self.path)
+        if upright:
+            capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         try:
             while capture.grab():
                 read, picture = capture.retrieve()

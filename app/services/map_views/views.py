@@ -81,7 +81,7 @@ class MapViews:
     def keyframes(self, venue: str, version: int) -> list[KeyframeView]:
         """Return the keyframes of a map version in their order; raises `NotFoundError`."""
         found, blobs = self._version(venue, version)
-        artifact, floors = self._artifact(found), self._floors(venue) if found.z_up else []
+        artifact, floors = self._artifact(found), self._floors(venue) if found.plan_reason is None else []
         counts = np.diff(artifact.arrays.offsets)
         return [
             _keyframe(artifact, floors, k, int(counts[k]), has_picture=k < len(blobs))
@@ -154,6 +154,10 @@ class MapViews:
     def _placed_floor(self, version: MapVersion, floor: str) -> tuple[Floor, NDArray[np.float64]]:
         with self._resources.database.read() as connection:
             place = get_floor(connection, version.venue_id, floor)
+        if not version.has_scale:
+            raise ConflictError(
+                "This map has no scale, so it has no place on a floor: build it with scale in the options."
+            )
         if not version.z_up:
             raise ConflictError(
                 "It is not known which way is up in this map, so it has no place on a floor: build it with gravity or "

@@ -49,7 +49,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory, queries: list[View]) -> P
 
 
 def run(*arguments: object) -> str:
-    result = RUN.invoke(app, [str(part) for part in arguments], env={"COLUMNS": "400"})
+    result = RUN.invoke(app, [str(part) for part in arguments])
     if result.exception is not None:
         raise result.exception
     return result.stdout

@@ -37,7 +37,6 @@ def test_the_figures_of_several_logs_are_shown_together(tmp_path: Path) -> None:
             "--report",
             str(tmp_path / "r"),
         ],
-        env={"COLUMNS": "240"},
     )
     assert found.exit_code == 0, found.output
     assert "lost 1" in found.output

@@ -22,7 +22,7 @@ SPLIT = ("--database", "0:14", "--queries", "14:")
 
 
 def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [str(each) for each in arguments], env={"COLUMNS": "400"})
+    result = CliRunner().invoke(app, [str(each) for each in arguments])
     if result.exception is not None:
         raise result.exception
     return result.output

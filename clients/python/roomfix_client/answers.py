@@ -79,6 +79,13 @@ class ShownMatches(TypedDict):
     pairs: list[list[float]]
 
 
+class FrameSupport(TypedDict):
+    """The support of the pose by one frame of a query that has several."""
+
+    inliers: int
+    matches: int
+
+
 class LocateResult(TypedDict):
     """Where the camera is, or the reason why that can't be said."""
 
@@ -90,7 +97,7 @@ class LocateResult(TypedDict):
     floor: str | None
     pose: Pose | None
     plan: PlanPoint | None
-    plan_reason: Literal["up_unknown"] | None
+    plan_reason: Literal["up_unknown", "scale_unknown"] | None
     accuracy: Accuracy | None
     confidence: float
     inliers: int
@@ -106,6 +113,7 @@ class LocateResult(TypedDict):
     session_from_world: Pose | None
     hints: list[str]
     shown_matches: ShownMatches | None
+    frames: list[FrameSupport]
 
 
 class TrajectoryPoint(TypedDict):

@@ -20,6 +20,8 @@ Progress = Callable[[int, int], None]
 PASSING = (429, 502, 503, 504)
 FIRST_PAUSE_S = 0.5
 LONGEST_PAUSE_S = 30.0
+# Fields with one entry for each of several frames.
+LISTS = ("motion", "cameras")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +52,14 @@ def picture_bytes(picture: Picture) -> bytes:
 
 
 def form(fields: Mapping[str, Any]) -> dict[str, str]:
-    """Return the fields of a form: None is left out, numbers are joined by commas, objects are JSON."""
-    return {name: _text(value) for name, value in fields.items() if value is not None}
+    """Return the fields of a form: None is left out, numbers are joined by commas, all else is JSON."""
+    return {
+        name: json.dumps(list(value))
+        if name in LISTS and not isinstance(value, str | Mapping)
+        else _text(value)
+        for name, value in fields.items()
+        if value is not None
+    }
 
 
 def _text(value: Any) -> str:
@@ -63,9 +71,12 @@ def _text(value: Any) -> str:
 
 
 def with_picture(path: str, picture: Picture, fields: Mapping[str, Any]) -> Call:
-    """Return a call whose form has a picture."""
-    data = picture_bytes(picture)
-    return Call("POST", path, lambda: {"data": form(fields), "files": {"image": ("image", data)}})
+    """Return a call whose form has a picture, and the further ones of the field `images`."""
+    further = [picture_bytes(each) for each in fields.get("images") or ()]
+    files = [("image", ("image", picture_bytes(picture)))]
+    files += [("images", ("image", data)) for data in further]
+    data = form({name: value for name, value in fields.items() if name != "images"})
+    return Call("POST", path, lambda: {"data": data, "files": files})
 
 
 def submission(

@@ -64,6 +64,12 @@ export interface ShownMatches {
   pairs: number[][];
 }
 
+/** The support of the pose by one frame of a query that has several. */
+export interface FrameSupport {
+  inliers: number;
+  matches: number;
+}
+
 /** Where the camera is, or the reason why that can't be said. */
 export interface LocateResult {
   located: boolean;
@@ -74,7 +80,7 @@ export interface LocateResult {
   floor: string | null;
   pose: Pose | null;
   plan: Plan | null;
-  plan_reason: "up_unknown" | null;
+  plan_reason: "up_unknown" | "scale_unknown" | null;
   accuracy: Accuracy | null;
   confidence: number;
   inliers: number;
@@ -90,6 +96,7 @@ export interface LocateResult {
   session_from_world: Pose | null;
   hints: string[];
   shown_matches: ShownMatches | null;
+  frames: FrameSupport[];
 }
 
 /** One frame of a trajectory. */

@@ -15,6 +15,10 @@ export interface LocateFields {
   method?: "auto" | "rgbd" | "vdm" | "anchor";
   axes?: Axes;
   device_pose?: Pose;
+  /** Further frames of a burst or a rig, their motion and, where they differ, their cameras: one entry for each. */
+  images?: Blob[];
+  motion?: Pose[];
+  cameras?: (string | number[] | object | null)[];
 }
 
 export interface FrameFields {
@@ -47,6 +51,8 @@ export class RoomfixError extends Error {
 
 const PASSING = [429, 502, 503, 504];
 const LONGEST_PAUSE_S = 30;
+// Fields with one entry for each of several frames.
+const LISTS = ["motion", "cameras"];
 
 /** A server at an address, called with a key or token. A call that meets a busy server is made again. */
 export class Roomfix {
@@ -214,6 +220,14 @@ function form(picture: Blob, fields: object): FormData {
   data.set("image", picture, "image");
   for (const [name, value] of Object.entries(fields) as [string, unknown][]) {
     if (value === undefined || value === null) continue;
+    if (name === "images") {
+      for (const each of value as Blob[]) data.append(name, each, "image");
+      continue;
+    }
+    if (Array.isArray(value) && LISTS.includes(name)) {
+      data.set(name, JSON.stringify(value));
+      continue;
+    }
     const isText = typeof value === "string";
     data.set(name, isText ? value : Array.isArray(value) ? value.join(",") : JSON.stringify(value));
   }

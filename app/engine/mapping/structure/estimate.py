@@ -1,0 +1,171 @@
+"""The poses of a scan that has none, estimated from its pictures, with their scale and the direction of down."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+from app.engine.mapping.frame_images import frame_rgb
+from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
+from app.engine.mapping.structure.matches import match_pictures
+from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
+from app.engine.mapping.structure.reconstruction import Reconstruction, check_installed, reconstruct
+from app.engine.mapping.structure.scale import FoundScale, find_scale, median_depth
+from app.engine.mapping.structure.scale_options import Scale, frames_of
+from app.engine.mapping.structure.up import DownDirection, find_down
+from app.engine.maps.vision_models import VisionModels
+from app.engine.progress import Progress
+from app.errors import InvalidScanError
+from app.geometry.se3 import Pose
+from app.importers.frames import Scan
+from app.importers.unposed.scan import UnposedScan
+from app.limits import limit
+from app.vision.images import Gray, to_gray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimateOptions:
+    """What becomes of a reconstruction."""
+
+    own_depth: float = limit(
+        2.0,
+        "Median depth of the features, in the map's own unit, where no scale is known.",
+        chosen="By hand: rooms have about 2 m, so that limits in metres mean roughly the same.",
+    )
+    warned_share: float = limit(
+        0.8, "A warning is given where a smaller share of the chosen frames is connected.", chosen="By hand."
+    )
+    cached_pictures: int = limit(
+        24, "Pictures that are kept in memory.", chosen="By hand: those of one pixel."
+    )
+
+
+OPTIONS = EstimateOptions()
+WITHOUT_SCALE = (
+    "The map has no scale: positions are in a unit of its own, and there are no plan positions. Give scale in the "
+    "options: a known distance, a printed marker, the camera's height, or three places on the plan."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedScan:
+    """The scan with estimated poses, what the report says of them, and what to warn of."""
+
+    scan: Scan
+    report: dict[str, Any]
+    warnings: tuple[str, ...]
+
+
+def estimate_poses(
+    unposed: UnposedScan, scale: Scale | None, models: VisionModels, executor: Executor, progress: Progress
+) -> EstimatedScan:
+    """Return the scan of the pictures that could be connected.
+
+    Frames that could not be are discarded as `unconnected`. Its scale is that of the options, else of its depth images;
+    without either it has none. Raises `InvalidScanError` where too few pictures are usable or overlap, where the scale
+    can't be found, and where pycolmap is not installed.
+    """
+    check_installed()
+    chosen = choose_pictures(unposed, frames_of(scale), RECONSTRUCTION.min_frames, progress)
+    scan = chosen.scan
+    matched = match_pictures(chosen, models, executor, progress)
+    is_calibrated = chosen.camera_source == "given"
+    parts = reconstruct(
+        matched, scan.camera, is_calibrated=is_calibrated, scratch=unposed.scratch, progress=progress
+    )
+    if not parts:
+        raise InvalidScanError(
+            f"The {len(scan.frames)} pictures that were chosen overlap too little to be connected: film more slowly, "
+            "with the camera moving sideways and not only turning, past things with texture."
+        )
+    whole = parts[0]
+
+    @lru_cache(maxsize=OPTIONS.cached_pictures)
+    def gray(row: int) -> Gray:
+        return to_gray(frame_rgb(scan, scan.frames[row]))
+
+    down = find_down(whole, gray, executor, progress)
+    found = find_scale(scale, whole, chosen, down, gray, executor, progress)
+    posed = _posed(chosen, whole, down, found)
+    return EstimatedScan(
+        scan=posed,
+        report=_report(chosen, parts, down, found),
+        warnings=_warnings(chosen, whole, found),
+    )
+
+
+def _posed(
+    chosen: ChosenPictures, part: Reconstruction, down: DownDirection | None, scale: FoundScale | None
+) -> Scan:
+    scan = chosen.scan
+    units = scale.metres_per_unit if scale is not None else OPTIONS.own_depth / median_depth(part)
+    turn = scale.plan_from_scan if scale is not None else None
+    gravity = None if down is None else down.down
+    if turn is not None:
+        # The frame of the plan stands upright.
+        gravity = (0.0, 0.0, -1.0)
+    frames = tuple(
+        replace(scan.frames[row], scan_from_camera=_scaled(pose, units, turn))
+        for row, pose in part.poses.items()
+    )
+    lost = tuple(frame.name for row, frame in enumerate(scan.frames) if row not in part.poses)
+    discarded = {**scan.discarded, **({"unconnected": lost} if lost else {})}
+    return replace(
+        scan,
+        camera=part.camera,
+        frames=frames,
+        discarded=discarded,
+        gravity=gravity,
+        has_scale=scale is not None,
+    )
+
+
+def _scaled(pose: Pose, units: float, turn: Pose | None) -> Pose:
+    scaled = Pose(pose.rotation, units * pose.translation)
+    return scaled if turn is None else turn @ scaled
+
+
+def _report(
+    chosen: ChosenPictures,
+    parts: Sequence[Reconstruction],
+    down: DownDirection | None,
+    scale: FoundScale | None,
+) -> dict[str, Any]:
+    whole = parts[0]
+    names = [frame.name for frame in chosen.scan.frames]
+    others = [
+        {"frames": len(part.poses), "first": names[min(part.poses)], "last": names[max(part.poses)]}
+        for part in parts[1:]
+        if not set(part.poses) <= set(whole.poses)
+    ]
+    return {
+        "pictures": chosen.total,
+        "chosen": len(names),
+        "connected": len(whole.poses),
+        "other_parts": others,
+        "points": len(whole.points),
+        "error_px": round(whole.error_px, 3),
+        "camera": {
+            "source": {"guess": "self_calibrated", "exif": "exif_calibrated"}.get(
+                chosen.camera_source, chosen.camera_source
+            ),
+            "model": whole.camera.model,
+            "params": [round(value, 4) for value in whole.camera.params],
+        },
+        "scale": {"source": "none"} if scale is None else scale.as_dict(),
+        "up": {"source": "none"} if down is None else down.as_dict(),
+    }
+
+
+def _warnings(chosen: ChosenPictures, part: Reconstruction, scale: FoundScale | None) -> tuple[str, ...]:
+    warnings = [] if scale is not None else [WITHOUT_SCALE]
+    total = len(chosen.scan.frames)
+    if len(part.poses) < OPTIONS.warned_share * total:
+        warnings.append(
+            f"Only {len(part.poses)} of {total} chosen pictures are connected with each other; the others are not in "
+            "the map (unconnected in discarded_frames)."
+        )
+    return tuple(warnings)

@@ -1,0 +1,299 @@
+"""Metres per unit of a reconstruction: by a known distance, a marker, the camera's height, the plan, or the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.mapping.structure.chosen import ChosenPictures, frame_time_s
+from app.engine.mapping.structure.markers import marker_sides
+from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.engine.mapping.structure.scale_options import (
+    KnownDistance,
+    KnownHeight,
+    KnownMarker,
+    KnownPlaces,
+    PlanPlace,
+    Point,
+    Scale,
+)
+from app.engine.mapping.structure.tracks import point_of_pixel
+from app.engine.mapping.structure.up import DownDirection
+from app.engine.progress import Progress
+from app.errors import DegenerateGeometryError, InvalidScanError
+from app.geometry.alignment import align_2d, world_from_scan_by_gravity
+from app.geometry.depth import sample_depth
+from app.geometry.se3 import Pose
+from app.limits import limit
+from app.vision.images import Gray
+
+Array = NDArray[np.float64]
+GrayOf = Callable[[int], Gray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScaleOptions:
+    """When what is known determines a scale."""
+
+    max_marker_spread: float = limit(
+        0.1,
+        "Largest relative deviation of a marker's side from the median of all sides.",
+        chosen="By hand: markers of different sizes, or one that was bent.",
+    )
+    floor_layer_ratio: float = limit(
+        0.02,
+        "Height of the layers in which the floor is looked for, relative to the median depth.",
+        chosen="By hand: a few centimetres.",
+    )
+    floor_density_ratio: float = limit(
+        3.0,
+        "Least ratio of the points in the floor's layer to those in the median layer between camera and floor.",
+        chosen="By hand: the lowest strip of a wall has as many as the others.",
+    )
+    floor_breadth_ratio: float = limit(
+        0.15,
+        "Least standard deviation of the floor's points across their longest extent, relative to the camera's height.",
+        chosen="By hand: the lowest strip of a wall has none.",
+    )
+    min_floor_points: int = limit(20, "Least number of points of a floor.", chosen="By hand.")
+    max_plan_error_ratio: float = limit(
+        0.2,
+        "Largest residual of plan places, relative to their spread.",
+        chosen="By hand: a place that was exchanged or a mirrored plan is off by far more.",
+    )
+    depth_pictures: int = limit(60, "Pictures whose depth gives the scale.", chosen="By hand: a second.")
+    min_depths: int = limit(100, "Features with depth that a scale needs.", chosen="By hand.")
+
+
+OPTIONS = ScaleOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundScale:
+    """Metres per unit, what it rests on, its figures, and where the options say so `world_from_scan` (in metres)."""
+
+    metres_per_unit: float
+    source: str
+    figures: dict[str, Any] = field(default_factory=dict)
+    plan_from_scan: Pose | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for the report."""
+        return {"source": self.source, **self.figures}
+
+
+def find_scale(
+    scale: Scale | None,
+    part: Reconstruction,
+    chosen: ChosenPictures,
+    down: DownDirection | None,
+    gray: GrayOf,
+    executor: Executor,
+    progress: Progress,
+) -> FoundScale | None:
+    """Return the scale by what the options state, else by the depth images; None where there is neither.
+
+    Raises `InvalidScanError` where what is stated can't be found in the pictures.
+    """
+    progress.report("find_scale", 0, 1)
+    if isinstance(scale, KnownDistance):
+        return _by_distance(scale, part, chosen, gray)
+    if isinstance(scale, KnownMarker):
+        return _by_marker(scale, part, gray, executor, progress)
+    if isinstance(scale, KnownHeight):
+        return _by_height(scale, part, _needed(down, "camera_height_m"))
+    if isinstance(scale, KnownPlaces):
+        return _by_places(scale, part, chosen, _needed(down, "correspondences"), gray)
+    return _by_depth(part, chosen) if chosen.scan.has_depth else None
+
+
+def median_depth(part: Reconstruction) -> float:
+    """Return the median depth of the features in their pictures."""
+    pictures, _, points = part.observations.T
+    depths = [
+        part.poses[row].inverse().apply(part.points[points[pictures == row]])[:, 2] for row in part.poses
+    ]
+    return float(np.median(np.concatenate(depths)))
+
+
+def _by_distance(
+    scale: KnownDistance, part: Reconstruction, chosen: ChosenPictures, gray: GrayOf
+) -> FoundScale:
+    row = _row_of(scale.frame, part, chosen)
+    first, second = (point_of_pixel(part, row, _pixel(pixel, chosen), gray) for pixel in scale.pixels)
+    return FoundScale(
+        metres_per_unit=scale.distance_m / float(np.linalg.norm(second - first)),
+        source="distance",
+        figures={"frame": chosen.scan.frames[row].name},
+    )
+
+
+def _by_marker(
+    scale: KnownMarker, part: Reconstruction, gray: GrayOf, executor: Executor, progress: Progress
+) -> FoundScale:
+    found = marker_sides(part, gray, executor, progress)
+    if not found.seen:
+        raise InvalidScanError(
+            "No marker was seen in the pictures: print one with `roomfix marker`, lay it flat, and film it from near "
+            "and from several sides."
+        )
+    if not len(found.sides):
+        raise InvalidScanError(
+            f"A marker was seen in {found.seen} pictures, too few from different places to measure it: film it from "
+            "near while walking past it."
+        )
+    side = float(np.median(found.sides))
+    spread = float(np.abs(found.sides / side - 1).max())
+    if spread > OPTIONS.max_marker_spread:
+        raise InvalidScanError(
+            f"The sides of the markers differ by {spread:.0%}: all markers must be flat and of the same size."
+        )
+    return FoundScale(
+        metres_per_unit=scale.side_m / side,
+        source="marker",
+        figures={"pictures": found.seen, "sides": len(found.sides), "spread": round(spread, 4)},
+    )
+
+
+def _by_height(scale: KnownHeight, part: Reconstruction, down: DownDirection) -> FoundScale:
+    upright = world_from_scan_by_gravity(down.down)
+    points = upright.apply(part.points)
+    camera = float(np.median([upright.apply(pose.translation[None])[0, 2] for pose in part.poses.values()]))
+    below = points[points[:, 2] < camera]
+    floor = _floor(below, camera, OPTIONS.floor_layer_ratio * median_depth(part))
+    if not len(floor):
+        raise InvalidScanError(
+            "The floor can't be found in the pictures, so the camera's height gives no scale: film the floor too, or "
+            "give another scale."
+        )
+    units = camera - float(np.median(floor[:, 2]))
+    return FoundScale(
+        metres_per_unit=scale.height_m / units, source="camera_height", figures={"floor_points": len(floor)}
+    )
+
+
+def _floor(below: Array, camera: float, layer: float) -> Array:
+    """Return the points (m, 3) of the lowest layer that holds many of the points (n, 3) below the height of the camera,
+    spread over an area; none where there is no such layer."""
+    numbers = np.floor((camera - below[:, 2]) / layer).astype(int)
+    counts = np.bincount(numbers) if len(numbers) else np.zeros(0, int)
+    # A floor that crosses the border of two layers is in both.
+    both = counts + np.r_[counts[1:], 0] if len(counts) else counts
+    usual = float(np.median(both[both > 0])) if len(counts) else 0.0
+    least = max(OPTIONS.min_floor_points, OPTIONS.floor_density_ratio * usual)
+    for number in np.flatnonzero(both >= least)[::-1]:
+        points = below[(numbers == number) | (numbers == number + 1)]
+        breadth = float(np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)[1])
+        if breadth / np.sqrt(len(points)) >= OPTIONS.floor_breadth_ratio * number * layer:
+            return np.asarray(points)
+    return np.asarray(below[:0])
+
+
+def _by_places(
+    scale: KnownPlaces, part: Reconstruction, chosen: ChosenPictures, down: DownDirection, gray: GrayOf
+) -> FoundScale:
+    upright = world_from_scan_by_gravity(down.down)
+    source = np.array(
+        [upright.apply(_place(place, part, chosen, gray)[None])[0, :2] for place in scale.places]
+    )
+    target = np.array([place.plan for place in scale.places])
+    try:
+        linear, translation = align_2d(source, target)
+    except DegenerateGeometryError as error:
+        raise InvalidScanError(f"scale.correspondences: {error}") from None
+    metres = float(np.sqrt(np.linalg.det(linear)))
+    errors = np.linalg.norm(source @ linear.T + translation - target, axis=1)
+    spread = float(np.linalg.norm(target - target.mean(axis=0), axis=1).mean())
+    if errors.max() > OPTIONS.max_plan_error_ratio * spread:
+        worst = scale.places[int(errors.argmax())]
+        raise InvalidScanError(
+            f"The places of scale.correspondences don't fit the walk: that of frame {worst.frame} is off by "
+            f"{errors.max():.2f} m. Check the coordinates: metres, x right and y up on the drawing."
+        )
+    turn = np.eye(3)
+    turn[:2, :2] = linear / metres
+    plan_from_scan = Pose(turn, np.array([*translation, 0.0])) @ upright
+    return FoundScale(
+        metres_per_unit=metres,
+        source="correspondences",
+        figures={"places": len(errors), "rms_m": round(float(np.sqrt((errors**2).mean())), 3)},
+        plan_from_scan=plan_from_scan,
+    )
+
+
+def _place(place: PlanPlace, part: Reconstruction, chosen: ChosenPictures, gray: GrayOf) -> Array:
+    row = _row_of(place.frame, part, chosen)
+    if place.pixel is None:
+        return part.poses[row].translation
+    return point_of_pixel(part, row, _pixel(place.pixel, chosen), gray)
+
+
+def _by_depth(part: Reconstruction, chosen: ChosenPictures) -> FoundScale:
+    rows = list(part.poses)
+    step = max(1, -(-len(rows) // OPTIONS.depth_pictures))
+    ratios = np.concatenate([_depth_ratios(row, part, chosen) for row in rows[::step]])
+    if len(ratios) < OPTIONS.min_depths:
+        raise InvalidScanError(
+            f"Only {len(ratios)} features of the pictures have depth: check depth_scale and that depth fits the colour "
+            "images."
+        )
+    middle = float(np.median(ratios))
+    spread = float(np.median(np.abs(ratios / middle - 1)))
+    return FoundScale(
+        metres_per_unit=middle,
+        source="depth",
+        figures={"features": len(ratios), "median_deviation": round(spread, 4)},
+    )
+
+
+def _depth_ratios(row: int, part: Reconstruction, chosen: ChosenPictures) -> Array:
+    """Return the sensor's depth over the reconstructed one for the features of a picture."""
+    points = part.points[part.observations[part.observations[:, 0] == row, 2]]
+    in_camera = part.poses[row].inverse().apply(points)
+    pixels = part.camera.project(in_camera)
+    seen = np.isfinite(pixels).all(axis=1)
+    depth_m = sample_depth(chosen.scan.depth_m(chosen.scan.frames[row]), pixels[seen])
+    return np.asarray(depth_m[depth_m > 0] / in_camera[seen, 2][depth_m > 0], dtype=np.float64)
+
+
+def _needed(down: DownDirection | None, option: str) -> DownDirection:
+    if down is None:
+        raise InvalidScanError(
+            f"scale.{option} needs to know which way is up, and neither vertical edges nor the camera's own axes "
+            "show it: give another scale."
+        )
+    return down
+
+
+def _row_of(frame: str, part: Reconstruction, chosen: ChosenPictures) -> int:
+    """Return the row of the picture that a name, or the seconds of a video, stand for."""
+    frames, time_s = chosen.scan.frames, frame_time_s(frame)
+    by_name = [
+        row for row, own in enumerate(frames) if own.name == frame or own.name.rpartition("/")[2] == frame
+    ]
+    if not by_name and time_s is not None and chosen.is_sequence:
+        by_name = [int(np.argmin([abs(own.timestamp_s - time_s) for own in frames]))]
+    if not by_name:
+        raise InvalidScanError(f"scale: there is no frame {frame!r} among the pictures that are used.")
+    if by_name[0] not in part.poses:
+        raise InvalidScanError(
+            f"scale: the frame {frame!r} is not connected with the largest part of the pictures: choose another one."
+        )
+    return by_name[0]
+
+
+def _pixel(pixel: Point, chosen: ChosenPictures) -> Array:
+    """Return a pixel of the picture as it was sent in the picture as it is used."""
+    camera, (width, height) = chosen.scan.camera, chosen.original_size
+    ratio = np.array([camera.width / width, camera.height / height])
+    inside = 0 <= pixel[0] < width and 0 <= pixel[1] < height
+    if not inside:
+        raise InvalidScanError(
+            f"scale: the pixel ({pixel[0]:g}, {pixel[1]:g}) is outside of a picture of {width} x {height} pixels."
+        )
+    return np.asarray((np.array(pixel) + 0.5) * ratio - 0.5)

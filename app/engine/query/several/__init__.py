@@ -1,0 +1,1 @@
+"""One answer from several frames: a burst, or the cameras of a rig."""

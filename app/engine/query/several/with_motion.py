@@ -1,0 +1,233 @@
+"""One answer from frames whose poses relative to frame 0 are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.query.accuracy import sigma_across, with_map_error
+from app.engine.query.camera import lens_of_query
+from app.engine.query.contradiction import Cells, cells_in_map
+from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.intrinsics import CheckedCamera, check_intrinsics
+from app.engine.query.localization import Localization, votes_of
+from app.engine.query.localizer import Localizer
+from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy
+from app.engine.query.several.frame import AskedFrame, as_given
+from app.engine.query.several.hypothesis import RigHypothesis, rig_evidence
+from app.engine.query.several.options import OPTIONS
+from app.engine.query.several.search import RigSearch
+from app.engine.query.verification import Evidence, Reason, confidence_of, judge
+from app.errors import DegenerateGeometryError
+from app.geometry.camera import Camera
+from app.geometry.covariance import pose_accuracy
+from app.geometry.lens import Lens
+from app.geometry.pnp import PnpEstimate
+from app.geometry.rigs.pose import rig_covariance
+from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+
+
+def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Localization:
+    """Return where frame 0 is by all frames, whose cameras are stated and whose motion is known.
+
+    The generalized pose must pass the limits of a single picture's. Where it doesn't, frame 0 alone may still answer,
+    unless another frame contradicts it: by a pose of its own, or by a better place for all.
+    """
+    alone = as_given(frames[0], frames[0].found, frames[0].world_from_given)
+    if _is_disputed(frames):
+        return alone.refused("ambiguous")
+    if any(frame.found.is_refined for frame in frames):
+        # What was stated of a camera is wrong, and the motion may be for it.
+        return alone
+    search = _search(localizer, frames)
+    starts = [frame.world_from_first for frame in frames]
+    best = search.best([pose for pose in starts if pose is not None])
+    if best is None:
+        return alone
+    rival = search.rival(best)
+    if rival is not None and rival.count > best.count:
+        best, rival = rival, best
+    found = _concluded(localizer, frames, search, best, rival)
+    if found is None:
+        return alone
+    if found.world_from_camera is not None or alone.world_from_camera is None:
+        return found
+    agrees = _agree(alone.world_from_camera, best.world_from_first, alone.accuracy, None)
+    return alone if agrees else alone.refused("ambiguous")
+
+
+def _is_disputed(frames: Sequence[AskedFrame]) -> bool:
+    """Whether two frames that are located alone disagree about where frame 0 is."""
+    located = [
+        (pose, frame.found.accuracy) for frame in frames if (pose := frame.world_from_first) is not None
+    ]
+    return any(
+        not _agree(one, other, sigma, other_sigma)
+        for (one, sigma), (other, other_sigma) in combinations(located, 2)
+    )
+
+
+def _agree(a: Pose, b: Pose, one: Accuracy | None, other: Accuracy | None) -> bool:
+    """Whether two poses of frame 0, of these accuracies, are one."""
+    sigma = (one or Accuracy(0.0, 0.0)).with_more(other or Accuracy(0.0, 0.0))
+    near_m = OPTIONS.motion_tolerance_m + OPTIONS.max_sigmas * sigma.position_m
+    near_deg = OPTIONS.motion_tolerance_deg + OPTIONS.max_sigmas * sigma.orientation_deg
+    return position_difference_m(a, b) <= near_m and np.degrees(attitude_difference_rad(a, b)) <= near_deg
+
+
+def _search(localizer: Localizer, frames: Sequence[AskedFrame]) -> RigSearch:
+    return RigSearch(
+        map=localizer.map,
+        settings=localizer.settings,
+        matchers=tuple(frame.matcher for frame in frames),
+        cameras=tuple(_camera(localizer, frame, frames) for frame in frames),
+        first_from_cameras=tuple(_motion(frame) for frame in frames),
+    )
+
+
+def _motion(frame: AskedFrame) -> Pose:
+    assert frame.first_from_turned is not None  # noqa: S101 - frames without a motion are answered elsewhere
+    return frame.first_from_turned
+
+
+def _stated(frame: AskedFrame) -> Camera:
+    assert frame.camera is not None  # noqa: S101 - as above
+    return frame.camera
+
+
+def _camera(localizer: Localizer, frame: AskedFrame, frames: Sequence[AskedFrame]) -> Camera:
+    """Return the camera of a frame with the lens that it, or a frame of the same camera, was located with."""
+    for other in (frame, *frames):
+        fitted = other.found.camera
+        is_located = other.found.world_from_camera is not None
+        if is_located and fitted is not None and other.camera == frame.camera:
+            return fitted
+    lens = _lens(localizer, frame)
+    return _stated(frame) if lens is None else lens.of(_stated(frame))
+
+
+def _lens(localizer: Localizer, frame: AskedFrame) -> Lens | None:
+    return (
+        lens_of_query(localizer.map.artifact.metadata, frame.camera) if localizer.settings.fit_lens else None
+    )
+
+
+def _concluded(
+    localizer: Localizer,
+    frames: Sequence[AskedFrame],
+    search: RigSearch,
+    best: RigHypothesis,
+    rival: RigHypothesis | None,
+) -> Localization | None:
+    """Return the outcome for the best pose, None where the matches fit another camera far better than the stated."""
+    checked = _checked(localizer, frames, search, best)
+    if checked.is_refined:
+        return None
+    opened = localizer.map
+    metadata, lens = opened.artifact.metadata, _lens(localizer, frames[0])
+    own = _accuracy(search, best, 0.0 if lens is None else lens.sigma).with_more(_motion_sigma(frames, best))
+    accuracy = with_map_error(own.with_more(checked.systematic), metadata)
+    if checked.is_contradicted:
+        own = own.with_more(checked.systematic)
+    distance_m = opened.retrieval.distance_m(best.world_from_first)
+    evidence = rig_evidence(best, rival, search.matchers, distance_m, own.position_m)
+    evidence, reason = _judged(localizer, search, best, evidence, with_map_error(own, metadata).position_m)
+    inliers, first = Matches.merge(best.inliers), frames[0]
+    found = Localization(
+        evidence=evidence,
+        world_from_camera=best.world_from_first @ _motion(first),
+        accuracy=accuracy,
+        confidence=min(confidence_of(evidence), checked.max_confidence),
+        keyframes=votes_of(Matches.merge(best.matches), inliers),
+        camera=search.cameras[0],
+        timings_ms=timings_of(frames),
+        candidate=best.world_from_first,
+        inliers=best.inliers[0],
+        frames=best.frames,
+    )
+    placed = as_given(first, found, best.world_from_first)
+    return placed if reason is None else replace(placed.refused(reason), hints=first.found.hints)
+
+
+def _judged(
+    localizer: Localizer, search: RigSearch, best: RigHypothesis, evidence: Evidence, position_sigma_m: float
+) -> tuple[Evidence, Reason | None]:
+    """Return the evidence with what contradicts the pose, and why the pose can't be trusted, None if it can."""
+    reason = judge(evidence, position_sigma_m, localizer.limits)
+    if reason is not None:
+        return evidence, reason
+    if not best.is_confirmed:
+        return evidence, "too_few_inliers"
+    cells = [
+        cells_in_map(
+            search.map,
+            search.pose_of(best, frame),
+            search.cameras[frame],
+            matcher.features,
+            best.inliers[frame].points_px,
+            matcher.query.allowed,
+        )
+        for frame, matcher in enumerate(search.matchers)
+    ]
+    pooled = Cells(sum(each.against for each in cells), sum(each.supported for each in cells))
+    evidence = replace(evidence, contradicted=pooled.contradicted_share)
+    return evidence, judge(evidence, position_sigma_m, localizer.limits)
+
+
+def _checked(
+    localizer: Localizer, frames: Sequence[AskedFrame], search: RigSearch, best: RigHypothesis
+) -> CheckedCamera:
+    """Return what the frame with most inliers says of its camera."""
+    most = max(range(len(frames)), key=lambda frame: best.frames[frame].inliers)
+    camera = search.cameras[most]
+    estimate = PnpEstimate(search.pose_of(best, most), best.masks[most], 0.0, 0)
+    hypothesis = Hypothesis.of(estimate, best.matches[most])
+    if not localizer.settings.check_intrinsics:
+        return CheckedCamera(camera=camera, best=hypothesis)
+    find = partial(localizer.find_camera, query=frames[most].matcher.query)
+    return check_intrinsics(hypothesis, camera, localizer.estimate, find)
+
+
+def _accuracy(search: RigSearch, best: RigHypothesis, lens_sigma: float) -> Accuracy:
+    """Return how accurate frame 0's pose is by what counts; infinity for what that leaves open."""
+    positions = search.map.artifact.arrays.positions
+    sigmas: list[NDArray[np.float64]] = [
+        sigma_across(
+            own.sigma_m,
+            own.points_in_world,
+            positions[own.keyframes],
+            search.pose_of(best, frame).translation,
+        )
+        for frame, own in enumerate(best.counted)
+    ]
+    views = search.views(best.counted)
+    try:
+        covariance = rig_covariance(views, best.world_from_first, sigmas, lens_sigma=lens_sigma)
+    except DegenerateGeometryError:
+        return Accuracy(float("inf"), 180.0)
+    return Accuracy(*pose_accuracy(covariance))
+
+
+def _motion_sigma(frames: Sequence[AskedFrame], best: RigHypothesis) -> Accuracy:
+    """Return by how much an error of the motion may move frame 0, by the share of the inliers in other frames."""
+    counts = np.array([own.feature_count for own in best.counted], dtype=np.float64)
+    lengths_m = np.array([float(np.linalg.norm(_motion(frame).translation)) for frame in frames])
+    weights = counts / max(float(counts.sum()), 1.0)
+    elsewhere = 1.0 - float(weights[0])
+    return Accuracy(
+        OPTIONS.motion_sigma_ratio * float(weights @ lengths_m), OPTIONS.motion_sigma_deg * elsewhere
+    )
+
+
+def timings_of(frames: Sequence[AskedFrame]) -> dict[str, float]:
+    """Return the milliseconds of all frames by stage so far; what no other stage took is the pose's."""
+    queries = [frame.matcher.query for frame in frames]
+    total_ms = sum(queries[0].timings_ms.values())
+    stages = {stage: 1e3 * sum(query.spent_s[stage] for query in queries) for stage in queries[0].spent_s}
+    return {**stages, "pose": total_ms - sum(stages.values())}

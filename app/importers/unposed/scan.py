@@ -1,0 +1,25 @@
+"""What a scan without camera poses is before its poses are estimated from the pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.geometry.camera import Camera
+from app.importers.frames import Scan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnposedScan:
+    """Pictures whose poses have to be estimated: those of a `video`, `photos`, or the frames of `listed`.
+
+    Exactly one of the three is there. The poses in `listed` mean nothing. `camera` is that of the options; None
+    where it is to be found from the photos' tags or from the pictures themselves. `scratch` is as in `ScanOptions`.
+    """
+
+    format: str
+    video: Path | None = None
+    photos: tuple[Path, ...] = ()
+    listed: Scan | None = None
+    camera: Camera | tuple[float, ...] | None = None
+    scratch: Path | None = None

@@ -1,0 +1,1 @@
+"""Several frames in one query, compared with single frames."""

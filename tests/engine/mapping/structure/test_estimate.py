@@ -1,0 +1,245 @@
+"""Photos of a room become a scan with poses, scale and up; what is stated of the scale is found in the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
+from app.engine.mapping.structure.estimate import estimate_poses
+from app.engine.mapping.structure.markers import DICTIONARY
+from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
+from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
+from app.engine.mapping.structure.scale import find_scale
+from app.engine.mapping.structure.scale_options import (
+    KnownDistance,
+    KnownHeight,
+    KnownMarker,
+    KnownPlaces,
+    PlanPlace,
+    Scale,
+)
+from app.engine.mapping.structure.up import DownDirection, find_down
+from app.engine.progress import NoProgress
+from app.errors import CancelledBuildError, InvalidScanError
+from app.geometry.alignment import Alignment, align_points
+from app.geometry.se3 import Pose
+from app.importers.unposed.scan import UnposedScan
+from app.vision.images import Gray, decode_image, to_gray
+from tests.rendered_maps import models
+from tests.scenes import CAMERA, TEXELS_PER_M, Room, pose_at
+
+MARKER_M = 0.4
+# Texels from the left and from the floor, on the wall that the photos show.
+MARKER_AT = (250, 150)
+BORDER = 12
+COUNT = 14
+HEIGHT_M = 1.4
+
+
+def poses() -> list[Pose]:
+    """A walk along a wall, looking down enough to see the floor."""
+    return [
+        pose_at(0.9 + 0.12 * i, 0.7 + 0.03 * i, HEIGHT_M + 0.05 * (i % 3 - 1), 62 + 3.0 * i, -24 + i % 4)
+        for i in range(COUNT)
+    ]
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    room = Room(seed=4)
+    side = int(MARKER_M * TEXELS_PER_M)
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(DICTIONARY), 0, side)
+    wall, (left, bottom) = room._prints[1, 1], MARKER_AT
+    wall[bottom - BORDER : bottom + side + BORDER, left - BORDER : left + side + BORDER] = 255
+    # Rows of a wall go upwards.
+    wall[bottom : bottom + side, left : left + side] = marker[::-1, :, None]
+    folder = tmp_path_factory.mktemp("photos")
+    for i, pose in enumerate(poses()):
+        (folder / f"{i:03d}.png").write_bytes(room.view(pose).png())
+    return tuple(sorted(folder.iterdir()))
+
+
+@pytest.fixture(scope="module")
+def executor() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(2) as threads:
+        yield threads
+
+
+@pytest.fixture(scope="module")
+def chosen(photos: tuple[Path, ...]) -> ChosenPictures:
+    return choose_pictures(UnposedScan(format="images", photos=photos), (), 8, NoProgress())
+
+
+@pytest.fixture(scope="module")
+def matched(chosen: ChosenPictures, executor: ThreadPoolExecutor) -> MatchedPictures:
+    return match_pictures(chosen, models(), executor, NoProgress())
+
+
+@pytest.fixture(scope="module")
+def part(chosen: ChosenPictures, matched: MatchedPictures) -> Reconstruction:
+    (whole,) = reconstruct(
+        matched, chosen.scan.camera, is_calibrated=False, scratch=None, progress=NoProgress()
+    )
+    return whole
+
+
+@pytest.fixture(scope="module")
+def true_from_scan(part: Reconstruction) -> Alignment:
+    estimated = [pose.translation for pose in part.poses.values()]
+    return align_points(estimated, [poses()[row].translation for row in part.poses], with_scale=True)
+
+
+@cache
+def gray_of(path: Path) -> Gray:
+    return to_gray(decode_image(path.read_bytes()))
+
+
+@pytest.fixture(scope="module")
+def down(
+    part: Reconstruction, photos: tuple[Path, ...], executor: ThreadPoolExecutor
+) -> DownDirection | None:
+    return find_down(part, lambda row: gray_of(photos[row]), executor, NoProgress())
+
+
+def test_nothing_is_known_of_the_camera_and_all_is_found(
+    part: Reconstruction, true_from_scan: Alignment
+) -> None:
+    assert sorted(part.poses) == list(range(COUNT))
+    assert part.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.02)
+    assert true_from_scan.residual_rms_m < 0.01
+
+
+def test_down_is_found_by_the_edges(down: DownDirection | None, true_from_scan: Alignment) -> None:
+    assert down is not None
+    in_room = true_from_scan.target_from_source.rotation @ down.down
+    assert np.degrees(np.arccos(-in_room[2])) < 2.0
+
+
+def corner_pixels(row: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The lower corners of the marker in a photo."""
+    left, bottom = (texel / TEXELS_PER_M for texel in MARKER_AT)
+    wall_m = Room(seed=4).size_m[1]
+    corners = np.array([[left, wall_m, bottom], [left + MARKER_M, wall_m, bottom]])
+    first, second = CAMERA.project(poses()[row].inverse().apply(corners)).tolist()
+    return (first[0], first[1]), (second[0], second[1])
+
+
+def places(count: int = 4, wrong: float = 0.0) -> KnownPlaces:
+    """Where the camera stood, on a plan that is turned by a quarter and moved."""
+    stood = [(row, poses()[row].translation) for row in np.linspace(0, COUNT - 1, count).round().astype(int)]
+    given = [PlanPlace(f"{row:03d}.png", (7.0 - y, 2.0 + x), None) for row, (x, y, _) in stood]
+    given[-1] = replace(given[-1], plan=(given[-1].plan[0] + wrong, given[-1].plan[1]))
+    # A point on the wall: the places of a straight walk alone are nearly on one line.
+    left, bottom = MARKER_AT[0] / TEXELS_PER_M, Room(seed=4).size_m[1]
+    return KnownPlaces((*given, PlanPlace("006.png", (7.0 - bottom, 2.0 + left), corner_pixels(6)[0])))
+
+
+@pytest.mark.parametrize(
+    ("scale", "source", "tolerance"),
+    [
+        (KnownMarker(MARKER_M), "marker", 0.02),
+        (KnownDistance(MARKER_M, "006.png", corner_pixels(6)), "distance", 0.03),
+        (KnownHeight(HEIGHT_M), "camera_height", 0.03),
+        (places(), "correspondences", 0.03),
+    ],
+    ids=["marker", "distance", "height", "places"],
+)
+def test_the_scale_by_what_is_known(
+    scale: Scale,
+    source: str,
+    tolerance: float,
+    part: Reconstruction,
+    chosen: ChosenPictures,
+    down: DownDirection | None,
+    photos: tuple[Path, ...],
+    executor: ThreadPoolExecutor,
+    true_from_scan: Alignment,
+) -> None:
+    found = find_scale(scale, part, chosen, down, lambda row: gray_of(photos[row]), executor, NoProgress())
+    assert found is not None
+    assert found.source == source
+    assert found.metres_per_unit == pytest.approx(true_from_scan.scale, rel=tolerance)
+    if found.plan_from_scan is not None:
+        stood = found.metres_per_unit * part.poses[3].translation
+        x, y, _ = poses()[3].translation
+        assert found.plan_from_scan.apply(stood[None])[0, :2] == pytest.approx([7.0 - y, 2.0 + x], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [
+        (places(wrong=5.0), "don't fit the walk"),
+        (KnownDistance(1.0, "nowhere.png", ((1.0, 1.0), (9.0, 9.0))), "no frame 'nowhere.png'"),
+        (KnownDistance(1.0, "003.png", ((1.0, 1.0), (900.0, 9.0))), "outside of a picture of 320 x 240"),
+    ],
+    ids=["places", "frame", "pixel"],
+)
+def test_a_scale_that_makes_no_sense_is_named(
+    scale: Scale,
+    message: str,
+    part: Reconstruction,
+    chosen: ChosenPictures,
+    down: DownDirection | None,
+    photos: tuple[Path, ...],
+    executor: ThreadPoolExecutor,
+) -> None:
+    with pytest.raises(InvalidScanError, match=message):
+        find_scale(scale, part, chosen, down, lambda row: gray_of(photos[row]), executor, NoProgress())
+
+
+def test_a_marker_that_is_not_there_is_missed(
+    part: Reconstruction, chosen: ChosenPictures, executor: ThreadPoolExecutor
+) -> None:
+    blank = np.full((240, 320), 128, np.uint8)
+    with pytest.raises(InvalidScanError, match="No marker was seen"):
+        find_scale(KnownMarker(0.1), part, chosen, None, lambda _: blank, executor, NoProgress())
+
+
+def test_without_up_a_height_gives_no_scale(
+    part: Reconstruction, chosen: ChosenPictures, executor: ThreadPoolExecutor
+) -> None:
+    with pytest.raises(InvalidScanError, match="which way is up"):
+        find_scale(
+            KnownHeight(1.4), part, chosen, None, lambda _: np.zeros((9, 9), np.uint8), executor, NoProgress()
+        )
+
+
+class Stopped:
+    """Progress of a build that is cancelled while poses are estimated."""
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        if stage == "reconstruct" and done > 3:
+            raise CancelledBuildError("stop")
+
+
+def test_a_cancelled_build_stops_the_reconstruction(chosen: ChosenPictures, matched: MatchedPictures) -> None:
+    with pytest.raises(CancelledBuildError):
+        reconstruct(matched, chosen.scan.camera, is_calibrated=False, scratch=None, progress=Stopped())
+
+
+def test_photos_of_different_places_are_not_connected(
+    photos: tuple[Path, ...], tmp_path: Path, executor: ThreadPoolExecutor
+) -> None:
+    apart = []
+    for seed in range(9):
+        path = tmp_path / f"{seed}.png"
+        path.write_bytes(Room(seed=50 + seed).view(poses()[seed]).png())
+        apart.append(path)
+    with pytest.raises(InvalidScanError, match="overlap too little"):
+        estimate_poses(
+            UnposedScan(format="images", photos=tuple(apart)), None, models(), executor, NoProgress()
+        )
+
+
+def test_a_few_photos_are_too_few(photos: tuple[Path, ...], executor: ThreadPoolExecutor) -> None:
+    few = UnposedScan(format="images", photos=photos[:4])
+    with pytest.raises(InvalidScanError, match="a map needs 8"):
+        estimate_poses(few, None, models(), executor, NoProgress())

@@ -1,0 +1,124 @@
+"""Pictures without poses: a lone video, photos, and scans whose poses are to be estimated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app.engine.mapping.structure.chosen import choose_pictures
+from app.engine.progress import NoProgress
+from app.errors import InvalidScanError
+from app.importers.frames import ScanOptions
+from app.importers.recognition import recognised
+from app.importers.registry import open_scan, open_unposed
+from tests.importers.scans import INTRINSICS, write_seven_scenes, write_tum
+
+ESTIMATE = ScanOptions(estimate_poses=True)
+
+
+def write_video(path: Path, frames: int = 12, step_px: int = 8) -> Path:
+    """A video of a printed band that moves to the left."""
+    rng = np.random.default_rng(0)
+    band = np.kron(rng.integers(0, 255, (20, 100, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (320, 160))
+    for number in range(frames):
+        writer.write(band[:, number * step_px : number * step_px + 320])
+    writer.release()
+    return path
+
+
+def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:
+    write_video(tmp_path / "walk.MP4")
+    unposed = open_unposed(tmp_path, "auto", ScanOptions())
+    assert unposed is not None
+    assert (unposed.format, unposed.video) == ("video", tmp_path / "walk.MP4")
+    with pytest.raises(InvalidScanError, match="only a build reads them"):
+        open_scan(tmp_path)
+
+
+def test_frames_of_a_video_are_chosen_and_wanted_times_with_them(tmp_path: Path) -> None:
+    write_video(tmp_path / "walk.mp4")
+    unposed = open_unposed(
+        tmp_path, "video", ScanOptions(scratch=tmp_path, camera=(300.0, 300.0, 160.0, 80.0))
+    )
+    assert unposed is not None
+    chosen = choose_pictures(unposed, ["0.72"], 3, NoProgress())
+    names = [frame.name for frame in chosen.scan.frames]
+    assert "walk.mp4/000007" in names
+    assert len(names) < chosen.total == 12
+    assert (chosen.camera_source, chosen.original_size) == ("given", (320, 160))
+    assert not chosen.scan.has_depth
+
+
+def test_a_damaged_video_is_said_before_anything_is_built(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "walk.mp4")
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(InvalidScanError, match=r"walk\.mp4 is not a video that can be decoded"):
+        open_unposed(tmp_path, "auto", ScanOptions())
+
+
+def test_a_video_of_a_camera_that_stood_still_is_too_little(tmp_path: Path) -> None:
+    write_video(tmp_path / "still.mp4", step_px=0)
+    unposed = open_unposed(tmp_path, "auto", ScanOptions(scratch=tmp_path))
+    assert unposed is not None
+    with pytest.raises(InvalidScanError, match="Of 12 pictures 1 differ enough"):
+        choose_pictures(unposed, (), 8, NoProgress())
+
+
+def test_photos_in_one_folder_need_no_option(tmp_path: Path) -> None:
+    (tmp_path / "hall").mkdir()
+    for name in ("b.jpg", "a.JPG", "c.png"):
+        (tmp_path / "hall" / name).write_bytes(b"x")
+    unposed = open_unposed(tmp_path, None, ScanOptions())
+    assert unposed is not None
+    assert [path.name for path in unposed.photos] == ["a.JPG", "b.jpg", "c.png"]
+    with pytest.raises(InvalidScanError, match="None of the 3 photos can be used: 3 unreadable_file"):
+        choose_pictures(unposed, (), 8, NoProgress())
+
+
+@pytest.mark.parametrize(
+    ("format_name", "files", "message"),
+    [
+        ("images", ("a.jpg", "notes.txt"), "photos, 3 or more; there are 1"),
+        ("video", ("a.mp4", "b.mov"), "holds one video; there are 2"),
+        ("video", ("a.jpg",), "there are 0: none"),
+    ],
+)
+def test_what_is_missing_is_said(
+    tmp_path: Path, format_name: str, files: tuple[str, ...], message: str
+) -> None:
+    for name in files:
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(InvalidScanError, match=message):
+        open_unposed(tmp_path, format_name, ScanOptions())
+
+
+def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:
+    write_tum(tmp_path)
+    (tmp_path / "groundtruth.txt").unlink()
+    with pytest.raises(InvalidScanError, match='"poses": "estimate"'):
+        open_scan(tmp_path, "tum")
+    unposed = open_unposed(tmp_path, "auto", ESTIMATE)
+    assert unposed is not None
+    assert unposed.listed is not None
+    assert unposed.listed.has_depth
+    assert len(unposed.listed.frames) == 3
+
+
+def test_poses_that_are_there_are_not_used_where_the_options_say_so(tmp_path: Path) -> None:
+    write_seven_scenes(tmp_path)
+    assert open_unposed(tmp_path, "auto", ScanOptions(camera=INTRINSICS)) is None
+    unposed = open_unposed(tmp_path, "auto", ScanOptions(camera=INTRINSICS, estimate_poses=True))
+    assert unposed is not None
+    assert unposed.listed is not None
+    assert unposed.listed.gravity is None
+
+
+def test_names_alone_say_it() -> None:
+    assert recognised(["recording.mp4"])[0].format == "video"
+    (photos,) = recognised(["hall/1.jpg", "hall/2.jpg", "hall/3.heic"])
+    assert (photos.format, photos.folder, photos.missing) == ("images", "hall", ())
+    assert recognised(["hall/1.jpg", "stairs/2.jpg", "stairs/3.jpg"]) == ()
