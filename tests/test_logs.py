@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from app.api.executor import BoundedExecutor
 from app.logs import LogFormat, configure_logs, line_formatter, log_context
 from tests.live_server import serving
 from tests.server import wait_for
@@ -57,6 +59,20 @@ def test_keys_are_hidden_in_messages_arguments_context_and_tracebacks(log_format
         text = line(log_format, f"a {KEY} and %s", f"Bearer {KEY}", error=error)
     assert "RuntimeError" in text
     assert "secretsecret" not in text
+
+
+def test_lines_of_a_worker_thread_have_the_id_of_their_request() -> None:
+    executor = BoundedExecutor(1, 4)
+
+    async def serve(request_id: str) -> str:
+        with log_context(request_id=request_id):
+            return await executor.run(lambda: str(json.loads(line("json", "work"))["request_id"]))
+
+    async def serve_both() -> list[str]:
+        return await asyncio.gather(serve("r-3"), serve("r-4"))
+
+    assert asyncio.run(serve_both()) == ["r-3", "r-4"]
+    executor.close()
 
 
 def test_configuring_twice_writes_each_line_once(
