@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import partial
@@ -41,6 +42,7 @@ from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.session_answer import SessionResult, place_of, plan_reason_of, point_of, result_of
 from app.services.session_guidance import SessionGuide, Way
+from app.services.trajectories.path import PathSinceFix, moved_points, recent_points
 from app.storage.floors import list_floors
 from app.storage.sessions import (
     Session,
@@ -96,6 +98,7 @@ class _Live:
     frames: int = -1
     recent: list[SessionPoint] = field(default_factory=list)
     way: Way = field(default_factory=Way)
+    path: PathSinceFix = field(default_factory=PathSinceFix)
     lock: Lock = field(default_factory=Lock)
 
 
@@ -212,7 +215,7 @@ class SessionService:
             return
         with self._resources.database.read() as connection:
             live.recent = list_points(connection, session.id, OPTIONS.recent_points)
-        live.tracker = Tracker(memory_from_json(session.memory), self._tracking)
+        live.tracker, live.path = Tracker(memory_from_json(session.memory), self._tracking), PathSinceFix()
         live.frames = session.frames
 
     def _answer(self, session: Session, live: _Live, frame: SessionFrame, timer: StageTimer) -> SessionResult:
@@ -241,12 +244,15 @@ class SessionService:
         if floor is not None and plan is not None:
             plan = self._features.described(plan, floor)
         point = point_of(session.frames + 1, time_s, tracked, floor, plan)
+        path = live.path.copy()
+        corrected = moved_points(path.add(tracked, point), floors, has_plan=plan_reason is None)
         try:
-            self._record(session, tracker, given is None, point)
+            self._record(session, tracker, given is None, point, corrected)
         except BaseException:
             tracker.forget(before)
             raise
-        live.frames, live.recent = point.frame, [*live.recent, point][-OPTIONS.recent_points :]
+        live.frames, live.path = point.frame, path
+        live.recent = recent_points(live.recent, corrected, point, OPTIONS.recent_points)
         result = result_of(session, tracked, floor, plan)
         result = replace(
             result,
@@ -297,13 +303,20 @@ class SessionService:
         network = self._routes.network(venue_id)
         return can_have_changed_floor(network, PlanPlace(floor.id, plan.x, plan.y), away_s)
 
-    def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:
+    def _record(
+        self,
+        session: Session,
+        tracker: Tracker,
+        searched: bool,
+        point: SessionPoint,
+        corrected: Sequence[SessionPoint],
+    ) -> None:
         camera = session.camera
         if searched and tracker.camera is not None:
             camera = {**hint_of(tracker.camera).to_json(), "source": "search"}
         keep = self._resources.settings.session_trajectory_points
         with self._resources.database.write(OPTIONS.record_wait_s) as connection:
-            record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep)
+            record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep, corrected)
 
 
 def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> CameraHint | None:
