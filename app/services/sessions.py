@@ -11,7 +11,7 @@ from threading import Lock
 from typing import Any
 
 from app.engine.floors.floor import Floor
-from app.engine.floors.plan_point import floor_of, plan_point
+from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.maps.open_map import OpenMap
 from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
@@ -27,6 +27,7 @@ from app.engine.tracking.memory import (
 )
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.surroundings import Surroundings
+from app.engine.tracking.tracked import Tracked
 from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
@@ -90,7 +91,7 @@ class SessionFrame:
     gravity: tuple[float, float, float] | None = None
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
@@ -237,12 +238,8 @@ class SessionService:
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
         timer.lap("track")
-        floor, plan = place_of(tracked, floors)
         plan_reason = plan_reason_of(tracked, serving)
-        if plan_reason is not None:
-            plan = None
-        if floor is not None and plan is not None:
-            plan = self._features.described(plan, floor)
+        floor, plan = self._place(tracked, floors, has_plan=plan_reason is None)
         point = point_of(session.frames + 1, time_s, tracked, floor, plan)
         path = live.path.copy()
         corrected = moved_points(path.add(tracked, point), floors, has_plan=plan_reason is None)
@@ -281,6 +278,15 @@ class SessionService:
             trajectory=tuple(live.recent),
             guidance=guidance,
         )
+
+    def _place(
+        self, tracked: Tracked, floors: list[Floor], *, has_plan: bool
+    ) -> tuple[Floor | None, PlanPoint | None]:
+        """Return the floor and the described plan position, None where the map has no plan."""
+        floor, plan = place_of(tracked, floors)
+        if floor is None or plan is None or not has_plan:
+            return floor, None
+        return floor, self._features.described(plan, floor)
 
     def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""

@@ -111,11 +111,11 @@ def test_corrected_points_have_their_floor_and_plan_anew() -> None:
         plan=None,
         features_sha256=None,
     )
-    found = moved_points([(point(2, WAY[0]), WAY[3])], [floor], has_up=True)[0]
+    found = moved_points([(point(2, WAY[0]), WAY[3])], [floor], has_plan=True)[0]
     assert (found.frame, found.floor) == (2, "0")
     assert found.plan is not None
     assert found.plan[:2] == pytest.approx([0.6, 0.0])
-    assert moved_points([(point(2, WAY[0]), WAY[3])], [floor], has_up=False)[0].plan is None
+    assert moved_points([(point(2, WAY[0]), WAY[3])], [floor], has_plan=False)[0].plan is None
     newest = point(3, WAY[1])
     assert recent_points([point(1, WAY[0]), point(2, WAY[0])], [found], newest, 2) == [found, newest]
 
@@ -134,7 +134,7 @@ def test_corrected_points_are_stored_with_the_frame(resources: Resources) -> Non
         for frame in (1, 2):
             record_frame(connection, session, None, {}, point(frame, WAY[0]), 10)
             record_frame(connection, other, None, {}, point(frame, WAY[0]), 10)
-        moved = moved_points([(point(1, WAY[0]), WAY[2]), (point(2, WAY[0]), WAY[3])], [], has_up=True)
+        moved = moved_points([(point(1, WAY[0]), WAY[2]), (point(2, WAY[0]), WAY[3])], [], has_plan=True)
         record_frame(connection, session, None, {}, point(3, WAY[4]), 10, moved)
     with resources.database.read() as connection:
         stored = list_points(connection, session.id, 10)
