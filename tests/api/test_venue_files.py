@@ -24,6 +24,7 @@ from app.cli import app
 from app.storage.blobs import BlobStore
 from app.storage.db import Database
 from app.storage.sweep import sweep_blobs
+from tests.s3 import ABSENT, BUCKET, is_installed, s3
 from tests.scenes import View
 from tests.server import Server, assert_problem, running
 
@@ -339,6 +340,25 @@ def test_a_process_that_is_killed_leaves_nothing_visible(tmp_path: Path, exporte
     assert [info.name for info, _ in unpacked(written.read_bytes())] == [
         info.name for info, _ in unpacked(exported)
     ]
+
+
+@pytest.mark.skipif(not is_installed(), reason=ABSENT)
+def test_a_map_is_served_from_an_object_store(
+    tmp_path: Path, exported: bytes, queries: list[View], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with s3(tmp_path) as variables:
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        for data in ("one", "two"):
+            # The second server has the first one's database, and no copy of any blob.
+            database = f"sqlite:///{tmp_path / 'shared.db'}"
+            there = {"database_url": database, "blob_url": f"s3://{BUCKET}/maps"}
+            with running(tmp_path / data, run_worker=False, **there) as server:
+                assert data == "two" or post(server, exported).status_code == 201
+                assert server.locate(queries[0].jpeg(), venue="museum")["located"]
+                assert not (tmp_path / data / "blobs").exists()
+                again = server.client.get("/venues/museum/export").content
+        assert [content for _, content in unpacked(again)] == [content for _, content in unpacked(exported)]
 
 
 def test_exports_and_imports_are_in_the_audit_log(tmp_path: Path) -> None:
