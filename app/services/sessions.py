@@ -11,7 +11,7 @@ from threading import Lock
 from typing import Any
 
 from app.engine.floors.floor import Floor
-from app.engine.floors.plan_point import floor_of, plan_point
+from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.maps.open_map import OpenMap
 from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
@@ -26,7 +26,9 @@ from app.engine.tracking.memory import (
     memory_to_json,
 )
 from app.engine.tracking.settings import TrackerSettings
+from app.engine.tracking.state import TrackingMemory
 from app.engine.tracking.surroundings import Surroundings
+from app.engine.tracking.tracked import Tracked
 from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
@@ -37,6 +39,7 @@ from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
 from app.services.localizers import localizer_on
+from app.services.locate_result import PlanReason
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
@@ -44,6 +47,7 @@ from app.services.session_answer import SessionResult, place_of, plan_reason_of,
 from app.services.session_guidance import SessionGuide, Way
 from app.services.trajectories.path import PathSinceFix, moved_points, recent_points
 from app.storage.floors import list_floors
+from app.storage.maps import MapVersion
 from app.storage.sessions import (
     Session,
     SessionPoint,
@@ -90,7 +94,7 @@ class SessionFrame:
     gravity: tuple[float, float, float] | None = None
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
@@ -237,21 +241,18 @@ class SessionService:
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
         timer.lap("track")
-        floor, plan = place_of(tracked, floors)
-        plan_reason = plan_reason_of(tracked, serving)
-        if plan_reason is not None:
-            plan = None
-        if floor is not None and plan is not None:
-            plan = self._features.described(plan, floor)
+        floor, plan, plan_reason = self._place(tracked, floors, serving)
         point = point_of(session.frames + 1, time_s, tracked, floor, plan)
-        path = live.path.copy()
-        corrected = moved_points(path.add(tracked, point), floors, has_up=not lacks_up(tracked, serving))
-        try:
-            self._record(session, tracker, given is None, point, corrected)
-        except BaseException:
-            tracker.forget(before)
-            raise
-        live.frames, live.path = point.frame, path
+        corrected = self._keep(
+            session,
+            live,
+            tracked,
+            point,
+            floors,
+            searched=given is None,
+            has_up=plan_reason is None,
+            before=before,
+        )
         live.recent = recent_points(live.recent, corrected, point, OPTIONS.recent_points)
         result = result_of(session, tracked, floor, plan)
         result = replace(
@@ -302,6 +303,40 @@ class SessionService:
             return len(floors) > 1
         network = self._routes.network(venue_id)
         return can_have_changed_floor(network, PlanPlace(floor.id, plan.x, plan.y), away_s)
+
+    def _place(
+        self, tracked: Tracked, floors: list[Floor], serving: tuple[OpenMap, MapVersion] | None
+    ) -> tuple[Floor | None, PlanPoint | None, PlanReason | None]:
+        """Return floor and described plan point of a frame, and why a pose has none on the plan."""
+        floor, plan = place_of(tracked, floors)
+        plan_reason = plan_reason_of(tracked, serving)
+        if plan_reason is not None or floor is None or plan is None:
+            return floor, None, plan_reason
+        return floor, self._features.described(plan, floor), plan_reason
+
+    def _keep(
+        self,
+        session: Session,
+        live: _Live,
+        tracked: Tracked,
+        point: SessionPoint,
+        floors: list[Floor],
+        *,
+        searched: bool,
+        has_up: bool,
+        before: TrackingMemory,
+    ) -> list[SessionPoint]:
+        """Store a frame's point, and the earlier ones that its fix corrects, which are returned; where that fails the
+        frame never was."""
+        path = live.path.copy()
+        corrected = moved_points(path.add(tracked, point), floors, has_up=has_up)
+        try:
+            self._record(session, live.tracker, searched, point, corrected)
+        except BaseException:
+            live.tracker.forget(before)
+            raise
+        live.frames, live.path = point.frame, path
+        return corrected
 
     def _record(
         self,
