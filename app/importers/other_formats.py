@@ -36,6 +36,12 @@ _FORMATS: tuple[tuple[Callable[[set[str]], bool], str], ...] = (
         'This is a model of the app 3D Scanner App without its pictures: export "all data" instead.',
     ),
     (
+        _ends(".usdz", ".usdc", ".usda", ".usd"),
+        "This is a USDZ, a model without the pictures that it was made from, so that no photo can be found in it. Let "
+        "the app that scanned export its pictures, depth and poses (raw data) instead: Polycam, Record3D, Stray "
+        "Scanner, 3D Scanner App.",
+    ),
+    (
         _ends(".r3d", ".db"),
         "The recording is damaged, or not one of Record3D (.r3d) or RTAB-Map (.db): copy it from the phone again.",
     ),

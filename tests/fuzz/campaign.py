@@ -52,7 +52,7 @@ def target(folder: Path) -> Iterator[Target]:
     }
     with serving(folder, **environment) as server:
         headers = {"Authorization": f"Bearer {ADMIN_KEY}"}
-        with httpx.Client(base_url=server.url, headers=headers) as client:
+        with httpx.Client(base_url=server.url, headers=headers, timeout=60) as client:
             floor = {**FLOOR, "plan_from_world": np.eye(4).tolist()}
             client.post("/venues", json={"id": VENUE, "name": VENUE}).raise_for_status()
             client.put(f"/venues/{VENUE}/floors/0", json=floor).raise_for_status()

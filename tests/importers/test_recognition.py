@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from app.errors import InvalidScanError
+from app.importers.frames import ScanOptions
 from app.importers.recognition import PARTS, recognised
-from app.importers.registry import FORMATS
+from app.importers.registry import FORMATS, open_scan
 
 
 def test_every_format_is_known_by_names() -> None:
@@ -35,3 +39,12 @@ def test_names_say_the_format_and_what_is_missing(
 def test_other_names_are_nothing() -> None:
     assert recognised(["holiday/1.jpg", "notes.txt"]) == ()
     assert recognised([]) == ()
+
+
+def test_a_usdz_is_named_with_what_to_export_instead(tmp_path: Path) -> None:
+    # What a USDZ holds: it is a zip.
+    (tmp_path / "0").mkdir()
+    for name in ("room.usdc", "0/texture.png"):
+        (tmp_path / name).write_bytes(b"PXR-USDC")
+    with pytest.raises(InvalidScanError, match=r"This is a USDZ.*raw data"):
+        open_scan(tmp_path, "auto", ScanOptions())

@@ -37,6 +37,9 @@ def test_a_venue_without_a_map_says_so_in_plain_words(server: Server, tab: Tab) 
     name = "<img src=x onerror=alert(1)>"
     page.locator("#new-venue").click()
     page.locator("#venue-name").fill(name)
+    page.locator("#venue-name").fill("Gebäude Süd, Großes Café")
+    playwright.expect(page.locator("#venue-id")).to_have_value("gebaeude-sued-grosses-cafe")
+    page.locator("#venue-name").fill(name)
     page.locator("#venue-id").fill("empty")
     page.get_by_role("button", name="Add", exact=True).click()
     playwright.expect(page.locator("#venue option:checked")).to_have_text(name)
@@ -62,6 +65,51 @@ def test_a_venue_without_a_map_says_so_in_plain_words(server: Server, tab: Tab) 
     playwright.expect(page.locator("#locate-error")).to_have_text(answer.json()["detail"])
     # The browser notes a refused request by itself.
     tab.complaints[:] = [c for c in tab.complaints if str(answer.status_code) not in c]
+    # Another photo: what was wrong with the one before is not said any more.
+    page.locator("#photo").set_input_files(_photo("yes.jpg", scenes.Room().view(scenes.pose_at(2, 1.5))))
+    playwright.expect(page.locator("#locate-error")).to_be_empty()
+
+
+def test_every_view_opens_at_its_top(server: Server, tab: Tab) -> None:
+    tab.page.set_viewport_size({"width": 400, "height": 300})
+    tab.open(server.url)
+    _give_key(tab.page)
+    for view in ("locate", "maps", "floors", "keys"):
+        tab.open(f"{server.url}/#{view}")
+        tab.page.reload()
+        playwright.expect(tab.page.locator(f"#view-{view}")).to_be_visible()
+        assert tab.page.evaluate("document.documentElement.scrollHeight > innerHeight")
+        assert tab.page.evaluate("scrollY") == 0, view
+        assert tab.page.evaluate("document.getElementById(location.hash.slice(1)) === null")
+
+
+def test_a_key_is_made_shown_once_and_revoked(server: Server, tab: Tab) -> None:
+    page = tab.page
+    if not server.client.get("/venues").json():
+        server.client.post("/venues", json={"id": "shop", "name": "Shop"})
+    tab.open(f"{server.url}/#keys")
+    _give_key(page)
+    playwright.expect(page.locator("#keys-list")).to_contain_text("no key yet")
+    page.locator("#key-name").fill("Hall")
+    page.locator("#key-scope").select_option("anchor")
+    page.locator("#key-camera").fill("hall-camera")
+    page.locator("#key-days").fill("30")
+    page.get_by_role("button", name="Make the key").click()
+    playwright.expect(page.locator("#new-key")).to_contain_text("only time")
+    text = page.locator("#new-key pre").text_content() or ""
+    assert text.startswith("rfk_")
+    headers = {"Authorization": f"Bearer {text}"}
+    pushed = httpx.post(f"{server.url}/anchors/hall-camera/frames", content=b"x", headers=headers)
+    # Let in: there is no such camera.
+    assert pushed.status_code == 404
+    (key,) = server.client.get("/keys").json()
+    assert (key["scope"], key["camera"], key["expires_at"] is None) == ("anchor", "hall-camera", False)
+    playwright.expect(page.locator("#keys-list")).to_contain_text("camera hall-camera alone")
+    playwright.expect(page.locator("#keys-list")).not_to_contain_text(text)
+    page.get_by_role("button", name="Revoke Hall").click()
+    playwright.expect(page.locator("#keys-list")).to_contain_text("revoked")
+    refused = httpx.post(f"{server.url}/anchors/hall-camera/frames", content=b"x", headers=headers)
+    assert refused.json()["code"] == "key_revoked"
 
 
 def test_a_scan_becomes_a_map_and_a_photo_a_place_on_the_plan(server: Server, tab: Tab) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Iterator
@@ -166,3 +167,19 @@ def test_pages_are_not_part_of_the_api(client: TestClient) -> None:
     paths = client.get("/openapi.json").json()["paths"]
     assert "/" not in paths
     assert "/docs" not in paths
+
+
+def test_every_stage_of_a_build_has_words() -> None:
+    stages = {"start", "upload"}
+    for path in (STATIC.parents[1] / "engine").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if name in ("map_in_order", "report"):
+                texts = [each.value for each in node.args if isinstance(each, ast.Constant)]
+                stages |= {text for text in texts if isinstance(text, str)}
+    assert {"distinguish", "describe", "examine"} <= stages
+    words = (STATIC / "js" / "words.js").read_text(encoding="utf-8")
+    listed = words[words.index("const BUILD_STAGES = {") :].partition("};")[0]
+    assert stages <= set(re.findall(r'^  "?([\w ]+)"?: ', listed, re.MULTILINE))

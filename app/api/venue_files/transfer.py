@@ -12,7 +12,7 @@ from app.api.access.log_acts import VENUE
 from app.api.bodies.report import BuildReport
 from app.api.deps import ID_PATTERN, CallerOf, State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
-from app.api.schemas import problems
+from app.api.schemas import FILE_CONTENT, problems
 from app.services.venue_files.export_venue import export_venue
 from app.services.venue_files.import_venue import import_venue
 
@@ -49,7 +49,7 @@ class ImportedVenueBody(BaseModel):
     "/{venue}/export",
     name="exportVenue",
     dependencies=[Depends(require("admin"))],
-    responses={200: {"content": {MEDIA_TYPE: {}}}, **problems(401, 404, 422)},
+    responses={200: {"content": {MEDIA_TYPE: FILE_CONTENT}}, **problems(401, 404, 422)},
     response_class=StreamingResponse,
 )
 def export(

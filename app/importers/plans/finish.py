@@ -26,6 +26,7 @@ from app.importers.plans.model import (
     Sketch,
     Way,
 )
+from app.importers.plans.transliteration import transliterated
 from app.importers.plans.walkways import shared_rooms, stacked_rooms, walkways
 from app.limits import limit
 
@@ -104,7 +105,7 @@ def floor_ids(names: Sequence[Iterable[str]]) -> list[str]:
 
 
 def _plain(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text.strip()).lstrip("._-")[:60]
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", transliterated(text.strip())).lstrip("._-")[:60]
 
 
 def free_id(wanted: str, taken: set[str]) -> str:
@@ -244,7 +245,7 @@ class _LandmarkIds:
 
 def slug(name: str) -> str:
     """Return a name as an id."""
-    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "place"
+    return re.sub(r"[^a-z0-9]+", "-", transliterated(name).lower()).strip("-") or "place"
 
 
 def geojson_feature(kind: str, geometry: Any, /, **properties: object) -> GeoJson:

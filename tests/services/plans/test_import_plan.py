@@ -21,7 +21,9 @@ from app.services.routes import RouteService
 from app.settings import Settings
 from app.storage.floors import list_floors, put_floor
 from app.storage.venues import create_venue, list_venues
+from tests.importers.plans.imdf_maps import features, write_imdf
 from tests.importers.plans.wrld_maps import files, path, room, write
+from tests.services.plans.venues import assert_same_features, assert_same_routes, round_trip
 
 REAL_BUILDING = Path(__file__).parents[4] / "shared" / "data" / "westport_house"
 
@@ -110,3 +112,19 @@ def test_a_real_building_has_routes_where_it_has_paths(resources: Resources) -> 
     assert 50 < by_lift.distance_m < 150
     with pytest.raises(NoRouteError, match="Floor '4' has no link"):
         routes.route("westport", "kitchen", "4:0,0")
+
+
+def test_an_imdf_archive_of_another_program_leaves_as_it_came(resources: Resources, tmp_path: Path) -> None:
+    import_indoor_map(resources, "house", read_indoor_map(write_imdf(tmp_path / "house.zip", features())))
+    round_trip(resources, "house", tmp_path, "again")
+    # Areas and landmarks of two levels, and the links that were made from the shapes of their rooms and doors.
+    assert assert_same_features(resources, "house", "again") > 20
+    assert assert_same_routes(resources, "house", "again") > 20
+
+
+@pytest.mark.skipif(not REAL_BUILDING.is_dir(), reason="the real building's plan is not here")
+def test_a_real_building_comes_back_the_same_from_imdf(resources: Resources, tmp_path: Path) -> None:
+    import_indoor_map(resources, "westport", read_indoor_map(REAL_BUILDING))
+    round_trip(resources, "westport", tmp_path, "again")
+    assert assert_same_features(resources, "westport", "again") == 132
+    assert assert_same_routes(resources, "westport", "again") == 300

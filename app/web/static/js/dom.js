@@ -40,7 +40,7 @@ export function notice(kind, ...children) {
   return el("p", { class: `notice notice-${kind}` }, ...children);
 }
 
-/** Run an action with its button disabled, and its error shown at `place`. */
+/** Run an action with its button disabled, and its error shown at `place` until another file or value is chosen. */
 export async function guarded(button, place, action) {
   showError(place, null);
   button.disabled = true;
@@ -48,7 +48,10 @@ export async function guarded(button, place, action) {
   try {
     return await action();
   } catch (error) {
-    if (error.name !== "AbortError") showError(place, error);
+    if (error.name !== "AbortError") {
+      showError(place, error);
+      button.form?.addEventListener("change", () => showError(place, null), { once: true });
+    }
     return undefined;
   } finally {
     button.disabled = false;

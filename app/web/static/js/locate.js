@@ -30,7 +30,7 @@ export function setUpLocate() {
   });
   byId("locate-form").addEventListener("submit", (event) => {
     event.preventDefault();
-    guarded(byId("locate"), byId("locate-error"), locate);
+    guarded(byId("locate-button"), byId("locate-error"), locate);
   });
   for (const id of ["camera", "floor-hint"]) byId(id).addEventListener("input", updateForm);
   byId("clear-trail").addEventListener("click", clearTrail);
@@ -72,7 +72,7 @@ function noVenue() {
 }
 
 function updateForm() {
-  byId("locate").disabled = photo === null || currentVenue() === null;
+  byId("locate-button").disabled = photo === null || currentVenue() === null;
   byId("curl").textContent = curlCommand(photo?.name ?? "photo.jpg", fields());
 }
 

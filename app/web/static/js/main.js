@@ -1,14 +1,15 @@
-// Starts the page: theme, key, venues, and the three views that the address's fragment chooses between.
+// Starts the page: theme, key, venues, and the views that the address's fragment chooses between.
 
 import { setUpFloors, showFloors } from "./floors.js";
 import { byId, showError } from "./dom.js";
 import { setUpKey } from "./key.js";
+import { setUpKeys, showKeys } from "./keys.js";
 import { setUpLocate } from "./locate.js";
 import { setUpMaps, showMaps } from "./maps.js";
 import { loadVenues, onVenueChange, setUpVenues } from "./venues.js";
 
-const VIEWS = { locate: () => {}, maps: showMaps, floors: showFloors };
-const TITLES = { locate: "Locate", maps: "Maps", floors: "Floors" };
+const VIEWS = { locate: () => {}, maps: showMaps, floors: showFloors, keys: showKeys };
+const TITLES = { locate: "Locate", maps: "Maps", floors: "Floors", keys: "Keys" };
 const THEMES = ["auto", "light", "dark"];
 
 function currentView() {
@@ -49,6 +50,7 @@ setUpVenues();
 setUpLocate();
 setUpMaps();
 setUpFloors();
+setUpKeys();
 onVenueChange(showView);
 addEventListener("hashchange", () => {
   if (location.hash === "#content") return;

@@ -3,7 +3,7 @@
 import { requestJson, upload } from "./api.js";
 import { Progress, endedBuild } from "./builds.js";
 import { byId, el, guarded, notice, showError } from "./dom.js";
-import { currentVenue, venuePath } from "./venues.js";
+import { currentVenue, onVenueChange, venuePath } from "./venues.js";
 import { bytes, count, degrees, metres, moment, seconds } from "./words.js";
 
 const RUNNING = ["queued", "running"];
@@ -14,6 +14,7 @@ export function setUpMaps() {
   byId("rule").addEventListener("change", () => {
     byId("every-field").hidden = byId("rule").value !== "interval";
   });
+  onVenueChange(() => showError(byId("build-error"), null));
   byId("build-form").addEventListener("submit", (event) => {
     event.preventDefault();
     guarded(byId("build"), byId("build-error"), build);

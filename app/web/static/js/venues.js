@@ -2,6 +2,7 @@
 
 import { path, requestJson } from "./api.js";
 import { byId, el, guarded, showError } from "./dom.js";
+import { transliterated } from "./words.js";
 
 const REMEMBERED = "roomfix.venue";
 const changes = new EventTarget();
@@ -68,6 +69,6 @@ export function openVenueDialog() {
 function suggestId() {
   const field = byId("venue-id");
   if (field.dataset.typed) return;
-  const words = byId("venue-name").value.normalize("NFKD").toLowerCase();
+  const words = transliterated(byId("venue-name").value).toLowerCase();
   field.value = words.replace(/[^a-z0-9]+/g, "-").replace(/^-+|-+$/g, "").slice(0, 64);
 }

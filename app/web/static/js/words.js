@@ -36,14 +36,23 @@ const STAGES = {
 
 const BUILD_STAGES = {
   upload: "Uploading the scan",
+  start: "Starting",
   unpack: "Unpacking",
   read: "Reading the scan",
+  examine: "Examining the scan",
   register: "Finding its place in the present map",
+  calibrate: "Fitting the thresholds of keyframes",
+  compare: "Comparing frames",
+  quality: "Looking for blurred frames",
   select: "Choosing keyframes",
   describe: "Describing keyframes",
   check_lens: "Looking for the lens",
   check_sensor: "Checking the depth sensor",
+  triangulate: "Triangulating points",
   refine: "Refining depth",
+  distinguish: "Looking for places that look alike",
+  "second features": "Describing keyframes a second time",
+  "match pairs": "Matching keyframes with each other",
   index: "Indexing",
   verify: "Checking the map against its own scan",
   store: "Storing",
@@ -57,6 +66,17 @@ export function reasonWords(reason) {
 
 export const stageWords = (stage) => STAGES[stage] ?? humanize(stage);
 export const buildStageWords = (stage) => BUILD_STAGES[stage] ?? humanize(stage);
+
+// What a decomposition of Unicode would lose, or write other than the languages themselves do.
+const LETTERS = {
+  ä: "ae", ö: "oe", ü: "ue", ß: "ss", æ: "ae", œ: "oe", ø: "oe", å: "aa", ł: "l", đ: "d", ð: "d", þ: "th", ı: "i",
+};
+
+/** Return a text with umlauts as two letters and other letters without their marks, for ids that stay readable. */
+export function transliterated(text) {
+  const plain = text.normalize("NFC").replace(/\p{L}/gu, (letter) => LETTERS[letter.toLowerCase()] ?? letter);
+  return plain.normalize("NFKD").replace(/\p{M}/gu, "");
+}
 
 function humanize(name) {
   const words = String(name).replaceAll("_", " ");

@@ -1,0 +1,24 @@
+"""Names with letters that ids can't have."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.importers.plans.finish import floor_ids, slug
+from app.importers.plans.transliteration import transliterated
+
+
+@pytest.mark.parametrize(
+    ("name", "own"),
+    [
+        ("Büro Süd", "buero-sued"), ("BÜRO", "buero"), ("Großer Saal", "grosser-saal"), ("Café Señor", "cafe-senor"),
+        ("Ærø Ångström", "aeroe-aangstroem"), ("Łódź", "lodz"), ("Bu\u0308ro", "buero"), ("会議室", "place"),
+    ],
+)  # fmt: skip
+def test_an_id_from_a_name_stays_readable(name: str, own: str) -> None:
+    assert slug(name) == own
+
+
+def test_case_and_other_scripts_stay() -> None:
+    assert transliterated("Übergang ÜBER 会議室 3") == "Uebergang UeBER 会議室 3"
+    assert floor_ids([["Höhe/2"], ["Hoehe-2"]]) == ["Hoehe-2", "Hoehe-2-2"]
