@@ -18,7 +18,7 @@ run: $(STAMP)  ## Build the demonstration venue, serve it on 127.0.0.1:8000, and
 	$(BIN)/roomfix demo --phones
 
 test: $(STAMP)  ## Run the whole test suite
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 check: $(STAMP)  ## Lint, format check, types
 	$(BIN)/ruff check .

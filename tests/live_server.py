@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[1]
 START_S = 60.0
@@ -36,9 +37,7 @@ class LiveServer:
 @contextmanager
 def serving(folder: Path, *options: str, **environment: str) -> Iterator[LiveServer]:
     """Run `roomfix serve` on a free port of loopback, with its data and its log in a folder."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [
         sys.executable,
         "-m",
@@ -68,12 +67,11 @@ def serving(folder: Path, *options: str, **environment: str) -> Iterator[LiveSer
 
 def _wait_until_ready(server: LiveServer) -> None:
     end = time.monotonic() + START_S
-    while time.monotonic() < end:
-        assert server.process.poll() is None, server.log.read_text(encoding="utf-8")
-        try:
-            if httpx.get(f"{server.url}/readyz").status_code == 200:
-                return
-        except httpx.TransportError:
-            pass
-        time.sleep(0.1)
+    with httpx.Client(base_url=server.url) as client:
+        while time.monotonic() < end:
+            assert server.process.poll() is None, server.log.read_text(encoding="utf-8")
+            with suppress(httpx.TransportError):
+                if client.get("/readyz").status_code == 200:
+                    return
+            time.sleep(0.05)
     raise AssertionError(server.log.read_text(encoding="utf-8"))

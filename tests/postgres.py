@@ -48,7 +48,7 @@ def postgres() -> Iterator[str]:
         "-l",
         str(folder / "log"),
         "-o",
-        f"-c listen_addresses='' -k {folder}",
+        f"-c listen_addresses='' -c fsync=off -k {folder}",
         "start",
     )
     try:

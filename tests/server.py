@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,17 @@ from app.geometry.se3 import Pose
 from app.jobs.runner import BuildRunner
 from app.main import create_app
 from app.settings import Settings
+from app.storage.db import Database
 from app.storage.tables import metadata
+from tests.built_maps import publish
 from tests.scenes import CAMERA_TEXT
 
+# Options of a build that is done soon, since nothing is refined or registered.
+QUICK = {"world_from_scan": np.eye(4).tolist(), "refine_depth": False}
 ENDED = ("succeeded", "failed", "cancelled")
 WAIT_S = 90.0
+# Between two checks of a build.
+POLL_S = 0.1
 # Of the files in the data folder these change without meaning anything.
 IGNORED = ("roomfix.db", "worker.lock", "hold", "held")
 
@@ -60,6 +68,18 @@ class Server:
         wait_for(lambda: not any(name.endswith(digest) for name in self.files()))
         return ended
 
+    def add_map(self, archive: bytes, venue: str, **options: object) -> dict[str, Any]:
+        """Give a venue the map of a scan as `build` does, but built once in a run of the tests; return its build.
+
+        Without a worker, and for tests whose subject is not the build.
+        """
+        return self.add_maps(venue, (archive, options))
+
+    def add_maps(self, venue: str, *scans: tuple[bytes, Mapping[str, object]]) -> dict[str, Any]:
+        """The same with several scans, one after another: archives with their options."""
+        full = [(archive, {"camera": CAMERA_TEXT, **options}) for archive, options in scans]
+        return self.status(publish(self.data_dir, venue, full))
+
     def status(self, build: str) -> dict[str, Any]:
         """Return a build."""
         answer = self.client.get(f"/database/builds/{build}")
@@ -68,7 +88,10 @@ class Server:
 
     def wait(self, build: str) -> dict[str, Any]:
         """Return a build once it has ended."""
-        return wait_for(lambda: body if (body := self.status(build))["state"] in ENDED else None)
+        # Seldom: the server, which answers in this process, would take a third of a core from the worker.
+        return wait_for(
+            lambda: body if (body := self.status(build))["state"] in ENDED else None, pause_s=POLL_S
+        )
 
     def post_image(self, image: bytes, fields: Mapping[str, str]) -> httpx.Response:
         """Post an image to /locate with just these fields."""
@@ -120,17 +143,32 @@ class Server:
 def running(data_dir: Path, runner: BuildRunner | None = None, **values: Any) -> Iterator[Server]:
     """Serve in this process, open unless an `admin_key` is given; the build worker is a process of its own."""
     settings = Settings(_env_file=None, data_dir=data_dir, open="admin_key" not in values, **values)
+    path = data_dir / "roomfix.db"
+    if "database_url" not in values and not path.exists():
+        data_dir.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(_migrated())
     with TestClient(create_app(settings, runner), base_url="http://127.0.0.1") as client:
         yield Server(client, data_dir)
 
 
-def wait_for(condition: Any, seconds: float = WAIT_S) -> Any:
+@cache
+def _migrated() -> bytes:
+    """Return an SQLite file without rows on which all migrations ran."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "empty.db"
+        database = Database(f"sqlite:///{path}")
+        database.migrate()
+        database.close()
+        return path.read_bytes()
+
+
+def wait_for(condition: Any, seconds: float = WAIT_S, pause_s: float = 0.02) -> Any:
     """Return what `condition` returns as soon as that is true; fail the test if it never is."""
     limit = time.monotonic() + seconds
     while time.monotonic() < limit:
         if value := condition():
             return value
-        time.sleep(0.02)
+        time.sleep(pause_s)
     raise AssertionError(f"waited {seconds} s in vain")
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -23,6 +25,7 @@ class Module:
         return self.name if self.path.name == "__init__.py" else self.name.rpartition(".")[0]
 
 
+@cache
 def modules_of(package: str, root: Path = ROOT) -> dict[str, Module]:
     """Return all modules of a package of the repository, by name."""
     found = {}
@@ -34,7 +37,7 @@ def modules_of(package: str, root: Path = ROOT) -> dict[str, Module]:
 
 def _imports(module: str, path: Path) -> set[str]:
     names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _statements(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -42,6 +45,17 @@ def _imports(module: str, path: Path) -> set[str]:
             assert node.module
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
     return names
+
+
+def _statements(tree: ast.Module) -> Iterator[ast.stmt]:
+    """Yield all statements, without what they are made of, which is most of a tree."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.stmt):
+            yield node
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            waiting += getattr(node, field, [])
 
 
 def targets(module: Module, modules: dict[str, Module]) -> set[str]:

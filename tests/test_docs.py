@@ -22,7 +22,7 @@ READMES = [ROOT / "app" / "geometry" / "README.md", ROOT / "training" / "README.
 # Written by scripts of their own, not by commands of `roomfix`.
 NOT_COMMANDS = {"slow-tests", "mutants"}
 # Pages that are not called as their command.
-PAGE_OF = {"unseen": "evaluate-rooms"}
+PAGE_OF = {"unseen": "evaluate-rooms", "bursts": "evaluate"}
 HEADER = ("command", "commit", "date", "machine")
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")

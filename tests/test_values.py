@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 
 from tests.source_tree import modules_of
 
@@ -45,7 +46,9 @@ class Source:
         return ""
 
 
+@cache
 def sources() -> list[Source]:
+    """Return all modules of the product and of the bench."""
     modules = {**modules_of("app"), **modules_of("bench")}
     return [
         Source(name, ast.parse(module.path.read_text(encoding="utf-8"))) for name, module in modules.items()
@@ -101,24 +104,26 @@ def joined_constants(source: Source) -> Iterator[str]:
                     yield f"{source.name}:{node.lineno}: {ast.unparse(each)}"
 
 
-SOURCES = sources()
-CLASSES = dataclasses_of(SOURCES)
+@cache
+def classes() -> dict[str, DataClass]:
+    """Return all dataclasses of these modules."""
+    return dataclasses_of(sources())
 
 
 def test_no_call_of_a_dataclass_has_more_than_five_positional_values() -> None:
-    wrong = [call for each in SOURCES for call in long_calls(each, CLASSES)]
+    wrong = [call for each in sources() for call in long_calls(each, classes())]
     assert not wrong
 
 
 def test_dataclasses_of_six_or_more_fields_are_keyword_only() -> None:
     wrong = [
-        name for name, each in CLASSES.items() if each.fields > MAX_POSITIONAL and not each.is_keyword_only
+        name for name, each in classes().items() if each.fields > MAX_POSITIONAL and not each.is_keyword_only
     ]
     assert not wrong
 
 
 def test_each_constant_has_a_line_of_its_own() -> None:
-    wrong = [line for each in SOURCES for line in joined_constants(each)]
+    wrong = [line for each in sources() for line in joined_constants(each)]
     assert not wrong
 
 
@@ -175,8 +180,8 @@ def test_the_checks_see_what_they_should() -> None:
     other = Source(
         "other", ast.parse("from dataclasses import dataclass\n@dataclass\nclass Elsewhere:\n    a: int")
     )
-    classes = dataclasses_of([sample, other])
-    assert classes == {
+    found = dataclasses_of([sample, other])
+    assert found == {
         "sample.Base": DataClass(3, False),
         "sample.Long": DataClass(6, False),
         "sample.Named": DataClass(6, True),
@@ -184,10 +189,10 @@ def test_the_checks_see_what_they_should() -> None:
     }
     lines = SAMPLE.splitlines()
     calls = [lines.index(f"{name}(1, 2, 3, 4, 5, 6)") + 1 for name in ("Long", "Elsewhere")]
-    assert list(long_calls(sample, classes)) == [
+    assert list(long_calls(sample, found)) == [
         f"sample:{calls[0]}: sample.Long",
         f"sample:{calls[1]}: other.Elsewhere",
     ]
     assert list(joined_constants(sample)) == [f"sample:{lines.index('LOW, HIGH = 1, 2') + 1}: (LOW, HIGH)"]
-    assert CLASSES["app.geometry.bundle.Bundle"].is_keyword_only
-    assert len(CLASSES) > 100
+    assert classes()["app.geometry.bundle.Bundle"].is_keyword_only
+    assert len(classes()) > 100

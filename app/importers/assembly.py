@@ -11,6 +11,7 @@ import numpy as np
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
@@ -18,7 +19,6 @@ from app.importers.images.depth_files import DepthHeader, read_depth, read_depth
 from app.limits import limit
 
 Size = tuple[int, int]
-Intrinsics = Camera | tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,11 +91,11 @@ class ScanSource:
     their confidence. Without `has_depth` the frames' depth images are blank. `keeps` must live as long as the scan.
     """
 
-    camera: Intrinsics
+    camera: CameraHint
     depth_scale: float | None
     default_depth_scale: float
     gravity: tuple[float, float, float] | None = None
-    depth_camera: Intrinsics | None = None
+    depth_camera: CameraHint | None = None
     notes: tuple[str, ...] = ()
     confidence: Mapping[Path, Path] = field(default_factory=dict)
     has_depth: bool = True
@@ -147,11 +147,11 @@ def check_pose_ratio(invalid: int, total: int, example: str) -> None:
         )
 
 
-def _camera(intrinsics: Intrinsics, size: Size, name: str) -> Camera:
-    if isinstance(intrinsics, Camera):
-        return intrinsics
+def _camera(stated: CameraHint, size: Size, name: str) -> Camera:
+    if stated.camera is not None:
+        return stated.camera
     try:
-        return Camera.from_values(intrinsics, *size)
+        return Camera.from_values(stated.values, *size)
     except InvalidCameraError as error:
         raise InvalidScanError(f"{name}: {error}") from None
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidInputError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.depth import register_depth
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
@@ -68,18 +69,17 @@ class DepthFormat:
 class ScanOptions:
     """What a caller may say about a scan; everything left out comes from the files or the format's default.
 
-    `camera` and `depth_camera` are a `Camera` or 4, 8 or 9 numbers `fx fy cx cy [k1 k2 p1 p2 [k3]]`, which
-    then get the images' size. `depth_scale` is in units per metre. `color_from_depth` needs a `depth_camera`.
-    `max_time_difference_s` is how far apart the times of colour, depth and pose may be. `motion` stands in for
-    the poses of a scan that has none; `estimate_poses` says that no poses are read, since they are estimated from the
-    pictures. `convention` is how the poses are written; the next three are as in
+    `camera` and `depth_camera` that are only numbers get the images' size. `depth_scale` is in units per metre.
+    `color_from_depth` needs a `depth_camera`. `max_time_difference_s` is how far apart the times of colour, depth and
+    pose may be. `motion` stands in for the poses of a scan that has none; `estimate_poses` says that no poses are read,
+    since they are estimated from the pictures. `convention` is how the poses are written; the next three are as in
     `DepthFormat`. `scratch` is the folder for the frames of recordings, by default that of the system. Raises
     `InvalidInputError` for values that can't be meant.
     """
 
-    camera: Camera | tuple[float, ...] | None = None
+    camera: CameraHint | None = None
     depth_scale: float | None = None
-    depth_camera: Camera | tuple[float, ...] | None = None
+    depth_camera: CameraHint | None = None
     color_from_depth: Pose | None = None
     max_time_difference_s: float = 0.02
     motion: UniformMotion | None = None

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -64,7 +65,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     entries = sorted(listed, key=lambda frame: _natural(str(frame.get("file_path", ""))))
     scale = number_of(content, "applied_scale", FILE) if "applied_scale" in content else 1.0
     source = ScanSource(
-        camera=options.camera or _camera(content, entries),
+        camera=options.camera or hint_of(_camera(content, entries)),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),

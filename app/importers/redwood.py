@@ -9,6 +9,7 @@ import numpy as np
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -67,7 +68,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             frames.append(Frame(name, number / FRAME_RATE_HZ, image, depth_image, pose))
     camera_file = read_camera_file(directory)
     source = ScanSource(
-        camera=options.camera or (camera_file.camera if camera_file else _camera(folder)),
+        camera=options.camera or (camera_file.camera if camera_file else hint_of(_camera(folder))),
         depth_scale=camera_file.depth_scale if camera_file else None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),

@@ -53,7 +53,7 @@ FORMATS: dict[str, Importer] = {
 }
 
 
-WITHOUT_POSES = "A video and photos have no camera poses: only a build reads them, which estimates the poses."
+WITHOUT_POSES = "Only a build reads pictures without camera poses: it estimates them from the pictures."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,8 +81,10 @@ def open_scan(directory: Path, format: str | None = None, options: ScanOptions |
     sentence naming the file or the frame, for a folder that holds no scan that can become a map, or several, and for
     a video or photos, which have no poses.
     """
-    if unposed_format(directory, format) is not None:
-        raise InvalidScanError(WITHOUT_POSES)
+    unposed = unposed_format(directory, format)
+    if unposed is not None:
+        found = pictures.summary_of(pictures.open_pictures(directory, unposed, options or ScanOptions()))
+        raise InvalidScanError(f"{found} {WITHOUT_POSES}")
     folder, name = find_scan(directory, format)
     if options is not None and options.motion is not None and name != "tum":
         raise InvalidScanError(

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import MODEL_PARAMETERS, Camera
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.limits import limit
 
 MIB = 1024 * 1024
@@ -129,9 +130,9 @@ def numbers(cells: list[str], where: str) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class CameraFile:
-    """What `camera.txt` states: a `Camera` or bare intrinsics (4, 8 or 9 numbers), maybe a depth scale."""
+    """What `camera.txt` states: the camera, maybe a depth scale."""
 
-    camera: Camera | tuple[float, ...]
+    camera: CameraHint
     depth_scale: float | None
 
 
@@ -158,19 +159,19 @@ def read_camera_file(directory: Path) -> CameraFile | None:
     return CameraFile(_camera_of_cells(lines[0].cells()), depth_scale)
 
 
-def _camera_of_cells(cells: list[str]) -> Camera | tuple[float, ...]:
+def _camera_of_cells(cells: list[str]) -> CameraHint:
     if cells[0] not in MODEL_PARAMETERS:
         if re.match(r"[A-Za-z_]+$", cells[0]):
             known = ", ".join(MODEL_PARAMETERS)
             raise InvalidScanError(f"camera.txt: model {cells[0]!r} is not known; use one of {known}.")
-        return tuple(numbers(cells, "camera.txt"))
+        return CameraHint(values=tuple(numbers(cells, "camera.txt")))
     values = numbers(cells[1:], "camera.txt")
     if len(values) < 3 or any(not v.is_integer() for v in values[:2]):
         raise InvalidScanError(
             "camera.txt: after the model come width and height in whole pixels, then params."
         )
     try:
-        return Camera(cells[0], int(values[0]), int(values[1]), tuple(values[2:]))
+        return hint_of(Camera(cells[0], int(values[0]), int(values[1]), tuple(values[2:])))
     except InvalidCameraError as error:
         raise InvalidScanError(f"camera.txt: {error}") from None
 

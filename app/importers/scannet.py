@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
@@ -102,11 +103,11 @@ def _frames(folder: ScanFolder, images: dict[int, Path], discarded: Discarded) -
     ]
 
 
-def _intrinsics(folder: ScanFolder, name: str) -> tuple[float, ...]:
+def _intrinsics(folder: ScanFolder, name: str) -> CameraHint:
     K = _matrix(folder, name)
     if K is None:
         raise InvalidScanError(f"{name} is missing: it holds the camera, a matrix of 3x3 or 4x4.")
-    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+    return CameraHint(values=(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
 
 
 def _matrix(folder: ScanFolder, name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
@@ -120,16 +121,17 @@ def _matrix(folder: ScanFolder, name: str) -> np.ndarray[tuple[int, int], np.dty
     return np.array(values).reshape(side, side)
 
 
-def _check_size(image: Path, intrinsics: object) -> None:
+def _check_size(image: Path, camera: CameraHint) -> None:
     """Raise if the principal point is far from the middle of an image: it was resized after it was exported."""
     size = color_size(image)
-    if size is None or not isinstance(intrinsics, tuple):
+    if size is None:
         return
-    offset = max(abs(2 * intrinsics[2 + i] / size[i] - 1) for i in (0, 1))
+    middle = camera.values[2:4]
+    offset = max(abs(2 * middle[i] / size[i] - 1) for i in (0, 1))
     if offset > OPTIONS.max_principal_offset_ratio:
         raise InvalidScanError(
             f"{image.name} has {size[0]} x {size[1]} pixels, but intrinsic_color.txt is for about "
-            f"{2 * intrinsics[2]:.0f} x {2 * intrinsics[3]:.0f}: the images were resized; give `camera` for them."
+            f"{2 * middle[0]:.0f} x {2 * middle[1]:.0f}: the images were resized; give `camera` for them."
         )
 
 

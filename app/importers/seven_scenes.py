@@ -9,6 +9,7 @@ from pathlib import Path
 
 from app.errors import InvalidScanError
 from app.geometry.camera import REFERENCE_FOCAL_PX
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
@@ -25,8 +26,8 @@ from app.importers.scan_files import (
 
 # The data set states 585 px, with which its depth images were fused. Its colour images come from the same
 # sensor's other camera, which structure from motion puts at the focal length of reference.
-DEFAULT_INTRINSICS = (REFERENCE_FOCAL_PX, REFERENCE_FOCAL_PX, 320.0, 240.0)
-DEFAULT_DEPTH_INTRINSICS = (585.0, 585.0, 320.0, 240.0)
+DEFAULT_CAMERA = CameraHint(values=(REFERENCE_FOCAL_PX, REFERENCE_FOCAL_PX, 320.0, 240.0))
+DEFAULT_DEPTH_CAMERA = CameraHint(values=(585.0, 585.0, 320.0, 240.0))
 DEFAULT_DEPTH_SCALE = 1000.0
 FRAME_RATE_HZ = 30.0
 # The files hold no times; sequences are laid one after the other, this far apart.
@@ -69,9 +70,9 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         raise InvalidScanError("The scan has no frame-000000.color.png at its top or in a folder seq-01.")
     camera_file = read_camera_file(directory)
     if options.camera is None and camera_file is None and options.depth_camera is None:
-        options = replace(options, camera=DEFAULT_INTRINSICS, depth_camera=DEFAULT_DEPTH_INTRINSICS)
+        options = replace(options, camera=DEFAULT_CAMERA, depth_camera=DEFAULT_DEPTH_CAMERA)
     source = ScanSource(
-        camera=options.camera or (camera_file.camera if camera_file else DEFAULT_INTRINSICS),
+        camera=options.camera or (camera_file.camera if camera_file else DEFAULT_CAMERA),
         depth_scale=camera_file.depth_scale if camera_file else None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),

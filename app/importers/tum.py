@@ -10,8 +10,9 @@ import numpy as np
 
 from app.errors import InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.uniform_motion import UniformMotion
-from app.importers.assembly import Discarded, Intrinsics, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.association import Trajectory, associate
 from app.importers.folder import ScanFolder
 from app.importers.frames import Frame, Scan, ScanOptions
@@ -308,16 +309,16 @@ def _matched_ratio(times_s: Times, others_s: Times, tolerance_s: float) -> float
     return float((near <= tolerance_s).mean())
 
 
-def _published_camera(poses: _Poses) -> Intrinsics:
+def _published_camera(poses: _Poses) -> CameraHint:
     if icl_nuim.is_trajectory(poses.name):
-        return icl_nuim.CAMERA
+        return hint_of(icl_nuim.CAMERA)
     sensor = _SENSOR.search(poses.text)
     if sensor is None:
         raise InvalidScanError(
             "The scan's camera is not known: give `camera` in the options, or add camera.txt with one row "
             "`PINHOLE width height fx fy cx cy`."
         )
-    return Camera.from_values(PUBLISHED_INTRINSICS[sensor.group(1)], 640, 480)
+    return hint_of(Camera.from_values(PUBLISHED_INTRINSICS[sensor.group(1)], 640, 480))
 
 
 def _found(folder: ScanFolder, rows: ImageRows) -> _ImageList:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import partial
@@ -10,7 +11,7 @@ from threading import Lock
 from typing import Any
 
 from app.engine.floors.floor import Floor
-from app.engine.floors.plan_point import floor_of, plan_point
+from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.maps.open_map import OpenMap
 from app.engine.navigation.floor_changes import can_have_changed_floor
 from app.engine.navigation.places import PlanPlace
@@ -26,6 +27,7 @@ from app.engine.tracking.memory import (
 )
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.surroundings import Surroundings
+from app.engine.tracking.tracked import Tracked
 from app.engine.tracking.tracker import Tracker
 from app.errors import ConflictError, InvalidCameraError, NotFoundError
 from app.geometry.camera import Camera
@@ -41,6 +43,7 @@ from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.session_answer import SessionResult, place_of, plan_reason_of, point_of, result_of
 from app.services.session_guidance import SessionGuide, Way
+from app.services.trajectories.path import PathSinceFix, moved_points, recent_points
 from app.storage.floors import list_floors
 from app.storage.sessions import (
     Session,
@@ -88,7 +91,7 @@ class SessionFrame:
     gravity: tuple[float, float, float] | None = None
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
@@ -96,6 +99,7 @@ class _Live:
     frames: int = -1
     recent: list[SessionPoint] = field(default_factory=list)
     way: Way = field(default_factory=Way)
+    path: PathSinceFix = field(default_factory=PathSinceFix)
     lock: Lock = field(default_factory=Lock)
 
 
@@ -212,7 +216,7 @@ class SessionService:
             return
         with self._resources.database.read() as connection:
             live.recent = list_points(connection, session.id, OPTIONS.recent_points)
-        live.tracker = Tracker(memory_from_json(session.memory), self._tracking)
+        live.tracker, live.path = Tracker(memory_from_json(session.memory), self._tracking), PathSinceFix()
         live.frames = session.frames
 
     def _answer(self, session: Session, live: _Live, frame: SessionFrame, timer: StageTimer) -> SessionResult:
@@ -234,19 +238,18 @@ class SessionService:
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
         timer.lap("track")
-        floor, plan = place_of(tracked, floors)
         plan_reason = plan_reason_of(tracked, serving)
-        if plan_reason is not None:
-            plan = None
-        if floor is not None and plan is not None:
-            plan = self._features.described(plan, floor)
+        floor, plan = self._place(tracked, floors, has_plan=plan_reason is None)
         point = point_of(session.frames + 1, time_s, tracked, floor, plan)
+        path = live.path.copy()
+        corrected = moved_points(path.add(tracked, point), floors, has_plan=plan_reason is None)
         try:
-            self._record(session, tracker, given is None, point)
+            self._record(session, tracker, given is None, point, corrected)
         except BaseException:
             tracker.forget(before)
             raise
-        live.frames, live.recent = point.frame, [*live.recent, point][-OPTIONS.recent_points :]
+        live.frames, live.path = point.frame, path
+        live.recent = recent_points(live.recent, corrected, point, OPTIONS.recent_points)
         result = result_of(session, tracked, floor, plan)
         result = replace(
             result,
@@ -276,6 +279,15 @@ class SessionService:
             guidance=guidance,
         )
 
+    def _place(
+        self, tracked: Tracked, floors: list[Floor], *, has_plan: bool
+    ) -> tuple[Floor | None, PlanPoint | None]:
+        """Return the floor and the described plan position, None where the map has no plan."""
+        floor, plan = place_of(tracked, floors)
+        if floor is None or plan is None or not has_plan:
+            return floor, None
+        return floor, self._features.described(plan, floor)
+
     def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
         sources: list[FixSource] = (
@@ -297,13 +309,20 @@ class SessionService:
         network = self._routes.network(venue_id)
         return can_have_changed_floor(network, PlanPlace(floor.id, plan.x, plan.y), away_s)
 
-    def _record(self, session: Session, tracker: Tracker, searched: bool, point: SessionPoint) -> None:
+    def _record(
+        self,
+        session: Session,
+        tracker: Tracker,
+        searched: bool,
+        point: SessionPoint,
+        corrected: Sequence[SessionPoint],
+    ) -> None:
         camera = session.camera
         if searched and tracker.camera is not None:
             camera = {**hint_of(tracker.camera).to_json(), "source": "search"}
         keep = self._resources.settings.session_trajectory_points
         with self._resources.database.write(OPTIONS.record_wait_s) as connection:
-            record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep)
+            record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep, corrected)
 
 
 def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> CameraHint | None:

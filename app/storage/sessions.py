@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Connection, Row, delete, insert, select, update
+from sqlalchemy import Connection, Row, bindparam, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import ConflictError, NotFoundError
@@ -95,8 +96,10 @@ def record_frame(
     memory: dict[str, Any],
     point: SessionPoint,
     keep_points: int,
+    corrected: Sequence[SessionPoint] = (),
 ) -> None:
-    """Store the outcome of a frame, and delete all but the last `keep_points` points.
+    """Store the outcome of a frame with the earlier points that it corrects, and delete all but the last `keep_points`
+    points.
 
     Raises `NotFoundError` when the session was deleted meanwhile, `ConflictError` when another server has answered the
     same frame.
@@ -114,8 +117,20 @@ def record_frame(
         raise ConflictError(
             "Another server has answered a frame of this session; send the next one."
         ) from None
+    if corrected:
+        _correct(connection, session.id, corrected)
     old = session_points.c.frame <= point.frame - keep_points
     connection.execute(delete(session_points).where((session_points.c.session_id == session.id) & old))
+
+
+def _correct(connection: Connection, session_id: str, points: Sequence[SessionPoint]) -> None:
+    """Store other places of points that are there."""
+    where = (session_points.c.session_id == session_id) & (session_points.c.frame == bindparam("of_frame"))
+    rows = [
+        {"of_frame": point.frame, "pose": point.pose, "floor": point.floor, "plan": point.plan}
+        for point in points
+    ]
+    connection.execute(update(session_points).where(where), rows)
 
 
 def delete_session(connection: Connection, session_id: str) -> None:

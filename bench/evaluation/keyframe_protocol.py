@@ -59,4 +59,4 @@ def _split(scan: Scan, rows: Sequence[int]) -> Split:
     queries = tuple(frame for row, frame in enumerate(scan.frames) if row not in chosen)
     if not queries:
         raise InvalidInputError("Every frame of the scan is a keyframe by this rule: no query is left.")
-    return Split(replace(scan, frames=tuple(scan.frames[row] for row in rows)), queries)
+    return Split(replace(scan, frames=tuple(scan.frames[row] for row in rows)), queries, queries)

@@ -39,8 +39,9 @@ REASONS = {
     "bench/tests/formats/": "writes a scan in every format and reads it again",
     "bench/tests/large_maps/": "tiles a map to many keyframes",
     "bench/tests/mutation/": "runs the tests of a module against changes to it",
+    "bench/tests/unposed/": "writes and reads a video",
     "bench/tests/rooms/": "runs a measuring command on a small scan, maps included",
     "bench/tests/venue/": RENDERED_BUILDING,
-    "bench/tests/venue/test_imdf": "compares thousands of routes before and after an export",
+    "bench/tests/venue/test_imdf": "compares hundreds of routes before and after an export",
     "bench/tests/venue/test_trajectory": "plans the path of a scan of 2400 frames through both floors",
 }

@@ -34,16 +34,28 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
 LOGGERS = ("log", "logger")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Mutant:
-    """A module with one change: the function it is in ("" outside of all), its line, the code before and after, and
-    the tree of the whole module."""
+    """A module with one change: the function it is in ("" outside of all), its line, and the code before and after.
+
+    `node` counts the nodes of the module's tree in the order of `ast.walk` up to the one that `change` changes.
+    """
 
     function: str
     line: int
     before: str
     after: str
-    tree: ast.Module
+    module: ast.Module
+    node: int
+    change: Change
+
+    @property
+    def tree(self) -> ast.Module:
+        """The tree of the whole module with the change."""
+        changed = copy.deepcopy(self.module)
+        # A copy is walked in the order of the original.
+        self.change(list(ast.walk(changed))[self.node])
+        return ast.fix_missing_locations(changed)
 
     def __str__(self) -> str:
         return f"{self.line} {self.function or 'module'}: `{self.before}` -> `{self.after}`"
@@ -61,21 +73,24 @@ def mutants_of(source: str) -> Iterator[Mutant]:
     """Yield all mutants of a module's source, from the first line to the last."""
     tree = ast.parse(source)
     places = _places(tree)
-    nodes = list(ast.walk(tree))
     found = []
-    for index, node in enumerate(nodes):
+    for index, node in enumerate(ast.walk(tree)):
         place = places.get(node)
         if place is None:
             continue
         for change in _changes(node, place):
-            changed = copy.deepcopy(tree)
-            # A copy is walked in the order of the original.
-            target = list(ast.walk(changed))[index]
-            before = ast.unparse(target)
-            change(target)
-            ast.fix_missing_locations(changed)
-            line = getattr(node, "lineno", 0)
-            found.append(Mutant(place.function, line, _short(before), _short(ast.unparse(target)), changed))
+            changed = copy.deepcopy(node)
+            change(changed)
+            mutant = Mutant(
+                function=place.function,
+                line=getattr(node, "lineno", 0),
+                before=_short(ast.unparse(node)),
+                after=_short(ast.unparse(changed)),
+                module=tree,
+                node=index,
+                change=change,
+            )
+            found.append(mutant)
     yield from sorted(found, key=lambda mutant: mutant.line)
 
 

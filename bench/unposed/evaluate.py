@@ -91,7 +91,7 @@ def evaluate_unposed(
     build_s = time.perf_counter() - started
     localizer = Localizer.of(check.stated_in(built.artifact), built.index, models)
     positions = np.array([frame.scan_from_camera.translation for frame in estimate.scan.frames])
-    true = [_true_pose(frame.name, frame.timestamp_s, truth) for frame in estimate.scan.frames]
+    true = [true_pose_of(frame.name, frame.timestamp_s, truth) for frame in estimate.scan.frames]
     true_from_world = align_points(
         built.world_from_scan.apply(positions), [p.translation for p in true], with_scale=not sent.is_rigid
     )
@@ -113,7 +113,7 @@ def evaluate_unposed(
     )
 
 
-def _true_pose(name: str, time_s: float, truth: Scan) -> Pose:
+def true_pose_of(name: str, time_s: float, truth: Scan) -> Pose:
     """Return the pose of the frame of the scan that a picture was written from: by its number, else by its time."""
     stem = Path(name).stem
     if stem.isdigit():

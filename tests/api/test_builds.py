@@ -13,7 +13,7 @@ import pytest
 
 from app.geometry.se3 import Pose, rotation_from_vector
 from tests.scenes import CAMERA_TEXT, Room, View, pose_at, scan_files, walk, zipped
-from tests.server import Server, assert_problem, assert_sentence, running
+from tests.server import QUICK, Server, assert_problem, assert_sentence, running
 
 # The walk in two halves that share half of what they see.
 HALF = 9
@@ -23,6 +23,12 @@ HALF = 9
 def first_half(views: list[View]) -> bytes:
     """The scan's first frames."""
     return zipped(scan_files(views[:HALF]))
+
+
+@pytest.fixture(scope="module")
+def small_scan(views: list[View]) -> bytes:
+    """A scan that is built in a moment."""
+    return zipped(scan_files(views[:4]))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +80,7 @@ def test_a_tar_with_a_folder_is_as_good_as_a_zip(museum: Server, views: list[Vie
     venue = museum.add_venue(f"tar-{len(mode)}")
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode=mode) as archive:  # type: ignore[call-overload]
-        for name, data in scan_files(views[:5]).items():
+        for name, data in scan_files(views[:4]).items():
             member = tarfile.TarInfo(f"my scan/{name}")
             member.size = len(data)
             archive.addfile(member, io.BytesIO(data))
@@ -83,13 +89,13 @@ def test_a_tar_with_a_folder_is_as_good_as_a_zip(museum: Server, views: list[Vie
 
 @pytest.mark.parametrize("features", ["orb", "akaze", "xfeat"])
 def test_every_kind_of_features_locates(
-    museum: Server, scan_zip: bytes, queries: list[View], features: str
+    museum: Server, first_half: bytes, queries: list[View], features: str
 ) -> None:
     venue = museum.add_venue(f"with-{features}")
-    build = museum.build(scan_zip, venue, features=features, keyframes={"rule": "interval", "every": 2})
+    build = museum.build(first_half, venue, features=features, keyframes={"rule": "interval", "every": 2})
     assert build["state"] == "succeeded", build["error"]
     assert build["report"]["feature_method"] == features
-    assert build["report"]["keyframes"] <= 7
+    assert build["report"]["keyframes"] <= 5
     result = museum.locate(queries[1].jpeg(), venue=venue)
     found = result["pose"]["position"]
     truth = queries[1].world_from_camera.translation
@@ -100,7 +106,7 @@ def test_gravity_turns_the_scan_upright(museum: Server, views: list[View], queri
     venue = museum.add_venue("tilted")
     tilt = Pose(rotation_from_vector([0.4, -1.1, 0.3]), [3.0, -2.0, 7.0])
     down = tilt.rotation @ [0.0, 0.0, -1.0]
-    build = museum.build(zipped(scan_files(views, tilt)), venue, gravity=down.tolist())
+    build = museum.build(zipped(scan_files(views[:5], tilt)), venue, gravity=down.tolist())
     assert build["report"]["placement"]["source"] == "gravity"
     world_from_scan = np.array(build["report"]["world_from_scan"])
     assert np.allclose(world_from_scan[:3, :3] @ down, [0, 0, -1], atol=1e-6)
@@ -111,13 +117,15 @@ def test_gravity_turns_the_scan_upright(museum: Server, views: list[View], queri
     assert np.allclose(found.rotation[2], queries[0].world_from_camera.rotation[2], atol=0.01)
 
 
-def test_an_earlier_version_can_be_brought_back(museum: Server, scan_zip: bytes, queries: list[View]) -> None:
+def test_an_earlier_version_can_be_brought_back(
+    museum: Server, small_scan: bytes, queries: list[View]
+) -> None:
     venue = museum.add_venue("versions")
     image, x = queries[0].jpeg(), queries[0].world_from_camera.translation[0]
-    assert museum.build(scan_zip, venue)["map_version"] == 1
+    assert museum.build(small_scan, venue, **QUICK)["map_version"] == 1
     moved = np.eye(4)
     moved[0, 3] = 10.0
-    assert museum.build(scan_zip, venue, world_from_scan=moved.tolist())["map_version"] == 2
+    assert museum.build(small_scan, venue, world_from_scan=moved.tolist())["map_version"] == 2
 
     def serving() -> tuple[int, float]:
         result = museum.locate(image, venue=venue)
@@ -133,14 +141,14 @@ def test_an_earlier_version_can_be_brought_back(museum: Server, scan_zip: bytes,
     assert serving() == (2, pytest.approx(x + 10, abs=0.02))
     # A later build counts on from the newest version, whichever serves.
     museum.client.post(f"/venues/{venue}/maps/1/activate")
-    assert museum.build(scan_zip, venue)["map_version"] == 3
+    assert museum.build(small_scan, venue, **QUICK)["map_version"] == 3
 
 
 def test_a_map_is_extended_by_a_scan_that_is_placed(
     museum: Server, first_half: bytes, second_half: list[View], room: Room
 ) -> None:
     venue = museum.add_venue("extended")
-    first = museum.build(first_half, venue)
+    first = museum.add_map(first_half, venue)
     query = room.view(pose_at(2.6, 1.9, 1.43, 112.0))
     assert not museum.locate(query.jpeg(), venue=venue)["located"]
     second = museum.build(
@@ -158,7 +166,7 @@ def test_a_map_is_extended_by_a_scan_that_finds_its_place(
     museum: Server, first_half: bytes, second_half: list[View], room: Room
 ) -> None:
     venue = museum.add_venue("registered")
-    museum.build(first_half, venue)
+    museum.add_map(first_half, venue)
     scan_from_world = Pose(rotation_from_vector([0.0, 0.0, 2.1]), [5.0, 6.0, -0.7])
     build = museum.build(zipped(scan_files(second_half, scan_from_world)), venue, mode="extend")
     assert build["state"] == "succeeded", build["error"]
@@ -176,7 +184,7 @@ def test_a_scan_of_another_place_does_not_extend_a_map(
     museum: Server, first_half: bytes, foreign_room: Room
 ) -> None:
     venue = museum.add_venue("unextended")
-    museum.build(first_half, venue)
+    museum.add_map(first_half, venue)
     elsewhere = zipped(scan_files([foreign_room.view(pose) for pose in walk()]))
     with museum.unchanged("builds"):
         build = museum.build(elsewhere, venue, mode="extend")
@@ -185,20 +193,20 @@ def test_a_scan_of_another_place_does_not_extend_a_map(
 
 
 def test_a_build_that_fails_when_it_has_stored_its_pictures_removes_them(
-    museum: Server, first_half: bytes, second_half: list[View]
+    museum: Server, small_scan: bytes, second_half: list[View]
 ) -> None:
     venue = museum.add_venue("orb-first")
-    museum.build(first_half, venue, features="orb")
+    museum.add_map(small_scan, venue, features="orb")
     with museum.unchanged("builds"):
         options = {"mode": "extend", "features": "sift", "world_from_scan": np.eye(4).tolist()}
-        build = museum.build(zipped(scan_files(second_half)), venue, **options)
+        build = museum.build(zipped(scan_files(second_half[:4])), venue, **options)
     assert (build["state"], build["error_code"]) == ("failed", "invalid_input")
     assert "orb" in build["error"]
 
 
-def test_events_follow_a_build_to_its_end(museum: Server, scan_zip: bytes) -> None:
+def test_events_follow_a_build_to_its_end(museum: Server, small_scan: bytes) -> None:
     venue = museum.add_venue("watched")
-    submitted = museum.submit(scan_zip, venue).json()
+    submitted = museum.submit(small_scan, venue).json()
     assert submitted["status_url"] == f"/database/builds/{submitted['build']}"
     with museum.client.stream("GET", submitted["events_url"]) as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
@@ -245,10 +253,10 @@ def test_an_ended_build_can_not_be_cancelled(museum: Server) -> None:
         )
 
 
-def test_a_venue_takes_its_builds_maps_and_floors_along(museum: Server, scan_zip: bytes) -> None:
+def test_a_venue_takes_its_builds_maps_and_floors_along(museum: Server, small_scan: bytes) -> None:
     with museum.unchanged_rows():
         venue = museum.add_venue("gone")
-        build = museum.build(scan_zip, venue)["build"]
+        build = museum.build(small_scan, venue, **QUICK)["build"]
         floor = {"name": "0", "level": 0, "z_min_m": 0, "z_max_m": 3}
         assert museum.client.put(f"/venues/{venue}/floors/0", json=floor).status_code == 200
         assert museum.client.delete(f"/venues/{venue}").status_code == 204

@@ -14,7 +14,7 @@ from app.engine.maps.artifact import MapArtifact
 from app.storage.tables import map_versions
 from tests.maps import write_without_checksums
 from tests.scenes import View, scan_files, zipped
-from tests.server import Server, assert_problem, pose_errors, running
+from tests.server import QUICK, Server, assert_problem, pose_errors, running
 
 VENUE = "v"
 
@@ -23,10 +23,9 @@ VENUE = "v"
 def built(tmp_path_factory: pytest.TempPathFactory, views: list[View]) -> Path:
     """A data folder whose venue has two versions of its map."""
     folder = tmp_path_factory.mktemp("built")
-    with running(folder) as server:
+    with running(folder, run_worker=False) as server:
         server.add_venue(VENUE)
-        for count in (6, 8):
-            assert server.build(zipped(scan_files(views[:count])), VENUE)["state"] == "succeeded"
+        server.add_maps(VENUE, *((zipped(scan_files(views[:count])), QUICK) for count in (4, 5)))
     return folder
 
 
@@ -131,10 +130,10 @@ def test_a_whole_map_is_ready(folder: Path, views: list[View]) -> None:
 
 
 def test_a_deleted_venue_takes_its_files_along_and_no_others(folder: Path, views: list[View]) -> None:
-    with running(folder) as server:
+    with running(folder, run_worker=False) as server:
         server.add_venue("other")
         # The same pictures as the first venue's: stored once, for both.
-        assert server.build(zipped(scan_files(views[:6])), "other")["state"] == "succeeded"
+        server.add_map(zipped(scan_files(views[:4])), "other", **QUICK)
         before = {name for name in server.files() if name.startswith("blobs")}
         assert server.client.delete(f"/venues/{VENUE}").status_code == 204
         left = {name for name in server.files() if name.startswith("blobs")}

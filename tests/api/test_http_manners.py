@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.scenes import CAMERA_TEXT, View, encode
-from tests.server import Server, assert_problem, running
+from tests.scenes import CAMERA_TEXT, View, encode, scan_files, zipped
+from tests.server import QUICK, Server, assert_problem, running
 
 FLOOR = {"name": "Ground", "level": 0, "z_min_m": -1, "z_max_m": 3}
 FEATURES = {
@@ -201,12 +201,11 @@ def test_the_same_submission_is_the_same_build(site: Server, scan_zip: bytes) ->
     assert len(site.client.get("/database/builds?venue=site").json()) == 2
 
 
-def test_a_map_version_that_does_not_serve_can_be_deleted(tmp_path: Path, scan_zip: bytes) -> None:
-    with running(tmp_path) as server:
+def test_a_map_version_that_does_not_serve_can_be_deleted(tmp_path: Path, views: list[View]) -> None:
+    with running(tmp_path, run_worker=False) as server:
         server.add_venue("v")
-        rule = {"rule": "interval", "every": 3}
-        assert server.build(scan_zip, "v", keyframes=rule)["map_version"] == 1
-        assert server.build(scan_zip, "v")["map_version"] == 2
+        scan = zipped(scan_files(views[:4]))
+        assert server.add_maps("v", (scan, QUICK), (scan, QUICK))["map_version"] == 2
         assert "serves" in assert_problem(server.client.delete("/venues/v/maps/2"), 409, "conflict")
         assert server.client.delete("/venues/v/maps/1").status_code == 204
         assert [entry["version"] for entry in server.client.get("/venues/v/maps").json()] == [2]

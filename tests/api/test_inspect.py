@@ -42,7 +42,7 @@ def test_a_scan_is_described(museum: Server, scan_zip: bytes) -> None:
 def test_a_build_takes_the_announced_keyframes_that_are_sharp(museum: Server, scan_zip: bytes) -> None:
     announced = post(museum, scan_zip).json()["build"]["keyframes"]
     museum.add_venue("annex-inspected")
-    report = museum.build(scan_zip, "annex-inspected")["report"]
+    report = museum.add_map(scan_zip, "annex-inspected")["report"]
     unusable = sum(report["discarded"].values()) - len(report["replaced"])
     assert report["keyframes"] == announced - unusable
 

@@ -18,10 +18,9 @@ BENT = Lens(COEFFICIENT).of(CAMERA)
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory: pytest.TempPathFactory, room: Room) -> Iterator[Server]:
     """A server with a venue whose scan went through a lens that its options say nothing of."""
-    with running(tmp_path_factory.mktemp("bent")) as server:
+    with running(tmp_path_factory.mktemp("bent"), run_worker=False) as server:
         server.add_venue("bent")
-        ended = server.build(zipped(scan_files([room.view(pose, BENT) for pose in walk()])), "bent")
-        assert ended["state"] == "succeeded", ended
+        ended = server.add_map(zipped(scan_files([room.view(pose, BENT) for pose in walk()])), "bent")
         assert ended["report"]["lens"]["k1"] == pytest.approx(COEFFICIENT, abs=0.02)
         yield server
 

@@ -31,7 +31,7 @@ def put_floor(server: Server, venue: str, floor: str, z_min_m: float, z_max_m: f
 def hall(museum: Server, scan_zip: bytes) -> str:
     """A venue with a map whose floors the tests may change."""
     museum.add_venue("hall")
-    assert museum.build(scan_zip, "hall", gravity=[0, 0, -1])["state"] == "succeeded"
+    museum.add_map(scan_zip, "hall", gravity=[0, 0, -1])
     return "hall"
 
 
@@ -116,7 +116,7 @@ def test_without_a_known_up_there_is_a_pose_and_no_plan(
     museum: Server, scan_zip: bytes, queries: list[View]
 ) -> None:
     venue = museum.add_venue("leaning")
-    build = museum.build(scan_zip, venue)
+    build = museum.add_map(scan_zip, venue)
     assert build["report"]["placement"]["z_up"] is False
     put_floor(museum, venue, "ground", 0.0, 2.6, plan_from_world=plan_from_world())
     result = museum.locate(queries[0].png(), venue=venue)

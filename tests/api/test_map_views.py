@@ -12,7 +12,7 @@ import pytest
 
 from app.engine.maps.drawing.points import POINTS_MAGIC
 from tests import scenes
-from tests.server import Server, assert_problem, running
+from tests.server import QUICK, Server, assert_problem, running
 
 NAMES = ("points", "keyframes", "keyframes/0/picture", "coverage?floor=g", "map.png")
 # The plan lies a quarter turn from the world, and elsewhere.
@@ -30,7 +30,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterato
             "/venues/house/floors/g", json={**floor, "plan_from_world": PLAN_FROM_WORLD.tolist()}
         )
         assert (loose.status_code, placed.status_code) == (200, 200), placed.text
-        assert server.build(scan_zip, "house", gravity=[0, 0, -1])["state"] == "succeeded"
+        server.add_map(scan_zip, "house", gravity=[0, 0, -1])
         yield server
 
 
@@ -233,9 +233,9 @@ def test_every_view_asks_for_the_key(tmp_path_factory: pytest.TempPathFactory) -
         assert_problem(locked.client.delete("/venues/house/maps/1"), 401, "unauthenticated")
 
 
-def test_a_map_without_pictures_is_grey(server: Server, scan_zip: bytes) -> None:
+def test_a_map_without_pictures_is_grey(server: Server, views: list[scenes.View]) -> None:
     server.add_venue("plain")
-    assert server.build(scan_zip, "plain", gravity=[0, 0, -1], store_images=False)["state"] == "succeeded"
+    server.add_map(scenes.zipped(scenes.scan_files(views[:4])), "plain", store_images=False, **QUICK)
     points, rgb = unpacked(server.client.get("/venues/plain/maps/1/points").content)
     assert len(points) > 500
     assert (rgb == 128).all()
@@ -244,25 +244,25 @@ def test_a_map_without_pictures_is_grey(server: Server, scan_zip: bytes) -> None
     assert_problem(server.client.get("/venues/plain/maps/1/keyframes/0/picture"), 404, "not_found")
 
 
-def test_a_version_is_deleted_but_never_the_one_that_serves(server: Server, scan_zip: bytes) -> None:
+def test_a_version_is_deleted_but_never_the_one_that_serves(server: Server, views: list[scenes.View]) -> None:
     server.add_venue("twice")
-    for _ in range(2):
-        assert server.build(scan_zip, "twice", gravity=[0, 0, -1])["state"] == "succeeded"
+    scan = scenes.zipped(scenes.scan_files(views[:4]))
+    server.add_maps("twice", (scan, QUICK), (scan, QUICK))
     assert_problem(server.client.delete("/venues/twice/maps/2"), 409, "conflict")
     assert server.client.delete("/venues/twice/maps/1").status_code == 204
     assert_problem(server.client.delete("/venues/twice/maps/1"), 404, "not_found")
     assert_problem(server.client.get("/venues/twice/maps/1/points"), 404, "not_found")
     assert [each["version"] for each in server.client.get("/venues/twice/maps").json()] == [2]
     # A number is never given again, even when the newest version is deleted.
-    assert server.build(scan_zip, "twice", gravity=[0, 0, -1])["map_version"] == 3
+    assert server.build(scan, "twice", **QUICK)["map_version"] == 3
     assert server.client.post("/venues/twice/maps/2/activate").status_code == 200
     assert server.client.delete("/venues/twice/maps/3").status_code == 204
-    assert server.build(scan_zip, "twice", gravity=[0, 0, -1])["map_version"] == 4
+    assert server.build(scan, "twice", **QUICK)["map_version"] == 4
 
 
 def test_a_picture_that_the_store_has_lost_leaves_its_points_grey(server: Server, scan_zip: bytes) -> None:
     server.add_venue("lost")
-    assert server.build(scan_zip, "lost", gravity=[0, 0, -1])["state"] == "succeeded"
+    server.add_map(scan_zip, "lost", gravity=[0, 0, -1])
     blobs, aside = server.data_dir / "blobs", server.data_dir / "aside"
     pictures = [
         path for path in blobs.rglob("*") if path.is_file() and path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"

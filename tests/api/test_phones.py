@@ -128,7 +128,7 @@ def test_gravity_turns_the_image_upright(museum: Server, queries: list[View], tu
 def upright_hall(museum: Server, views: list[View]) -> str:
     """A venue whose world's z axis is known to point up, since the build said where down is."""
     museum.add_venue("upright")
-    built = museum.build(zipped(scan_files(views)), "upright", gravity=[0, 0, -1])
+    built = museum.add_map(zipped(scan_files(views)), "upright", gravity=[0, 0, -1])
     assert built["report"]["placement"]["z_up"] is True
     return "upright"
 

@@ -17,7 +17,7 @@ def test_pictures_are_located_in_a_map_without_depth(museum: Server) -> None:
     room = Room(3)
     views = [
         room.view(pose_at(1.2 + 0.1 * (i % 5), 0.7 + 0.12 * i, 1.4 + 0.05 * (i % 3), 3.0 * (i % 4) - 6))
-        for i in range(14)
+        for i in range(10)
     ]
     museum.add_venue("annex-without-depth")
     build = museum.build(without_depth(views), "annex-without-depth")

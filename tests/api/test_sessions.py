@@ -30,12 +30,11 @@ def video(room: Room) -> list[View]:
 def tower(museum: Server, scan_zip: bytes, foreign_room: Room, views: list[View]) -> str:
     """A venue with another room above the first one, each on its floor."""
     venue = museum.add_venue("tower")
-    assert museum.build(scan_zip, venue, world_from_scan=np.eye(4).tolist())["state"] == "succeeded"
     raised = np.eye(4)
     raised[2, 3] = STOREY_M
     upstairs = zipped(scan_files([foreign_room.view(view.world_from_camera) for view in views]))
-    built = museum.build(upstairs, venue, mode="extend", world_from_scan=raised.tolist())
-    assert built["state"] == "succeeded", built["error"]
+    above = {"mode": "extend", "world_from_scan": raised.tolist()}
+    museum.add_maps(venue, (scan_zip, {"gravity": [0, 0, -1]}), (upstairs, above))
     for level, floor in enumerate(("ground", "first")):
         body = {
             "name": floor,

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.geometry.se3 import Pose
-from tests.server import Server, pose_errors, wait_for
+from tests.server import POLL_S, Server, pose_errors, wait_for
 
 FOLDER = Path(__file__).resolve().parents[2].parent / "shared" / "cases"
 RIGHT = "00-right"
@@ -86,7 +86,9 @@ def build(server: Server, venue: str, archive: Path, options: dict[str, Any]) ->
         return {"state": "failed", "error": answer.json()["detail"], "report": None}
     name = answer.json()["build"]
     ended = ("succeeded", "failed", "cancelled")
-    return wait_for(lambda: body if (body := server.status(name))["state"] in ended else None, BUILD_S)
+    return wait_for(
+        lambda: body if (body := server.status(name))["state"] in ended else None, BUILD_S, POLL_S
+    )
 
 
 def sentence_of(built: dict[str, Any]) -> str:

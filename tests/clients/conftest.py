@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "clients" / "python"))
 from roomfix_client import Roomfix
 
 from tests.api.key_rows import ANCHOR, CAMERA, FLOOR
+from tests.built_maps import publish
 from tests.live_server import serving
 from tests.scenes import CAMERA_TEXT, View
 
@@ -46,8 +47,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes, queries: lis
             == 200
         )
         assert http.put(f"/anchors/{CAMERA}", json=ANCHOR).status_code == 200
-        build = admin.build(folder / "scan.zip", "museum", {"camera": CAMERA_TEXT, "gravity": [0, 0, -1]})
-        assert admin.wait_for_build(build["build"], 0.2)["map_version"] == 1
+        publish(folder / "data", "museum", [(scan_zip, {"camera": CAMERA_TEXT, "gravity": [0, 0, -1]})])
         names = {"URL": server.url, "ADMIN_KEY": ADMIN_KEY, "CAMERA": CAMERA_TEXT}
         for name, scope in (("KEY", "locate"), ("ANCHOR_KEY", "anchor")):
             made = http.post("/keys", json={"name": name, "scope": scope, "venue": "museum"})

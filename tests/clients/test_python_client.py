@@ -15,11 +15,8 @@ import pytest
 from roomfix_client import AsyncRoomfix, BuildError, Frame, Roomfix, RoomfixError, answers
 from roomfix_client.calls import LONGEST_PAUSE_S, form, pause_s, with_picture
 
-from app.api.openapi import openapi_document
-from app.jobs.runner import NoRunner
-from app.main import create_app
-from app.settings import Settings
 from tests.clients.conftest import Site
+from tests.clients.schemas import schemas
 
 README = Path(__file__).parents[2] / "clients" / "python" / "README.md"
 SAMPLES = re.findall(
@@ -59,10 +56,7 @@ def types() -> list[str]:
 
 @pytest.mark.parametrize("name", types())
 def test_a_type_has_the_fields_that_the_server_describes(name: str) -> None:
-    schemas = openapi_document(create_app(Settings(_env_file=None, open=True), NoRunner()))["components"][
-        "schemas"
-    ]
-    described = schemas[NAMES.get(name, name)]["properties"]
+    described = schemas()[NAMES.get(name, name)]["properties"]
     own = getattr(answers, name)
     # The number of a frame belongs to streams alone.
     assert set(own.__annotations__) - {"received"} == set(described)

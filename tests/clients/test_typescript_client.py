@@ -10,11 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from app.api.openapi import openapi_document
-from app.jobs.runner import NoRunner
-from app.main import create_app
-from app.settings import Settings
 from tests.clients.conftest import Site
+from tests.clients.schemas import schemas
 
 FOLDER = Path(__file__).parents[2] / "clients" / "typescript"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
@@ -82,11 +79,8 @@ def test_types_have_the_fields_that_the_server_describes() -> None:
     text = (FOLDER / "src" / "answers.ts").read_text(encoding="utf-8")
     found = re.findall(r"export interface (\w+)(?: extends (\w+))? {(.*?)\n}", text, re.DOTALL)
     own = {name: set(re.findall(r"^  (\w+)\??:", body, re.MULTILINE)) for name, _, body in found}
-    schemas = openapi_document(create_app(Settings(_env_file=None, open=True), NoRunner()))["components"][
-        "schemas"
-    ]
     assert len(found) > 12
     for name, base, _ in found:
-        described = set(schemas[name]["properties"])
+        described = set(schemas()[name]["properties"])
         # The number of a frame belongs to streams alone, the list of fields to invalid requests.
         assert own[name] | own.get(base, set()) == described - {"fields"} | ({"received"} & own[name]), name

@@ -26,7 +26,7 @@ from app.commands.connections import (
     FragmentLimitProtocol,
     connection_options,
 )
-from tests.jobs.test_kill import free_port
+from tests.ports import free_port
 from tests.server import wait_for
 
 SHORT = ConnectionOptions(headers_s=0.5, silence_s=0.5, check_s=0.05)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import socket
 import ssl
 import stat
 import subprocess
@@ -26,6 +25,7 @@ from app.jobs.runner import NoRunner
 from app.main import create_app
 from app.settings import Settings
 from app.web.phones import PhoneAccess
+from tests.ports import free_port
 from tests.server import assert_problem
 
 ROOT = Path(__file__).parents[2]
@@ -65,9 +65,7 @@ def test_the_code_in_the_terminal_can_be_read() -> None:
 
 
 def test_serve_https_is_trusted_by_its_authority_and_by_nothing_else(tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     options = ["--https", "--host", "127.0.0.1", "--port", str(port), "--data-dir", str(tmp_path)]
     process = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "serve", *options],

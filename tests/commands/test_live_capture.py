@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -18,9 +19,19 @@ from tests.scenes import Room, View, encode, pose_at
 from tests.server import running, wait_for
 from tests.streams import Camera, mjpeg_stream, rtsp_stream
 
-MONITOR = Room(seed=5).view(pose_at(1.2, 1.5, 2.2, 0.0, -12.0))
-PHONE = Room(seed=5).view(pose_at(1.7, 1.15, 1.4, 12.0, 2.0))
 Stream = Callable[[Camera], AbstractContextManager[str]]
+
+
+@cache
+def monitor() -> View:
+    """Return what the monitoring camera sees."""
+    return Room(seed=5).view(pose_at(1.2, 1.5, 2.2, 0.0, -12.0))
+
+
+@cache
+def phone() -> View:
+    """Return what a phone sees."""
+    return Room(seed=5).view(pose_at(1.7, 1.15, 1.4, 12.0, 2.0))
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +43,7 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def camera() -> Camera:
     """A camera that shows the room."""
-    return Camera(MONITOR.jpeg())
+    return Camera(monitor().jpeg())
 
 
 def grey(level: int) -> bytes:
@@ -52,17 +63,17 @@ def test_a_stream_becomes_an_anchors_frame_and_locates_a_phone(
         server.add_venue("v")
         floor = {"name": "Ground", "level": 0, "z_min_m": -1, "z_max_m": 3}
         server.client.put("/venues/v/floors/0", json=floor)
-        server.client.put("/anchors/hall", json=anchor_body(MONITOR))
+        server.client.put("/anchors/hall", json=anchor_body(monitor()))
         frames = push_frames.open_frames(url)
         push_frames.send(server.client, "hall", next(frames), lambda: next(frames))
         close(frames)
         frame = server.client.get("/anchors/hall").json()["frame"]
         assert frame["fresh"]
         assert frame["pois_visible"] == ["poi"]
-        found = server.locate(PHONE.png(), venue="v", method="anchor", gravity=gravity(PHONE))
+        found = server.locate(phone().png(), venue="v", method="anchor", gravity=gravity(phone()))
         assert found["located"], found
         at = np.array([found["plan"]["x"], found["plan"]["y"]]) - SHIFT
-        assert np.linalg.norm(at - PHONE.world_from_camera.translation[:2]) < 0.15
+        assert np.linalg.norm(at - phone().world_from_camera.translation[:2]) < 0.15
 
 
 def gravity(view: View) -> str:

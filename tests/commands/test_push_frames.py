@@ -7,6 +7,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import httpx
@@ -16,7 +17,11 @@ from app.commands import backoff, push_frames
 from app.errors import InvalidInputError
 from tests.scenes import Room, pose_at
 
-PICTURE = Room(seed=1).view(pose_at(1.5, 1.5)).jpeg()
+
+@cache
+def picture() -> bytes:
+    """Return a picture of the room."""
+    return Room(seed=1).view(pose_at(1.5, 1.5)).jpeg()
 
 
 @contextmanager
@@ -55,7 +60,7 @@ def test_a_failure_is_tried_again_with_a_newer_frame(monkeypatch: pytest.MonkeyP
 def test_what_will_never_do_ends_it() -> None:
     refused = pytest.raises(InvalidInputError, match="no")
     with server([404]) as (address, received), httpx.Client(base_url=address) as client, refused:
-        push_frames.send(client, "hall", PICTURE, lambda: None)
+        push_frames.send(client, "hall", picture(), lambda: None)
     assert len(received) == 1
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.scenes import View, scan_files, zipped
-from tests.server import Server, assert_problem, pose_errors, running
+from tests.server import QUICK, Server, assert_problem, pose_errors, running
 
 VENUE = "v"
 SIZE_MB = 12
@@ -38,7 +38,7 @@ def server(disk: Path, views: list[View]) -> Iterator[Server]:
     """A server on it, with a map."""
     with running(disk) as server:
         server.add_venue(VENUE)
-        assert server.build(zipped(scan_files(views[:4])), VENUE)["state"] == "succeeded"
+        server.add_map(zipped(scan_files(views[:4])), VENUE, **QUICK)
         yield server
 
 
@@ -74,7 +74,7 @@ def test_a_full_disk_refuses_what_it_can_not_store(disk: Path, server: Server, v
     assert checks["status"] == "degraded"
     assert "full" in checks["checks"]["disk"]
     filler.unlink()
-    assert server.build(zipped(scan_files(views[:4])), VENUE)["state"] == "succeeded"
+    assert server.build(zipped(scan_files(views[:4])), VENUE, **QUICK)["state"] == "succeeded"
     assert {venue["id"] for venue in server.client.get("/venues").json()} >= {VENUE, *acknowledged}
 
 
@@ -90,5 +90,5 @@ def test_a_read_only_store_serves_and_takes_no_scan(disk: Path, server: Server, 
     finally:
         # The map that is open keeps the mount busy.
         subprocess.run(["umount", "--lazy", blobs], check=True)
-    assert server.build(zipped(scan_files(views[:5])), VENUE)["state"] == "succeeded"
+    assert server.build(zipped(scan_files(views[:5])), VENUE, **QUICK)["state"] == "succeeded"
     assert server.client.get("/readyz").status_code == 200

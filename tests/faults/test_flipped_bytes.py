@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
-from tests.server import pose_errors, running
+from tests.server import QUICK, pose_errors, running
 
 VENUE = "v"
 ROUNDS = int(os.environ.get("FAULTS", "6"))
@@ -25,10 +25,9 @@ CLEAR = {"map_damaged", "database_damaged", "storage_failed"}
 def built(tmp_path_factory: pytest.TempPathFactory, views: list[View]) -> Path:
     """A data folder with two versions of a map."""
     folder = tmp_path_factory.mktemp("built")
-    with running(folder) as server:
+    with running(folder, run_worker=False) as server:
         server.add_venue(VENUE)
-        for count in (4, 6):
-            assert server.build(zipped(scan_files(views[:count])), VENUE)["state"] == "succeeded"
+        server.add_maps(VENUE, *((zipped(scan_files(views[:count])), QUICK) for count in (4, 5)))
     return folder
 
 

@@ -24,10 +24,11 @@ from app.storage.blobs import BlobStore
 from app.storage.check import check_store
 from app.storage.db import Database
 from tests.jobs.live_server import SLOW_WORKER
-from tests.jobs.test_kill import _is_ready, children, free_port
+from tests.jobs.test_kill import _is_ready, children
+from tests.ports import free_port
 from tests.postgres import is_installed, postgres
 from tests.scenes import View, scan_files, zipped
-from tests.server import ENDED, Server, pose_errors, wait_for
+from tests.server import ENDED, POLL_S, Server, pose_errors, wait_for
 
 KILLS = int(os.environ.get("FAULTS", "3"))
 VENUE = "v"
@@ -126,7 +127,10 @@ def check(server: Server, kept: Acknowledged, database: Database, view: View) ->
     """Check that all that was acknowledged is there, each build done once, and that queries are answered right."""
     ended = {build: server.wait(build) for build in kept.builds}
     # What was queued without being acknowledged is built too.
-    wait_for(lambda: all(each["state"] in ENDED for each in server.client.get("/database/builds").json()))
+    wait_for(
+        lambda: all(each["state"] in ENDED for each in server.client.get("/database/builds").json()),
+        pause_s=POLL_S,
+    )
     done = [each for each in ended.values() if each["state"] == "succeeded"]
     # Three deaths end a build; otherwise every one is done.
     others = [each for each in ended.values() if each not in done and each["error_code"] != "worker_died"]

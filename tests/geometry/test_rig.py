@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from app.geometry.estimators.interface import RansacBudget
 from app.geometry.estimators.opencv_estimators import OpenCvEstimators
 from app.geometry.reprojection import perturbed, project_from_world
 from app.geometry.rigs.pose import estimate_rig_pose, rig_covariance
-from app.geometry.rigs.refinement import refine_rig_pose
+from app.geometry.rigs.refinement import refine_rig_pose, refine_with_uncertain_motion
 from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m, rotation_from_vector
 from tests.synthetic import CAMERAS, random_pose
@@ -96,6 +98,28 @@ def test_refinement_leads_back_to_the_pose() -> None:
     truth, views = rig(5, [CAMERAS["OPENCV"]] * 3, apart_m=0.3)
     start = perturbed(truth, [0.01, -0.02, 0.01, 0.03, 0.02, -0.04])
     assert_near(refine_rig_pose(views, start), truth, 1e-5, 1e-4)
+
+
+def test_uncertain_motion_leaves_a_view_that_knows_its_own_pose_where_it_is() -> None:
+    truth, views = rig(10, [CAMERAS["PINHOLE"]] * 2, apart_m=0.3, noise_px=0.3, n=300)
+    off = Pose(rotation_from_vector([0.0, 0.002, 0.0]), np.array([0.01, 0.0, 0.01]))
+    false = [views[0], replace(views[1], rig_from_camera=views[1].rig_from_camera @ off)]
+    alone, exact = refine_rig_pose(views[:1], truth), refine_rig_pose(false, truth)
+    assert position_difference_m(exact, alone) > 0.003
+    allowing = refine_with_uncertain_motion(false, exact, [(0.0, 0.0), (0.02, 0.004)])
+    assert position_difference_m(allowing, alone) < 0.3 * position_difference_m(exact, alone)
+    # Without uncertainty it is the refinement of all.
+    certain = refine_with_uncertain_motion(false, exact, [(0.0, 0.0)] * 2)
+    assert_near(certain, exact, 1e-4, 1e-3)
+
+
+def test_uncertain_motion_places_a_view_that_sees_nothing_by_the_others() -> None:
+    truth, views = rig(11, [CAMERAS["PINHOLE"]] * 2, apart_m=0.3, noise_px=0.3, n=300)
+    blind = views[0].take(np.zeros(300, dtype=bool))
+    found = refine_with_uncertain_motion(
+        [blind, views[1]], perturbed(truth, np.full(6, 0.01)), [(0.0, 0.0), (0.02, 0.01)]
+    )
+    assert_near(found, truth, 0.005, 0.1)
 
 
 def test_the_covariance_of_one_camera_in_the_rigs_centre_is_that_of_its_pose() -> None:

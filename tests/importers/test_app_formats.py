@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
@@ -141,7 +142,7 @@ def test_the_same_scan_in_every_layout(tmp_path: Path, name: str, asked: bool) -
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_camera_in_the_options_comes_first(tmp_path: Path, name: str) -> None:
-    options = ScanOptions(camera=(61.0, 61.0, 31.5, 23.5), depth_scale=500.0)
+    options = ScanOptions(camera=CameraHint(values=(61.0, 61.0, 31.5, 23.5)), depth_scale=500.0)
     scan = open_scan(WRITERS[name](tmp_path), None, options)
     assert scan.camera.params[0] == 61
     assert scan.depth.scale == 500
@@ -239,12 +240,14 @@ def test_scannet_details(tmp_path: Path) -> None:
         InvalidScanError, match=r"64 x 48 pixels, but intrinsic_color\.txt is for about 127 x 95"
     ):
         open_scan(folder)
-    assert len(open_scan(folder, None, ScanOptions(camera=INTRINSICS)).frames) == FRAMES - 1
+    assert (
+        len(open_scan(folder, None, ScanOptions(camera=CameraHint(values=INTRINSICS))).frames) == FRAMES - 1
+    )
     shifted = np.eye(4)
     shifted[0, 3] = 0.03
     (folder / "intrinsic/extrinsic_color.txt").write_text(matrix_text(shifted))
     with pytest.raises(InvalidScanError, match=r"colour and depth camera are apart: give depth_camera"):
-        open_scan(folder, None, ScanOptions(camera=INTRINSICS))
+        open_scan(folder, None, ScanOptions(camera=CameraHint(values=INTRINSICS)))
 
 
 def test_redwood_refusals(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidInputError
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.conventions import ALL_AXES, PoseArrays, PoseConvention, parse_axes
 from app.importers.frames import ScanOptions
@@ -74,14 +75,14 @@ def test_poses_are_taken_at_another_time(views: list[View], tmp_path: Path) -> N
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-    options = ScanOptions(camera=CAMERA, convention=PoseConvention(time_offset_s=0.1))
+    options = ScanOptions(camera=hint_of(CAMERA), convention=PoseConvention(time_offset_s=0.1))
     scan = open_scan(tmp_path, "tum", options)
     assert len(scan.frames) == len(views) - 1
     for frame, view in zip(scan.frames, views[1:], strict=True):
         assert frame.scan_from_camera.translation == pytest.approx(
             view.world_from_camera.translation, abs=1e-6
         )
-    between = ScanOptions(camera=CAMERA, convention=PoseConvention(time_offset_s=0.05))
+    between = ScanOptions(camera=hint_of(CAMERA), convention=PoseConvention(time_offset_s=0.05))
     first = open_scan(tmp_path, "tum", between).frames[0].scan_from_camera.translation
     middle = 0.5 * (views[0].world_from_camera.translation + views[1].world_from_camera.translation)
     assert first == pytest.approx(middle, abs=1e-6)

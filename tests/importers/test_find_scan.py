@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
 from tests.importers.scans import INTRINSICS, write_seven_scenes, write_tum
@@ -25,7 +26,7 @@ def test_a_scan_far_below(tmp_path: Path) -> None:
     write_seven_scenes(tmp_path / "data/2024/redkitchen/seq-01")
     write_seven_scenes(tmp_path / "data/2024/redkitchen/seq-02")
     (tmp_path / "data/notes.txt").write_text("x")
-    assert len(open_scan(tmp_path, None, ScanOptions(camera=INTRINSICS)).frames) == 6
+    assert len(open_scan(tmp_path, None, ScanOptions(camera=CameraHint(values=INTRINSICS))).frames) == 6
 
 
 def test_two_scans_are_named(tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def touch(folder: Path, *names: str) -> None:
         (("images.txt", "cameras.txt", "points3D.txt"), "model's pictures are of 0 cameras"),
         (("walk.bag",), "walk.bag can't be read as a ROS bag"),
         (("walk.mp4", "notes.md"), "This is a video among other files"),
-        (("walk.mp4",), "only a build reads them"),
+        (("walk.mp4",), "walk.mp4 is not a video that can be decoded"),
         (("map.db",), "RTAB-Map"),
         (("notes.txt", "b.jpg"), r"can't be told .* At the top are: b\.jpg, notes\.txt\."),
         ((), "At the top are: no files"),

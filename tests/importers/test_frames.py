@@ -12,6 +12,7 @@ from PIL import Image
 
 from app.errors import InvalidInputError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
@@ -33,7 +34,7 @@ def test_tum_is_detected(tmp_path: Path, name: str | None) -> None:
 
 @pytest.mark.parametrize("name", [None, "7scenes"])
 def test_seven_scenes_is_detected(tmp_path: Path, name: str | None) -> None:
-    options = ScanOptions(camera=INTRINSICS)
+    options = ScanOptions(camera=CameraHint(values=INTRINSICS))
     assert len(open_scan(write_seven_scenes(tmp_path / "seq-01").parent, name, options).frames) == 3
 
 
@@ -61,10 +62,12 @@ def test_options_that_cannot_be_meant(values: dict[str, object], message: str) -
 
 
 def test_numbers_get_the_size_of_the_images(tmp_path: Path) -> None:
-    scan = open_scan(write_tum(tmp_path, camera=None), None, ScanOptions(camera=INTRINSICS))
+    scan = open_scan(
+        write_tum(tmp_path, camera=None), None, ScanOptions(camera=CameraHint(values=INTRINSICS))
+    )
     assert scan.camera == Camera("PINHOLE", WIDTH, HEIGHT, INTRINSICS)
     with pytest.raises(InvalidScanError, match="camera: fx = 6000 px"):
-        open_scan(tmp_path, None, ScanOptions(camera=(6000.0, 6000.0, 32.0, 24.0)))
+        open_scan(tmp_path, None, ScanOptions(camera=CameraHint(values=(6000.0, 6000.0, 32.0, 24.0))))
 
 
 def test_a_scan_goes_to_another_process(tmp_path: Path) -> None:
@@ -96,7 +99,9 @@ def test_colour_of_another_size_names_both_sizes_and_the_file(tmp_path: Path) ->
     with pytest.raises(InvalidScanError, match=r"rgb/0\.100000\.png has 32 x 24 pixels.* 64 x 48"):
         open_scan(folder)
     with pytest.raises(InvalidScanError, match=r"rgb/0\.000000\.png has 64 x 48 pixels.* 128 x 96"):
-        open_scan(folder, None, ScanOptions(camera=Camera("PINHOLE", 128, 96, (120.0, 120.0, 63.5, 47.5))))
+        open_scan(
+            folder, None, ScanOptions(camera=hint_of(Camera("PINHOLE", 128, 96, (120.0, 120.0, 63.5, 47.5))))
+        )
 
 
 def test_depth_of_another_shape_needs_its_camera(tmp_path: Path) -> None:
@@ -116,18 +121,20 @@ def test_depth_of_another_size_has_scaled_intrinsics(tmp_path: Path) -> None:
     assert any("32 x 24" in note and "scaled" in note for note in scan.notes)
     np.testing.assert_allclose(scan.depth_m(scan.frames[0])[2:-2, 2:-2], 1.0, rtol=1e-5)
     half = (30.0, 30.0, 15.5, 11.5)
-    scan = open_scan(folder, None, ScanOptions(depth_camera=half))
+    scan = open_scan(folder, None, ScanOptions(depth_camera=CameraHint(values=half)))
     assert scan.depth.camera == Camera("PINHOLE", 32, 24, half)
     depth_m = scan.depth_m(scan.frames[0])
     assert depth_m.shape == (HEIGHT, WIDTH)
     np.testing.assert_allclose(depth_m[2:-2, 2:-2], 1.0, rtol=1e-5)
     with pytest.raises(InvalidScanError, match=r"32 x 24 pixels, but the depth camera is for 64 x 48"):
-        open_scan(folder, None, ScanOptions(depth_camera=Camera("PINHOLE", WIDTH, HEIGHT, INTRINSICS)))
+        open_scan(
+            folder, None, ScanOptions(depth_camera=hint_of(Camera("PINHOLE", WIDTH, HEIGHT, INTRINSICS)))
+        )
 
 
 def test_color_from_depth_moves_the_depth(tmp_path: Path) -> None:
     ahead = Pose(np.eye(3), np.array([0.0, 0.0, 0.25]))
-    options = ScanOptions(depth_camera=INTRINSICS, color_from_depth=ahead)
+    options = ScanOptions(depth_camera=CameraHint(values=INTRINSICS), color_from_depth=ahead)
     scan = open_scan(write_tum(tmp_path), None, options)
     np.testing.assert_allclose(scan.depth_m(scan.frames[0])[10:-10, 10:-10], 1.25, rtol=1e-5)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
@@ -200,7 +201,7 @@ def test_pose_files(tmp_path: Path, rows: int, columns: bool) -> None:
     for i, pose in enumerate(poses()[:3]):
         matrix = pose.matrix[:rows]
         np.savetxt(tmp_path / f"frame-{i:06d}.pose.txt", matrix.T if columns else matrix)
-    scan = open_scan(tmp_path, "7scenes", ScanOptions(camera=INTRINSICS))
+    scan = open_scan(tmp_path, "7scenes", ScanOptions(camera=CameraHint(values=INTRINSICS)))
     for frame, pose in zip(scan.frames, poses()[:3], strict=True):
         np.testing.assert_allclose(frame.scan_from_camera.matrix, pose.matrix, atol=1e-9)
     assert len(scan.notes) == int(columns)
@@ -213,4 +214,4 @@ def test_pose_files_of_another_length_are_named(tmp_path: Path) -> None:
     with pytest.raises(
         InvalidScanError, match=r"frame-000000\.pose\.txt has 7 numbers, a pose has 16 or, .* 12"
     ):
-        open_scan(tmp_path, "7scenes", ScanOptions(camera=INTRINSICS))
+        open_scan(tmp_path, "7scenes", ScanOptions(camera=CameraHint(values=INTRINSICS)))

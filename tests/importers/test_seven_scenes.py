@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
-from app.importers.seven_scenes import DEFAULT_INTRINSICS
+from app.importers.seven_scenes import DEFAULT_CAMERA
 from tests.importers.scans import INTRINSICS, write_color, write_depth, write_seven_scenes
 
 
 def seven_scenes(folder: Path, **options: object) -> Scan:
-    return open_scan(folder, "7scenes", ScanOptions(camera=INTRINSICS, **options))  # type: ignore[arg-type]
+    return open_scan(folder, "7scenes", ScanOptions(camera=CameraHint(values=INTRINSICS), **options))  # type: ignore[arg-type]
 
 
 def test_one_folder(tmp_path: Path) -> None:
@@ -52,7 +53,7 @@ def test_default_intrinsics(tmp_path: Path) -> None:
     write_color(tmp_path / "frame-000000.color.png", 640, 480)
     write_depth(tmp_path / "frame-000000.depth.png", 1000, 640, 480)
     scan = open_scan(tmp_path)
-    assert scan.camera.params == DEFAULT_INTRINSICS == (525, 525, 320, 240)
+    assert scan.camera.params == DEFAULT_CAMERA.values == (525, 525, 320, 240)
     assert scan.depth.camera is not None
     assert scan.depth.camera.params == (585, 585, 320, 240)
     assert scan.depth.scale == 1000
@@ -66,7 +67,9 @@ def test_poses_are_moved_from_the_depth_camera_to_the_colour_camera(tmp_path: Pa
     write_seven_scenes(tmp_path, [0])
     np.savetxt(tmp_path / "frame-000000.pose.txt", np.eye(4))
     color_from_depth = Pose(np.eye(3), np.array([-0.025, 0.0, 0.0]))
-    scan = seven_scenes(tmp_path, depth_camera=INTRINSICS, color_from_depth=color_from_depth)
+    scan = seven_scenes(
+        tmp_path, depth_camera=CameraHint(values=INTRINSICS), color_from_depth=color_from_depth
+    )
     np.testing.assert_allclose(scan.frames[0].scan_from_camera.translation, [0.025, 0, 0])
 
 

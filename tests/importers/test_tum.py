@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
 from tests.importers.scans import (
@@ -173,8 +174,8 @@ def test_camera_file(tmp_path: Path) -> None:
     scan = tum(tmp_path)
     assert scan.camera.params == (61, 62, 30, 20)
     assert scan.depth.scale == 1000
-    assert tum(tmp_path, camera=INTRINSICS).camera.params == INTRINSICS
-    assert tum(tmp_path, camera=INTRINSICS).depth.scale == 1000
+    assert tum(tmp_path, camera=CameraHint(values=INTRINSICS)).camera.params == INTRINSICS
+    assert tum(tmp_path, camera=CameraHint(values=INTRINSICS)).depth.scale == 1000
     assert tum(tmp_path, depth_scale=2000.0).depth.scale == 2000
     (tmp_path / "camera.txt").write_text("60,60,31.5,23.5,0.1,0,0,0\n")
     assert tum(tmp_path).camera.model == "OPENCV"

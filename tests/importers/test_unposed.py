@@ -11,6 +11,7 @@ import pytest
 from app.engine.mapping.structure.chosen import choose_pictures
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
 from app.importers.recognition import recognised
 from app.importers.registry import open_scan, open_unposed
@@ -35,14 +36,18 @@ def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:
     unposed = open_unposed(tmp_path, "auto", ScanOptions())
     assert unposed is not None
     assert (unposed.format, unposed.video) == ("video", tmp_path / "walk.MP4")
-    with pytest.raises(InvalidScanError, match="only a build reads them"):
+    with pytest.raises(
+        InvalidScanError, match=r"walk\.MP4 is a video of 320 x 160 pixels, 1 s\. Only a build"
+    ):
         open_scan(tmp_path)
 
 
 def test_frames_of_a_video_are_chosen_and_wanted_times_with_them(tmp_path: Path) -> None:
     write_video(tmp_path / "walk.mp4")
     unposed = open_unposed(
-        tmp_path, "video", ScanOptions(scratch=tmp_path, camera=(300.0, 300.0, 160.0, 80.0))
+        tmp_path,
+        "video",
+        ScanOptions(scratch=tmp_path, camera=CameraHint(values=(300.0, 300.0, 160.0, 80.0))),
     )
     assert unposed is not None
     chosen = choose_pictures(unposed, ["0.72"], 3, NoProgress())
@@ -106,12 +111,20 @@ def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:
     assert unposed.listed is not None
     assert unposed.listed.has_depth
     assert len(unposed.listed.frames) == 3
+    # Where nothing moves only the first picture, and what is asked for by its time, is chosen.
+    still = np.kron(np.random.default_rng(0).integers(0, 255, (6, 8, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+    for path in (tmp_path / "rgb").iterdir():
+        cv2.imwrite(str(path), still)
+    chosen = choose_pictures(unposed, ["0.19"], 1, NoProgress())
+    assert [frame.timestamp_s for frame in chosen.scan.frames] == [0.0, 0.2]
 
 
 def test_poses_that_are_there_are_not_used_where_the_options_say_so(tmp_path: Path) -> None:
     write_seven_scenes(tmp_path)
-    assert open_unposed(tmp_path, "auto", ScanOptions(camera=INTRINSICS)) is None
-    unposed = open_unposed(tmp_path, "auto", ScanOptions(camera=INTRINSICS, estimate_poses=True))
+    assert open_unposed(tmp_path, "auto", ScanOptions(camera=CameraHint(values=INTRINSICS))) is None
+    unposed = open_unposed(
+        tmp_path, "auto", ScanOptions(camera=CameraHint(values=INTRINSICS), estimate_poses=True)
+    )
     assert unposed is not None
     assert unposed.listed is not None
     assert unposed.listed.gravity is None

@@ -33,7 +33,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, views: list[View]) -> Iterato
         # So that a worker which gives up does so within the tests' locks.
         patch.setenv("LOCK_WAIT_S", "0.3")
         with running(folder, runner) as server:
-            site = WithRunner(server, zipped(scan_files(views[:6])), views[3])
+            site = WithRunner(server, zipped(scan_files(views[:4])), views[3])
             site.runner = runner
             site.prepare()
             yield site

@@ -13,7 +13,8 @@ import httpx
 import pytest
 
 from app.commands.stream_client import Answer, StreamLog, start_session, stream_frames
-from tests.jobs.test_kill import _is_ready, free_port
+from tests.jobs.test_kill import _is_ready
+from tests.ports import free_port
 from tests.scenes import CAMERA_TEXT, Room, pose_at
 from tests.server import Server, wait_for
 
@@ -89,7 +90,7 @@ def test_a_phone_is_tracked_again_after_the_server_was_killed(
         with httpx.Client(base_url=address, timeout=60.0) as client:
             server = Server(client, tmp_path)
             server.add_venue("museum")
-            assert server.build(scan_zip, "museum")["state"] == "succeeded"
+            server.add_map(scan_zip, "museum", gravity=[0, 0, -1])
             session = start_session(address, None, venue="museum", camera=CAMERA_TEXT)
             phone = Phone(address, session, video)
             phone.start()

@@ -13,8 +13,8 @@ import websockets
 from websockets.asyncio.client import connect
 
 from app.commands.stream_client import StreamLog, start_session, stream_frames
-from tests.jobs.test_kill import free_port
 from tests.jobs.test_session_kill import ready, serve
+from tests.ports import free_port
 from tests.scenes import CAMERA_TEXT, Room, pose_at
 from tests.server import Server
 
@@ -32,7 +32,7 @@ def address(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterat
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as client:
             server = Server(client, folder)
             server.add_venue("museum")
-            assert server.build(scan_zip, "museum")["state"] == "succeeded"
+            server.add_map(scan_zip, "museum", gravity=[0, 0, -1])
         yield f"http://127.0.0.1:{port}"
     finally:
         process.kill()

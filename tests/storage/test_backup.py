@@ -16,7 +16,7 @@ from app.storage.blobs import BlobStore
 from app.storage.check import CheckedStore, check_store
 from app.storage.db import Database
 from tests.scenes import View, scan_files, zipped
-from tests.server import Server, running
+from tests.server import QUICK, Server, running
 
 VENUE = "v"
 
@@ -26,7 +26,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, views: list[View]) -> Itera
     """A server with a map."""
     with running(tmp_path_factory.mktemp("serving")) as server:
         server.add_venue(VENUE)
-        assert server.build(zipped(scan_files(views[:6])), VENUE)["state"] == "succeeded"
+        server.add_map(zipped(scan_files(views[:4])), VENUE, **QUICK)
         yield server
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,8 @@ from typing import Any
 
 import httpx
 import pytest
+
+from tests.ports import free_port
 
 CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
 KEY = "key-of-the-browser-test"
@@ -46,14 +47,14 @@ class Server:
                 stdout=log,
                 stderr=log,
             )
-        for _ in range(600):
+        for _ in range(2400):
             assert self.process.poll() is None, (self.folder / "log").read_text(encoding="utf-8")
             try:
                 if self.client.get("/readyz").status_code == 200:
                     return
             except httpx.TransportError:
                 pass
-            time.sleep(0.2)
+            time.sleep(0.05)
         pytest.fail(f"the server did not become ready: {(self.folder / 'log').read_text(encoding='utf-8')}")
 
     def stop(self) -> None:
@@ -78,9 +79,7 @@ class Tab:
 @contextmanager
 def live_server(folder: Path, **options: str) -> Iterator[Server]:
     """Serve a data folder in a process of its own; `options` are environment variables."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        url = f"http://127.0.0.1:{probe.getsockname()[1]}"
+    url = f"http://127.0.0.1:{free_port()}"
     with httpx.Client(base_url=url, headers={"Authorization": f"Bearer {KEY}"}, timeout=20) as client:
         server = Server(url, client, folder, options)
         server.start()

@@ -16,6 +16,7 @@ import pytest
 
 from app.geometry.se3 import Pose
 from tests import scenes
+from tests.built_maps import publish
 from tests.plans import collection, landmark, link
 from tests.server import wait_for
 from tests.web.live import KEY, Server, Tab, chromium, live_server, watched_tab
@@ -52,11 +53,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         client.put("/venues/room/floors/g/features", json=features).raise_for_status()
         room = scenes.Room()
         scan = scenes.zipped(scenes.scan_files([room.view(pose) for pose in scenes.walk()]))
-        options = json.dumps({"camera": scenes.CAMERA_TEXT, "gravity": [0, 0, -1]})
-        data = {"venue": "room", "options": options}
-        build = client.post("/database/build", data=data, files={"archive": ("scan.zip", scan)}).json()
-        state = f"/database/builds/{build['build']}"
-        wait_for(lambda: client.get(state).json()["state"] == "succeeded")
+        options = {"camera": scenes.CAMERA_TEXT, "gravity": [0, 0, -1]}
+        publish(server.folder / "data", "room", [(scan, options)])
         yield server
 
 

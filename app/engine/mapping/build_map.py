@@ -105,32 +105,29 @@ def build_map(
         rule = replace(rule, thresholds=calibration.thresholds)
         clock.lap("calibrate")
     selected = select_keyframes(source, poses, rule, extractor, executor, progress)
-    refines = options.refine_depth or not source.has_depth
-    support = supporting_rows(poses, rule, selected) if refines else []
+    support = supporting_rows(poses, rule, selected) if options.refine_depth or not source.has_depth else []
     clock.lap("select")
     chosen, keyframe_rows = sorted({*selected, *support}), set(selected)
 
-    def describe(row: int, is_keyframe: bool | None = None) -> _Described:
-        described_whole = row in keyframe_rows if is_keyframe is None else is_keyframe
-        return _describe(source, row, poses[row], described_whole, models, extractor)
+    def describe(row: int, whole: bool = False) -> _Described:
+        return _describe(source, row, poses[row], whole or row in keyframe_rows, models, extractor)
 
     described = dict(zip(chosen, map_in_order(executor, describe, chosen, "describe", progress), strict=True))
     clock.lap("describe")
-    whole = partial(describe, is_keyframe=True)
-    usable, left_out, replaced = _usable(described, selected, poses, rule, source, whole)
+    usable, left_out, replaced = _usable(
+        described, selected, poses, rule, source, partial(describe, whole=True)
+    )
     clock.lap("quality")
     refined = _refined(described, usable, source, options, extractor, executor, progress)
     limit = feature_limit(options, extractor, models.global_descriptor.size)
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
     z_up = states_up(options, source) if z_up is None else z_up
-    artifact, index, kept = _pack(
-        described, usable, points, refined, z_up, source.has_scale, options, models, progress
-    )
+    artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, progress)
     clock.lap("pack")
     if has_second_features(options):
-        own = [described[row] for row in kept]
-        artifact = _with_second_features(artifact, source, own, refined.camera, models, executor, progress)
+        rows = [described[row] for row in kept]
+        artifact = _with_second_features(artifact, source, rows, refined.camera, models, executor, progress)
         clock.lap("second features")
     return BuiltMap(
         artifact=artifact,
@@ -269,7 +266,7 @@ def _pack(
     points: Sequence[MapPoints],
     refined: RefinedScan,
     z_up: bool,
-    has_scale: bool,
+    source: FrameSource,
     options: BuildOptions,
     models: VisionModels,
     progress: Progress,
@@ -312,7 +309,7 @@ def _pack(
         keyframe_names=tuple(described[row].frame.name for row, _ in kept),
         lens_sigmas=(refined.lens_sigma,),
         z_up=z_up,
-        has_scale=has_scale,
+        has_scale=source.has_scale,
     )
     index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
     return MapArtifact(metadata=metadata, arrays=arrays), index, [row for row, _ in kept]

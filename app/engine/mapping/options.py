@@ -15,7 +15,6 @@ from app.engine.mapping.option_values import flag as _flag
 from app.engine.mapping.option_values import number as _number
 from app.engine.mapping.structure.scale_options import Scale, parse_scale
 from app.errors import InvalidInputError
-from app.geometry.camera import Camera
 from app.geometry.camera_hint import parse_camera_hint
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
@@ -107,9 +106,9 @@ def parse_build_options(values: object) -> BuildOptions:
 def _scan_options(values: Mapping[str, Any]) -> ScanOptions:
     difference = _number(values.get("max_time_difference_s"), "max_time_difference_s")
     return ScanOptions(
-        camera=parse_camera(values.get("camera"), "camera"),
+        camera=parse_camera_hint(values.get("camera"), "camera"),
         depth_scale=_number(values.get("depth_scale"), "depth_scale"),
-        depth_camera=parse_camera(values.get("depth_camera"), "depth_camera"),
+        depth_camera=parse_camera_hint(values.get("depth_camera"), "depth_camera"),
         color_from_depth=_matrix(values.get("color_from_depth"), "color_from_depth"),
         max_time_difference_s=0.02 if difference is None else difference,
         motion=_motion(values),
@@ -192,12 +191,6 @@ def _max_features(value: object) -> int | None:
     if value is None:
         return None
     return _count(value, "max_features_per_keyframe", MIN_FEATURES_PER_KEYFRAME, "features")
-
-
-def parse_camera(value: object, name: str = "camera") -> Camera | tuple[float, ...] | None:
-    """Return the camera of a scan's options, or its numbers, which get the images' size (`parse_camera_hint`)."""
-    hint = parse_camera_hint(value, name)
-    return None if hint is None else hint.camera or hint.values
 
 
 def _gravity(value: object) -> tuple[float, float, float] | None:

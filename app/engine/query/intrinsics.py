@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -14,12 +15,29 @@ from app.geometry.camera import Camera
 from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
 from app.geometry.pnp import PnpEstimate
+from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
 
-ON_ZOOMED = "roomfix evaluate-cameras on RedKitchen and desk_rs; docs/figures/evaluate-cameras.md."
-Estimate = Callable[[Matches, Camera, Pose | None], PnpEstimate | None]
+ON_ZOOMED = (
+    "roomfix evaluate-cameras on RedKitchen, desk_rs and freiburg1_rpy; docs/figures/evaluate-cameras.md."
+)
 Search = Callable[[Matches], Camera | None]
+# Zooms that are tried where few of the matches agree: steps that leave less than 13 % between them.
+ZOOMS = (0.57, 0.71, 0.89, 1.12, 1.4, 1.75, 2.2)
+
+
+class Estimate(Protocol):
+    """Returns the pose of a camera that most matches agree on, None when too few do."""
+
+    def __call__(
+        self,
+        matches: Matches,
+        camera: Camera,
+        prior: Pose | None = None,
+        max_iterations: int | None = None,
+    ) -> PnpEstimate | None:
+        """Return the pose; `prior` is tried first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +69,7 @@ class IntrinsicsCheckOptions:
         chosen=ON_ZOOMED,
     )
     min_depth_spread: float = limit(
-        0.1,
+        0.13,
         "Spread of the inliers' depths (1.4826 times the median absolute deviation, over the median) below which they "
         "don't verify a camera: of a flat scene, a longer focal length shows the same as a nearer place.",
         chosen=ON_ZOOMED,
@@ -89,6 +107,16 @@ class IntrinsicsCheckOptions:
         "only part of what another camera would change.",
         chosen=ON_ZOOMED,
     )
+    round_gain_ratio: float = limit(
+        1.02,
+        "Inliers after a round of refining, over those before, up to which refining ends.",
+        chosen="By hand: a free camera fits the map's errors too, and moves away from the right one.",
+    )
+    simpler_share: float = limit(
+        0.05,
+        "Cost by which a camera of fewer unknowns may exceed the least one, over its inliers, and still be preferred.",
+        chosen="By hand: a twentieth of what an outlier costs; unknowns always lower the cost a little.",
+    )
     sure_gain_ratio: float = limit(
         1.04,
         "As min_gain_ratio, where the change of the focal length is beyond sure_sigmas.",
@@ -97,8 +125,25 @@ class IntrinsicsCheckOptions:
     sure_sigmas: float = limit(
         4.0, "Sigmas of the focal length beyond which a smaller gain is enough.", chosen=ON_ZOOMED
     )
+    screened_share: float = limit(
+        0.5,
+        "Inliers over matches below which other zooms are tried: the inliers of a wrong camera can agree among each "
+        "other, but are few.",
+        chosen="By hand: half the matches of right cameras agree on ordinary pictures.",
+    )
+    screen_iterations: int = limit(
+        150,
+        "Samples of RANSAC for each zoom that is tried.",
+        chosen="By hand: four right matches of ten are drawn together in a few dozen samples.",
+    )
+    screen_matches: int = limit(300, "Most matches that zooms are tried with.", chosen="By hand: for speed.")
+    screen_ratio: float = limit(
+        1.15,
+        "Inliers with a zoom, over those without, from which on refining starts there.",
+        chosen="By hand: between no gain and that of a zoom that is 12 % off.",
+    )
     truncation_factor: float = limit(
-        1.5,
+        1.75,
         "Factor on the change that another camera would make: it is estimated on inliers of the stated one, which "
         "leaves out what contradicts it most.",
         chosen=ON_ZOOMED,
@@ -148,8 +193,9 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     is_stretched = bool(square_pixels(camera))
-    may_be_other = is_doubted or not is_verified or is_stretched
-    refined = _refined(best, camera, fit, estimate, search) if may_be_other else None
+    zoomed = _screened(best, camera, estimate)
+    may_be_other = is_doubted or not is_verified or is_stretched or zoomed is not None
+    refined = _refined(best, camera, fit, estimate, search, zoomed) if may_be_other else None
     if refined is not None:
         return refined
     is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
@@ -160,7 +206,7 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
         best=best,
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
         max_confidence=OPTIONS.unverified_confidence
-        if is_doubted or is_stretched or _is_flat(best)
+        if is_doubted or is_stretched or zoomed is not None or _is_flat(best)
         else _max_confidence(fit),
         is_contradicted=is_doubted,
     )
@@ -208,38 +254,109 @@ def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
     return abs(fit.log_focal) > zoom or bool(np.any(np.abs(fit.offset_px) > shifts_px))
 
 
+def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | None:
+    """Return the camera of the zoom that most matches agree with, None where that is about the stated one.
+
+    A wrong focal length can leave a few inliers of one part of the picture that show nothing of it; that most matches
+    are no inliers does.
+    """
+    if len(best.inliers) >= OPTIONS.screened_share * len(best.matches):
+        return None
+    step = -(-len(best.matches) // OPTIONS.screen_matches)
+    some = best.matches.take(np.arange(0, len(best.matches), step))
+
+    limit_px = _limit_px(best, camera)
+
+    def count(tried: Camera) -> int:
+        found = estimate(some, tried, max_iterations=OPTIONS.screen_iterations)
+        return 0 if found is None else _agreeing(some, tried, found.world_from_camera, limit_px)
+
+    counts = {zoom: count(changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0])) for zoom in ZOOMS}
+    most = max(counts, key=lambda zoom: counts[zoom])
+    if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * count(camera):
+        return None
+    return changed_camera(camera, [float(np.log(most)), 0.0, 0.0])
+
+
+def _limit_px(best: Hypothesis, camera: Camera) -> float:
+    """Return about the reprojection error up to which matches agree with the stated camera."""
+    inliers = best.inliers
+    return float(
+        np.max(reprojection_errors_px(inliers.points_px, inliers.points_in_world, camera, best.pose))
+    )
+
+
+def _agreeing(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> int:
+    """Return how many features agree with a camera and its pose. The limit is one in pixels for all cameras: an angle
+    would let more matches agree with each longer focal length."""
+    errors_px = reprojection_errors_px(matches.points_px, matches.points_in_world, camera, pose)
+    return matches.take(errors_px <= limit_px).feature_count
+
+
+def _cost(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> float:
+    """Return the sum of the squared errors over their limit, each at most 1 (MSAC)."""
+    errors_px = reprojection_errors_px(matches.points_px, matches.points_in_world, camera, pose)
+    return float(np.minimum((errors_px / limit_px) ** 2, 1.0).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class _Refined:
+    """A camera that refining led to, how many features agree with it, and their cost."""
+
+    checked: CheckedCamera
+    agreeing: int
+    cost: float
+
+
 def _refined(
-    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, estimate: Estimate, search: Search
+    best: Hypothesis,
+    camera: Camera,
+    fit: FreeIntrinsics,
+    estimate: Estimate,
+    search: Search,
+    zoomed: Camera | None,
 ) -> CheckedCamera | None:
     """Return a camera with far more inliers than the stated one, None where refining leads to none."""
-    found: CheckedCamera | None = None
-    for candidate, pose in _starts(best, camera, fit, search):
-        tried, prior = candidate, pose
-        for _ in range(OPTIONS.rounds):
-            if abs(np.log(tried.focal_px / camera.focal_px)) > OPTIONS.max_refined_log:
-                break
-            again = estimate(best.matches, tried, prior)
-            if again is None:
-                break
-            hypothesis = Hypothesis.of(again, best.matches)
-            if found is not None and hypothesis.inliers.feature_count <= found.best.inliers.feature_count:
-                break
-            next_fit = _fit(hypothesis, tried)
-            found = CheckedCamera(
-                camera=tried,
-                best=hypothesis,
-                systematic=_uncertainty(hypothesis, next_fit),
-                max_confidence=OPTIONS.unverified_confidence,
-                is_refined=True,
-            )
-            if next_fit is None:
-                break
-            tried, prior = next_fit.camera, next_fit.pose
-    if found is None:
+    starts = _starts(best, camera, fit, search, zoomed)
+    tried = [_refined_from(start, pose, best, camera, estimate) for start, pose in starts]
+    ends = [end for end in tried if end is not None]
+    if not ends:
         return None
-    gain = found.best.inliers.feature_count / best.inliers.feature_count
+    least_cost = min(end.cost for end in ends)
+    found = next(end for end in ends if end.cost <= least_cost + OPTIONS.simpler_share * end.agreeing)
     is_sure = abs(fit.log_focal) > OPTIONS.sure_sigmas * fit.focal_sigma
-    return found if gain >= (OPTIONS.sure_gain_ratio if is_sure else OPTIONS.min_gain_ratio) else None
+    gain = OPTIONS.sure_gain_ratio if is_sure else OPTIONS.min_gain_ratio
+    return found.checked if found.agreeing >= gain * best.inliers.feature_count else None
+
+
+def _refined_from(
+    start: Camera, prior: Pose | None, best: Hypothesis, stated: Camera, estimate: Estimate
+) -> _Refined | None:
+    """Return the camera that refining from `start` leads to; each round fits the camera to the inliers of the last."""
+    found, tried, limit_px = None, start, _limit_px(best, stated)
+    for _ in range(OPTIONS.rounds):
+        if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
+            break
+        again = estimate(best.matches, tried, prior)
+        if again is None:
+            break
+        hypothesis = Hypothesis.of(again, best.matches)
+        agreeing = _agreeing(best.matches, tried, hypothesis.pose, limit_px)
+        if found is not None and agreeing <= OPTIONS.round_gain_ratio * found.agreeing:
+            break
+        next_fit = _fit(hypothesis, tried)
+        checked = CheckedCamera(
+            camera=tried,
+            best=hypothesis,
+            systematic=_uncertainty(hypothesis, next_fit),
+            max_confidence=OPTIONS.unverified_confidence,
+            is_refined=True,
+        )
+        found = _Refined(checked, agreeing, _cost(best.matches, tried, hypothesis.pose, limit_px))
+        if next_fit is None:
+            break
+        tried, prior = next_fit.camera, next_fit.pose
+    return found
 
 
 def _max_confidence(fit: FreeIntrinsics | None) -> float:
@@ -255,14 +372,16 @@ def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
 
 
 def _starts(
-    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, search: Search
+    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, search: Search, zoomed: Camera | None
 ) -> Iterator[tuple[Camera, Pose | None]]:
-    """Yield the cameras from which refining starts, with the pose where one is known."""
+    """Yield the cameras from which refining starts, fewest unknowns first, with the pose where one is known."""
+    for square in square_pixels(camera):
+        yield square, None
     yield fit.camera, fit.pose
+    if zoomed is not None:
+        yield zoomed, None
     if abs(fit.log_focal) > OPTIONS.search_log or fit.focal_sigma > OPTIONS.unverified_sigma:
         searched = search(best.matches)
         if searched is not None:
             zoom = float(np.log(searched.focal_px / camera.focal_px))
             yield changed_camera(camera, [zoom, 0.0, 0.0]), None
-    for square in square_pixels(camera):
-        yield square, None

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from app.engine.query.accuracy import accuracy_of, sigma_across, with_map_error
 from app.engine.query.contradiction import contradicted_in_map
@@ -391,6 +391,6 @@ def confidence_of_sigma(accuracy: Accuracy) -> float:
 
     A sigma is that of the error's length: with three equal axes its square is a chi-square of three.
     """
-    within_m = chi2.cdf(3.0 * (0.5 / max(accuracy.position_m, 1e-6)) ** 2, 3)
-    within_deg = chi2.cdf(3.0 * (5.0 / max(accuracy.orientation_deg, 1e-6)) ** 2, 3)
+    within_m = chdtr(3, 3.0 * (0.5 / max(accuracy.position_m, 1e-6)) ** 2)
+    within_deg = chdtr(3, 3.0 * (5.0 / max(accuracy.orientation_deg, 1e-6)) ** 2)
     return float(within_m * within_deg)

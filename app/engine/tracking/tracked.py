@@ -9,13 +9,15 @@ from app.engine.query.verification import Reason
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.state import State
 from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracked:
     """The outcome for one frame; `placed` is None exactly when `reason` says why.
 
-    `unaided_m` is the path since the last fix, metres.
+    `unaided_m` is the path since the last fix, metres; `by_odometry` where odometry has the camera, for a fix that
+    corrects it.
     """
 
     state: State
@@ -28,3 +30,4 @@ class Tracked:
     unaided_m: float
     camera: Camera | None
     fix: Fix | None = None
+    by_odometry: Pose | None = None

@@ -68,7 +68,7 @@ class Tracker:
             case Followed():
                 return self._go_on(event, frame)
             case Corrected():
-                return self._join(event, frame)
+                return replace(self._join(event, frame), by_odometry=event.step.frame_from_camera)
             case Found():
                 return self._take(event.fix, frame, "relocalized" if event.resumed else "tracking")
             case Doubted():

@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -71,7 +72,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     notes = () if depth_folder else (WITHOUT_DEPTH, NO_SCALE)
     blank = files.blank_depth(camera.width, camera.height)
     source = ScanSource(
-        camera=options.camera or camera,
+        camera=options.camera or hint_of(camera),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),

@@ -13,6 +13,7 @@ import numpy as np
 
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -68,8 +69,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     frames = _frames(folder, data, camera, files, discarded)
     depth_camera = data.cameras.get(depth_sensors[0]) if depth_sensors else None
     source = ScanSource(
-        camera=options.camera or camera,
-        depth_camera=depth_camera if depth_camera != camera else None,
+        camera=options.camera or hint_of(camera),
+        depth_camera=hint_of(depth_camera) if depth_camera and depth_camera != camera else None,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),

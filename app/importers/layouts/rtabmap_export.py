@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
@@ -79,14 +80,16 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             place = Pose.identity() if "camera" in found.poses.name else calibration.base_from_camera
             frames.append(Frame(name, time_s, color, depths[color.stem], pose @ place))
     source = ScanSource(
-        camera=options.camera
-        or common_intrinsics(
-            [c.values for c in calibrations.values()], [f"{stem}.yaml" for stem in calibrations]
-        ),
+        camera=options.camera or _common(calibrations),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
     )
     return assemble_scan(frames, discarded, source, options)
+
+
+def _common(calibrations: dict[str, _Calibration]) -> CameraHint:
+    names = [f"{stem}.yaml" for stem in calibrations]
+    return CameraHint(values=common_intrinsics([each.values for each in calibrations.values()], names))
 
 
 def _is_yaml(path: Path) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers import seven_scenes
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
@@ -70,9 +71,9 @@ def _entries(text: str) -> list[tuple[str, str]]:
     return [(key.strip(), value.strip()) for key, sign, value in lines if sign]
 
 
-def _intrinsics(values: dict[str, str], key: str, name: str) -> tuple[float, ...]:
+def _intrinsics(values: dict[str, str], key: str, name: str) -> CameraHint:
     matrix = np.array(numbers(values.get(key, "").split(), f"{name}: {key}"))
     if len(matrix) != 16:
         raise InvalidScanError(f"{name}: {key} must be 16 numbers, a matrix of 4x4.")
     K = matrix.reshape(4, 4)
-    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+    return CameraHint(values=(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.association import Trajectory
@@ -95,7 +96,7 @@ def _row(values: list[float]) -> NDArray[np.float64]:
     return np.array([values[0], *pose.translation, *pose.quaternion])
 
 
-def _intrinsics(folder: ScanFolder) -> tuple[float, ...]:
+def _intrinsics(folder: ScanFolder) -> CameraHint:
     files = [] if not (folder.path / INTRINSICS).is_dir() else folder.files_in(folder.path / INTRINSICS)
     files = [path for path in files if path.suffix.lower() == ".pincam"]
     if not files:
@@ -106,4 +107,4 @@ def _intrinsics(folder: ScanFolder) -> tuple[float, ...]:
         if len(values) != 6:
             raise InvalidScanError(f"{path.name} must hold six numbers: width height fx fy cx cy.")
         each.append(tuple(values[2:]))
-    return common_intrinsics(each, [path.name for path in files])
+    return CameraHint(values=common_intrinsics(each, [path.name for path in files]))

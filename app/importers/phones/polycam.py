@@ -13,6 +13,7 @@ import numpy as np
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -50,7 +51,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     entries = {path.stem: read_json_object(path) for path in found if path is not None}
     discarded = Discarded()
     source = ScanSource(
-        camera=options.camera or _camera(entries),
+        camera=options.camera or hint_of(_camera(entries)),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,

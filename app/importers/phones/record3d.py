@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose, rotation_from_quaternion
 from app.importers.archives.archive import extract_archive
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
@@ -65,7 +66,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     recording = _opened(directory, files)
     frames = _frames(recording, files, discarded)
     source = ScanSource(
-        camera=options.camera or _intrinsics(recording.metadata, frames),
+        camera=options.camera or CameraHint(values=_intrinsics(recording.metadata, frames)),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,

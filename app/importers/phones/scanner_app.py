@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.cameras import common_intrinsics
@@ -78,11 +79,11 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     return assemble_scan(frames, discarded, source, options)
 
 
-def _camera(cameras: list[tuple[str, NDArray[np.float64]]]) -> tuple[float, ...]:
+def _camera(cameras: list[tuple[str, NDArray[np.float64]]]) -> CameraHint:
     if not cameras:
         raise InvalidScanError("The scan has no frame_00000.json and so on, which hold camera and pose.")
     rows = [tuple(float(K[i]) for i in (0, 4, 2, 5)) for _, K in cameras]
-    return common_intrinsics(rows, [name for name, _ in cameras])
+    return CameraHint(values=common_intrinsics(rows, [name for name, _ in cameras]))
 
 
 def _time_s(content: dict[str, Any], stem: str, where: str) -> float:

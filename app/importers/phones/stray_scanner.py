@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -160,11 +161,11 @@ def _pose(values: list[float]) -> Pose | None:
         return None
 
 
-def _intrinsics(directory: Path) -> tuple[float, ...]:
+def _intrinsics(directory: Path) -> CameraHint:
     path = optional_file(directory, MATRIX)
     if path is None:
         raise InvalidScanError(f"The scan's camera is not known: {MATRIX} is missing.")
     values = numbers([cell for row in rows(read_text(path)) for cell in row.cells()], path.name)
     if len(values) != 9:
         raise InvalidScanError(f"{path.name} must hold a matrix of 3x3 numbers, not {len(values)} of them.")
-    return values[0], values[4], values[2], values[5]
+    return CameraHint(values=(values[0], values[4], values[2], values[5]))

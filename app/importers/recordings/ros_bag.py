@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.association import Trajectory, associate
 from app.importers.frame_files.spacing import spaced_rows
@@ -51,7 +52,7 @@ class _Stream:
     times_s: list[float] = field(default_factory=list)
     paths: list[Path] = field(default_factory=list)
     frame: str = ""
-    camera: tuple[float, ...] | None = None
+    camera: CameraHint | None = None
 
 
 @dataclass(slots=True)
@@ -78,13 +79,14 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     with _opened(directory) as reader:
         topics = _chosen_topics(reader)
         color, depth, rows, transforms, frame = _read(reader, topics, files)
-    if options.camera is None and color.camera is None:
+    camera = options.camera or color.camera
+    if camera is None:
         raise InvalidScanError(f"The bag has no CameraInfo for {topics.color}: give `camera` in the options.")
     trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
     frames = _frames(color, depth, trajectory, files, options, discarded)
     registered = depth is None or depth.frame == color.frame
     source = ScanSource(
-        camera=options.camera or color.camera or (),
+        camera=camera,
         depth_camera=None if registered or depth is None else depth.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
@@ -200,9 +202,9 @@ def _add_camera(topic: str, message: Any, topics: _Topics, color: _Stream, depth
     if len(D) in (4, 5) and np.any(D):
         values += tuple(D.tolist())
     if topics.color.startswith(f"{namespace}/") and color.camera is None:
-        color.camera = values
+        color.camera = CameraHint(values=values)
     if topics.depth is not None and topics.depth.startswith(f"{namespace}/") and depth.camera is None:
-        depth.camera = values
+        depth.camera = CameraHint(values=values)
 
 
 def _frames(

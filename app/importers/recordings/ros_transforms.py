@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.association import Trajectory
 from app.importers.frames import ScanOptions
@@ -93,7 +94,7 @@ class Transforms:
         return chain if any(isinstance(link, list) for link in chain) else []
 
     def with_place_of_depth(
-        self, options: ScanOptions, color: str, depth: str, camera: tuple[float, ...] | None
+        self, options: ScanOptions, color: str, depth: str, camera: CameraHint | None
     ) -> ScanOptions:
         """Return the options with the depth camera's intrinsics and its place, where fixed transforms say it."""
         roots = {frame for frame, _ in self.fixed.values()}

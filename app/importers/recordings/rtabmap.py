@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.frame_files.cameras import common_intrinsics
@@ -76,17 +77,19 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         raise InvalidScanError(f"{path.name} can't be read as a database of RTAB-Map: {error}.") from None
     if options.camera is None and not cameras:
         raise InvalidScanError(f"{path.name} holds no calibrated pictures.")
-    camera = options.camera or common_intrinsics(
-        [camera.values for camera in cameras], [f"node {i}" for i in range(len(cameras))]
-    )
     source = ScanSource(
-        camera=camera,
+        camera=options.camera or _common(cameras),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         notes=notes,
         keeps=files,
     )
     return assemble_scan(frames, discarded, source, options)
+
+
+def _common(cameras: list[_Camera]) -> CameraHint:
+    names = [f"node {i}" for i in range(len(cameras))]
+    return CameraHint(values=common_intrinsics([camera.values for camera in cameras], names))
 
 
 def _connected(path: Path) -> sqlite3.Connection:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidPoseError, InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.frames import Frame, Scan, ScanOptions
@@ -68,8 +69,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             f"{path.name} says that colour and depth camera are apart: give depth_camera and color_from_depth."
         )
     source = ScanSource(
-        camera=options.camera or _values(header.intrinsics),
-        depth_camera=_values(header.depth_intrinsics),
+        camera=options.camera or _camera(header.intrinsics),
+        depth_camera=_camera(header.depth_intrinsics),
         depth_scale=header.depth_scale,
         default_depth_scale=header.depth_scale,
         keeps=files,
@@ -156,8 +157,8 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
     )
 
 
-def _values(K: NDArray[np.float64]) -> tuple[float, ...]:
-    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+def _camera(K: NDArray[np.float64]) -> CameraHint:
+    return CameraHint(values=(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
 
 
 def _floats(file: BinaryIO, count: int, name: str) -> NDArray[np.float64]:

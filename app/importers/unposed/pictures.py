@@ -52,6 +52,15 @@ def open_pictures(directory: Path, name: str, options: ScanOptions) -> UnposedSc
     return UnposedScan(format=name, photos=photos, camera=options.camera, scratch=options.scratch)
 
 
+def summary_of(scan: UnposedScan) -> str:
+    """Return a sentence on what a video or photos are."""
+    if scan.video is None:
+        return f"These are {len(scan.photos)} photos."
+    video = open_video(scan.video)
+    length = f", {video.count / video.fps:.0f} s" if video.count and video.fps else ""
+    return f"{video.path.name} is a video of {video.width} x {video.height} pixels{length}."
+
+
 def find_format(directory: Path) -> str | None:
     """Return what the files below a folder are by their names, as `format_of_names`."""
     return format_of_names(path.relative_to(directory).as_posix() for path in _files(directory))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.importers.frames import Scan
 
 
@@ -21,5 +21,5 @@ class UnposedScan:
     video: Path | None = None
     photos: tuple[Path, ...] = ()
     listed: Scan | None = None
-    camera: Camera | tuple[float, ...] | None = None
+    camera: CameraHint | None = None
     scratch: Path | None = None

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from app.cli import app
 from app.engine.mapping.register_scan import Registration
 from app.errors import InvalidInputError
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.frames import ScanOptions
 from bench.evaluation.extend import moved_scan, other_frame, registration_error, split_for_extension
@@ -59,14 +60,14 @@ def test_a_second_scan_is_registered_and_as_good_as_one_scan(scan: Path) -> None
 
 
 def test_parts_that_can_not_be_compared_are_refused(scan: Path) -> None:
-    options = ScanOptions(camera=CAMERA)
+    options = ScanOptions(camera=hint_of(CAMERA))
     for parts in (("0:9", "8:18", "18:27"), ("0:0", "9:18", "18:27"), ("0:9", "9:18", "0:18")):
         with pytest.raises(InvalidInputError):
             split_for_extension(scan, *parts, "tum", options)
 
 
 def test_the_moved_scan_is_another_frame(scan: Path) -> None:
-    split = split_for_extension(scan, "0:9", "9:18", "18:", "tum", ScanOptions(camera=CAMERA))
+    split = split_for_extension(scan, "0:9", "9:18", "18:", "tum", ScanOptions(camera=hint_of(CAMERA)))
     motion = other_frame(1)
     assert 15 <= np.abs(motion.translation).min() <= np.abs(motion.translation).max() <= 30
     moved = moved_scan(split.second, motion)

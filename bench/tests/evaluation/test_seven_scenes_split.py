@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
 from bench.evaluation.dataset import split_scan
 from tests.importers.scans import INTRINSICS, write_seven_scenes
 
-OPTIONS = ScanOptions(camera=INTRINSICS)
+OPTIONS = ScanOptions(camera=CameraHint(values=INTRINSICS))
 
 
 def write(folder: Path) -> Path:

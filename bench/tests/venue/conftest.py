@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from bench.render.scene import Scene, build_scene
@@ -14,6 +16,13 @@ from bench.venue.layout import CORRIDORS
 @pytest.fixture(scope="session")
 def surfaces() -> list[Surface]:
     return shell() + decoration()
+
+
+@pytest.fixture(scope="session")
+def outline(surfaces: list[Surface]) -> Scene:
+    """The whole building with one texture everywhere: for what asks where rays end. To draw all takes ten seconds."""
+    pytest.importorskip("embreex")
+    return build_scene([replace(each, texture=surfaces[0].texture) for each in surfaces])
 
 
 @pytest.fixture(scope="session")

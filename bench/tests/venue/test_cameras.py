@@ -5,21 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.render.scene import Scene, demo_scene
+from bench.render.scene import Scene
 from bench.simulation.cameras import HANGS_M, MAX_POIS, HungCamera, hang_cameras, spec_of
 from bench.venue.layout import room_at
 from bench.venue.plan_image import plan_from_world
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
-    pytest.importorskip("embreex")
-    return demo_scene()
-
-
-@pytest.fixture(scope="module")
-def cameras(scene: Scene) -> list[HungCamera]:
-    return hang_cameras(scene)
+def cameras(outline: Scene) -> list[HungCamera]:
+    return hang_cameras(outline)
 
 
 def test_cameras_hang_in_the_rooms_that_they_are_named_after(cameras: list[HungCamera]) -> None:

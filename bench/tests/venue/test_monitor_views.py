@@ -12,6 +12,9 @@ from app.vision.images import decode_image
 from bench.recordings.monitor_views import MIN_POIS, sample_view
 from bench.recordings.monitors import MONITOR_CAMERA, MonitorPair, render_rolled_phones
 from bench.recordings.queries import PHONE_CAMERA
+from bench.render import frames
+from bench.render.scene import Scene, build_scene
+from bench.render.surfaces import Surface
 from bench.venue.decor import wall_prints
 from bench.venue.layout import room_by_id
 from tests.scenes import pose_at
@@ -19,12 +22,10 @@ from tests.scenes import pose_at
 pytest.importorskip("embreex")
 
 
-def test_camera_and_phone_see_the_same_print_from_the_same_room() -> None:
-    from bench.render.scene import demo_scene
-
+def test_camera_and_phone_see_the_same_print_from_the_same_room(outline: Scene) -> None:
     room = room_by_id("0-lobby")
     rng = np.random.default_rng(3)
-    view = sample_view(rng, demo_scene(), room, (MONITOR_CAMERA, PHONE_CAMERA), (10.0, 30.0), (2.0, 6.0))
+    view = sample_view(rng, outline, room, (MONITOR_CAMERA, PHONE_CAMERA), (10.0, 30.0), (2.0, 6.0))
     assert view is not None
     assert len(view.pois) >= MIN_POIS
     assert view.pois[0].id in view.seen
@@ -42,15 +43,17 @@ def test_camera_and_phone_see_the_same_print_from_the_same_room() -> None:
         )
 
 
-def test_a_room_without_prints_has_no_view() -> None:
-    from bench.render.scene import demo_scene
-
+def test_a_room_without_prints_has_no_view(outline: Scene) -> None:
     rng = np.random.default_rng(0)
     cameras = MONITOR_CAMERA, PHONE_CAMERA
-    assert sample_view(rng, demo_scene(), room_by_id("0-lift"), cameras, (3.0, 45.0), (2.0, 10.0)) is None
+    assert sample_view(rng, outline, room_by_id("0-lift"), cameras, (3.0, 45.0), (2.0, 10.0)) is None
 
 
-def test_a_phone_that_is_rolled_sees_its_picture_turned(tmp_path: Path) -> None:
+def test_a_phone_that_is_rolled_sees_its_picture_turned(
+    tmp_path: Path, surfaces: list[Surface], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lobby = build_scene([each for each in surfaces if each.room == "0-lobby"])
+    monkeypatch.setattr(frames, "demo_scene", lambda: lobby)
     camera = Camera("PINHOLE", 96, 96, (80.0, 80.0, 47.5, 47.5))
     room = room_by_id("0-lobby")
     x0, y0, x1, y1 = room.interior

@@ -1,5 +1,6 @@
 import io
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +14,17 @@ from bench.venue.openings import shared_wall
 from bench.venue.venue import DemoFloor
 from bench.venue.walkable import free_space
 
-FLOORS = floor_plans()
+
+@cache
+def floors() -> list[DemoFloor]:
+    """Return the floors, which take a second or two to draw."""
+    return list(floor_plans())
+
+
+@pytest.fixture(params=list(VENUE.floors))
+def floor(request: pytest.FixtureRequest) -> DemoFloor:
+    """Each of the floors."""
+    return next(each for each in floors() if each.id == request.param)
 
 
 def features_of(floor: DemoFloor, kind: str) -> list[dict]:
@@ -29,17 +40,16 @@ def brightness(floor: DemoFloor, x: float, y: float) -> int:
 
 
 def test_floors_stand_on_each_other():
-    assert [floor.id for floor in FLOORS] == list(VENUE.floors)
-    assert FLOORS[0].z_max_m == FLOORS[1].z_min_m == 3.5
+    assert [floor.id for floor in floors()] == list(VENUE.floors)
+    assert floors()[0].z_max_m == floors()[1].z_min_m == 3.5
 
 
 def test_the_plan_is_turned_and_shifted_differently_on_each_floor():
-    yaws = [PlanTransform(floor.plan_from_world).yaw_deg for floor in FLOORS]
+    yaws = [PlanTransform(floor.plan_from_world).yaw_deg for floor in floors()]
     assert yaws == pytest.approx([90.0, 90.0])
-    assert not np.allclose(FLOORS[0].plan_from_world[:2, 3], FLOORS[1].plan_from_world[:2, 3])
+    assert not np.allclose(floors()[0].plan_from_world[:2, 3], floors()[1].plan_from_world[:2, 3])
 
 
-@pytest.mark.parametrize("floor", FLOORS, ids=lambda floor: floor.id)
 def test_walls_are_dark_and_doors_are_not(floor):
     for door in DOORS:
         if door.floor != floor.level or door.closed:
@@ -53,7 +63,6 @@ def test_walls_are_dark_and_doors_are_not(floor):
         assert brightness(floor, *wall) < 100, door
 
 
-@pytest.mark.parametrize("floor", FLOORS, ids=lambda floor: floor.id)
 def test_areas_are_the_rooms_in_plan_metres(floor):
     areas = {f["properties"]["id"]: shapely.geometry.shape(f["geometry"]) for f in features_of(floor, "area")}
     transform = PlanTransform(floor.plan_from_world)
@@ -65,7 +74,6 @@ def test_areas_are_the_rooms_in_plan_metres(floor):
             assert area.contains(shapely.Point(transform.apply([(x0 + x1) / 2, y0 + 0.3, room.base_m])[:2]))
 
 
-@pytest.mark.parametrize("floor", FLOORS, ids=lambda floor: floor.id)
 def test_links_join_landmarks_and_keep_clear_of_furniture(floor):
     marks = {f["properties"]["id"]: f["geometry"]["coordinates"] for f in features_of(floor, "landmark")}
     transform = PlanTransform(floor.plan_from_world)
@@ -83,7 +91,7 @@ def test_links_join_landmarks_and_keep_clear_of_furniture(floor):
 
 
 def test_stairs_and_lift_join_the_floors():
-    for floor, other in (FLOORS, FLOORS[::-1]):
+    for floor, other in (floors(), floors()[::-1]):
         marks = {f["properties"]["id"] for f in features_of(floor, "landmark")}
         others = {f["properties"]["id"] for f in features_of(other, "landmark")}
         up = [f["properties"] for f in features_of(floor, "link") if "to_floor" in f["properties"]]

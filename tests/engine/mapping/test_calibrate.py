@@ -17,6 +17,7 @@ from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import NoProgress
 from app.errors import InvalidInputError, InvalidScanError
+from app.geometry.camera_hint import hint_of
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
 from app.vision.keyframes import ATTITUDE_CURVE, POSITION_CURVE
@@ -42,7 +43,7 @@ def scan(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> Scan:
         path = folder / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
-    return open_scan(folder, "tum", ScanOptions(camera=CAMERA))
+    return open_scan(folder, "tum", ScanOptions(camera=hint_of(CAMERA)))
 
 
 def calibrated(scan: Scan, options: BuildOptions = CALIBRATED, wanted: float | None = None) -> Calibration:

@@ -15,6 +15,7 @@ from app.engine.mapping.options import BuildOptions
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
@@ -53,7 +54,7 @@ def scan_in(folder: Path, files: dict[str, bytes]) -> Scan:
     for path, data in files.items():
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes(data)
-    return open_scan(folder, "tum", ScanOptions(camera=CAMERA))
+    return open_scan(folder, "tum", ScanOptions(camera=hint_of(CAMERA)))
 
 
 def built(scan: Scan) -> BuiltMap:

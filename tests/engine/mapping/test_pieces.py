@@ -13,11 +13,13 @@ from app.engine.floors.floor import Floor, PlanImage
 from app.engine.floors.options import OPTIONS as FLOOR
 from app.engine.floors.plan_point import floor_of, plan_point
 from app.engine.mapping.extend_map import join_maps
-from app.engine.mapping.options import BuildOptions, parse_build_options, parse_camera
+from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.register_scan import largest_agreement, spread
 from app.engine.maps.points import OPTIONS, nearby_views
 from app.engine.progress import NoProgress, map_in_order
 from app.errors import CancelledBuildError, InvalidInputError
+from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.frames import Frame
 from app.vision.index import GlobalIndex
@@ -202,15 +204,21 @@ def test_no_options_are_the_defaults() -> None:
             "keyframes": {"rule": "interval", "every": 3},
         }
     )
-    assert (options.format, options.scan.camera, options.gravity) == ("7scenes", (1, 2, 3, 4), (0, 0, -1))
+    assert (options.format, options.scan.camera, options.gravity) == (
+        "7scenes",
+        CameraHint(values=(1, 2, 3, 4)),
+        (0, 0, -1),
+    )
     assert (options.keyframes.rule, options.keyframes.every) == ("interval", 3)
 
 
 def test_cameras_are_read_as_text_list_or_object() -> None:
-    assert parse_camera(None) is None
-    assert parse_camera("1, 2,3,4") == (1.0, 2.0, 3.0, 4.0)
-    assert parse_camera([500, 500, 320, 240, 0, 0, 0, 0, 0]) == (500, 500, 320, 240, 0, 0, 0, 0, 0)
-    camera = parse_camera({"width": 640, "height": 480, "params": [500, 500, 320, 240]})
-    assert camera is not None
-    assert not isinstance(camera, tuple)
-    assert camera.model == "PINHOLE"
+    def camera_of(value: object) -> CameraHint | None:
+        return parse_build_options({"camera": value}).scan.camera
+
+    assert camera_of(None) is None
+    assert camera_of("1, 2,3,4") == CameraHint(values=(1.0, 2.0, 3.0, 4.0))
+    assert camera_of([500, 500, 320, 240, *[0] * 5]) == CameraHint(values=(500, 500, 320, 240, 0, 0, 0, 0, 0))
+    assert camera_of({"width": 640, "height": 480, "params": [500, 500, 320, 240]}) == hint_of(
+        Camera("PINHOLE", 640, 480, (500, 500, 320, 240))
+    )

@@ -107,7 +107,7 @@ def test_no_picture_of_a_scan_stays_and_the_map_locates_and_grows(
     with resources.database.write() as connection:
         create_venue(connection, "v", "V")
     for options in ({}, {"mode": "extend"}):
-        version = build(resources, views, store_images=False, **options)
+        version = build(resources, views[:7], store_images=False, **options)
         with resources.database.read() as connection:
             stored = get_map(connection, "v", version)
             assert list_keyframe_images(connection, "v", version) == []
@@ -117,8 +117,8 @@ def test_no_picture_of_a_scan_stays_and_the_map_locates_and_grows(
             data = resources.blobs.local_path(digest).read_bytes()
             assert not any(data.startswith(magic) for magic in (b"\x89PNG", b"\xff\xd8\xff", b"PK"))
             assert b"\x89PNG" not in data
-        located = locate(resources, [query.rgb for query in queries], CAMERA)
-        for found, query in zip(located, queries, strict=True):
+        located = locate(resources, [query.rgb for query in queries[:2]], CAMERA)
+        for found, query in zip(located, queries[:2], strict=True):
             assert np.linalg.norm(found - query.world_from_camera.translation) < 0.02
 
 
@@ -136,8 +136,8 @@ def test_a_map_with_pictures_loses_them_all_when_a_scan_without_is_added(
     resources = Resources.open(Settings(_env_file=None, data_dir=tmp_path, open=True))
     with resources.database.write() as connection:
         create_venue(connection, "v", "V")
-    first = build(resources, views)
-    second = build(resources, views, store_images=False, mode="extend")
+    first = build(resources, views[:6])
+    second = build(resources, views[:6], store_images=False, mode="extend")
     with resources.database.read() as connection:
         assert list_keyframe_images(connection, "v", first)
         assert list_keyframe_images(connection, "v", second) == []

@@ -13,6 +13,7 @@ from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.artifact import MapArtifact
 from app.engine.progress import NoProgress
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
@@ -35,7 +36,7 @@ def built(
     for path, data in scan_files(views, scan_from_world).items():
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes(data)
-    scan = open_scan(folder, "tum", ScanOptions(camera=CAMERA))
+    scan = open_scan(folder, "tum", ScanOptions(camera=hint_of(CAMERA)))
     with ThreadPoolExecutor(1) as executor:
         made = build_map(scan, options or BuildOptions(), models(), executor, NoProgress())
     return made.artifact, made.index
@@ -81,6 +82,6 @@ def test_a_placement_in_the_world_states_it_too(room: Room, tmp_path: Path) -> N
     for path, data in scan_files([room.view(pose_at(1.4, 1.3))]).items():
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_bytes(data)
-    scan = open_scan(tmp_path, "tum", ScanOptions(camera=CAMERA))
+    scan = open_scan(tmp_path, "tum", ScanOptions(camera=hint_of(CAMERA)))
     placed = parse_build_options({"world_from_scan": np.eye(4).tolist()})
     assert [states_up(options, scan) for options in (BuildOptions(), placed, STATED)] == [False, True, True]

@@ -15,6 +15,7 @@ from app.engine.maps.open_map import OpenMap
 from app.engine.progress import NoProgress
 from app.engine.query.localizer import Localizer
 from app.engine.query.settings import LocalizerSettings
+from app.geometry.camera_hint import hint_of
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
 from tests.rendered_maps import models
@@ -28,7 +29,7 @@ def built(folder: Path, room: Room, options: BuildOptions) -> BuiltMap:
     for path, data in scan_files(views).items():
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes(data)
-    scan = open_scan(folder, "tum", ScanOptions(camera=CAMERA))
+    scan = open_scan(folder, "tum", ScanOptions(camera=hint_of(CAMERA)))
     with ThreadPoolExecutor(1) as executor:
         return build_map(scan, options, models(), executor, NoProgress())
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +81,8 @@ def shape_of(coordinates: Any) -> np.ndarray:
     return np.roll(ring, -int(np.lexsort(np.round(ring, 2).T)[0]), axis=0)
 
 
-def all_routes(resources: Resources, venue: str) -> dict[tuple[str, str], Route | None]:
-    """Return the route of each pair of landmarks, None where there is none."""
+def all_routes(resources: Resources, venue: str, every: int) -> dict[tuple[str, str], Route | None]:
+    """Return the route of every n-th pair of landmarks, None where there is none."""
     service = RouteService(resources.database, FeatureLibrary(resources.database))
     network = service.network(venue)
     names = [
@@ -91,7 +91,7 @@ def all_routes(resources: Resources, venue: str) -> dict[tuple[str, str], Route 
         for mark in part.places.features.landmarks
     ]
     found: dict[tuple[str, str], Route | None] = {}
-    for a, b in combinations(sorted(names), 2):
+    for a, b in islice(combinations(sorted(names), 2), 0, None, every):
         try:
             found[a, b] = service.route(venue, a, b)
         except NoRouteError:
@@ -99,9 +99,9 @@ def all_routes(resources: Resources, venue: str) -> dict[tuple[str, str], Route 
     return found
 
 
-def assert_same_routes(resources: Resources, venue: str, again: str) -> int:
-    """Check that each pair of landmarks has the same route, its length within a centimetre; returns how many."""
-    ours, theirs = all_routes(resources, venue), all_routes(resources, again)
+def assert_same_routes(resources: Resources, venue: str, again: str, every: int = 1) -> int:
+    """Check that every n-th pair of landmarks has the same route, its length within a centimetre; returns how many."""
+    ours, theirs = all_routes(resources, venue, every), all_routes(resources, again, every)
     assert ours.keys() == theirs.keys()
     for pair, route in ours.items():
         other = theirs[pair]

@@ -18,6 +18,7 @@ from app.engine.progress import Progress
 from app.engine.query.camera_sources import camera_from_tags
 from app.errors import InvalidCameraError, InvalidImageError, InvalidScanError
 from app.geometry.camera import Camera
+from app.geometry.camera_hint import CameraHint
 from app.geometry.focal import pinhole
 from app.geometry.se3 import Pose
 from app.importers.frames import DepthFormat, Frame, Scan
@@ -143,7 +144,10 @@ def _of_listed(listed: Scan, wanted: Collection[str], progress: Progress) -> Cho
     meter = MotionMeter.start()
     for frame in _counted(listed.frames, len(listed.frames), "measure_frames", progress):
         meter.add(to_gray(frame_rgb(listed, frame)))
+    taken_s = np.array([frame.timestamp_s for frame in listed.frames])
+    times_s = [time for name in wanted if (time := frame_time_s(name)) is not None]
     forced = {number for number, frame in enumerate(listed.frames) if frame.name in wanted}
+    forced |= {int(np.abs(taken_s - time_s).argmin()) for time_s in times_s}
     numbers = choose_frames(meter.steps, meter.sharpness, forced)
     frames = tuple(replace(listed.frames[number], scan_from_camera=STILL) for number in numbers)
     note = f"Of {len(listed.frames)} frames, {len(frames)} were chosen by motion and sharpness."
@@ -246,13 +250,13 @@ def _scan(
 
 
 def _given_camera(
-    given: Camera | tuple[float, ...] | None, original: tuple[int, int], size: tuple[int, int]
+    given: CameraHint | None, original: tuple[int, int], size: tuple[int, int]
 ) -> Camera | None:
     """Return the camera of the options for pictures reduced from `original` to `size`."""
     if given is None:
         return None
     try:
-        camera = given if isinstance(given, Camera) else Camera.from_values(given, *original)
+        camera = given.camera or Camera.from_values(given.values, *original)
         return camera.scaled_to(*size)
     except InvalidCameraError as error:
         raise InvalidScanError(f"camera: {error}") from None

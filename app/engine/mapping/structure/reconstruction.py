@@ -206,15 +206,19 @@ def _run(
 
     output = folder / "models"
     output.mkdir()
-    models = colmap.incremental_mapping(
-        database,
-        folder,
-        output,
-        options=options,
-        initial_image_pair_callback=guarded(begin),
-        next_image_callback=guarded(advance),
-        cancellation_token=token,
-    )
+    try:
+        models = colmap.incremental_mapping(
+            database,
+            folder,
+            output,
+            options=options,
+            initial_image_pair_callback=guarded(begin),
+            next_image_callback=guarded(advance),
+            cancellation_token=token,
+        )
+    except InterruptedError:
+        if not raised:
+            raise
     if raised:
         raise raised[0]
     return list(models.values())

@@ -125,7 +125,8 @@ def _by_distance(
     scale: KnownDistance, part: Reconstruction, chosen: ChosenPictures, gray: GrayOf
 ) -> FoundScale:
     row = _row_of(scale.frame, part, chosen)
-    first, second = (point_of_pixel(part, row, _pixel(pixel, chosen), gray) for pixel in scale.pixels)
+    pixels = [_pixel(pixel, chosen) for pixel in scale.pixels]
+    first, second = (point_of_pixel(part, row, pixel, gray) for pixel in pixels)
     return FoundScale(
         metres_per_unit=scale.distance_m / float(np.linalg.norm(second - first)),
         source="distance",

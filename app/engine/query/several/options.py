@@ -27,13 +27,13 @@ class SeveralOptions:
         chosen="By hand: the map's own error, which depends on the place, and that of the motion.",
     )
     motion_tolerance_deg: float = limit(
-        3.0,
-        "As motion_tolerance_m, for the angle between the two poses.",
-        chosen="By hand: as motion_tolerance_m, for what is two metres away.",
+        5.0,
+        "As motion_tolerance_m, for the angle between the two poses, whatever their sigmas.",
+        chosen="By hand: 0.2 m for what is two metres away.",
     )
     max_sigmas: float = limit(
         3.0,
-        "Standard deviations by which poses that agree may differ.",
+        "Standard deviations by which positions that agree may differ.",
         chosen="By hand: 99.7 % of a normal error.",
     )
     motion_sigma_ratio: float = limit(

@@ -11,12 +11,14 @@ from app.engine.maps.open_map import OpenMap
 from app.engine.query.accuracy import seen_from_one_side
 from app.engine.query.localization import same_place, votes_of
 from app.engine.query.matches import Matches, QueryMatcher
+from app.engine.query.placed import Accuracy
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.several.hypothesis import RigHypothesis
+from app.engine.query.several.options import OPTIONS
 from app.geometry.camera import Camera
 from app.geometry.estimators.interface import MIN_POINTS
 from app.geometry.rigs.pose import estimate_rig_pose
-from app.geometry.rigs.refinement import refine_rig_pose
+from app.geometry.rigs.refinement import refine_rig_pose, refine_with_uncertain_motion
 from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose
 
@@ -96,7 +98,19 @@ class RigSearch:
             for frame, matcher in enumerate(self.matchers)
         ]
         matches = [Matches.merge([own, added]) for own, added in zip(first.matches, more, strict=True)]
-        return self._at(matches, first.world_from_first) or first
+        return self._by_motion(self._at(matches, first.world_from_first) or first)
+
+    def _by_motion(self, found: RigHypothesis) -> RigHypothesis:
+        """Return the hypothesis with a pose that allows for errors of the motion."""
+        views = self.views(found.inliers)
+        sigmas = [Accuracy(0.0, 0.0), *(motion_sigma(pose) for pose in self.first_from_cameras[1:])]
+        pose = refine_with_uncertain_motion(
+            views,
+            found.world_from_first,
+            [(each.position_m, np.radians(each.orientation_deg)) for each in sigmas],
+        )
+        allowed = self._agreeing(found.matches, pose)
+        return allowed if sum(len(own) for own in allowed.inliers) >= MIN_POINTS else found
 
     def _found(self, matches: FrameMatches, iterations: int) -> Pose | None:
         return estimate_rig_pose(self.views(matches), self.settings.max_error_tangent, iterations)
@@ -129,3 +143,9 @@ class RigSearch:
 
 def _count(hypothesis: RigHypothesis) -> int:
     return hypothesis.count
+
+
+def motion_sigma(first_from_camera: Pose) -> Accuracy:
+    """Return how accurate the motion of a frame after the first is."""
+    length_m = float(np.linalg.norm(first_from_camera.translation))
+    return Accuracy(OPTIONS.motion_sigma_ratio * length_m, OPTIONS.motion_sigma_deg)

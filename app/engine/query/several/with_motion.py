@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,7 +23,7 @@ from app.engine.query.placed import Accuracy
 from app.engine.query.several.frame import AskedFrame, as_given
 from app.engine.query.several.hypothesis import RigHypothesis, rig_evidence
 from app.engine.query.several.options import OPTIONS
-from app.engine.query.several.search import RigSearch
+from app.engine.query.several.search import RigSearch, motion_sigma
 from app.engine.query.verification import Evidence, Reason, confidence_of, judge
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
@@ -58,27 +59,30 @@ def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Lo
         return alone
     if found.world_from_camera is not None or alone.world_from_camera is None:
         return found
-    agrees = _agree(alone.world_from_camera, best.world_from_first, alone.accuracy, None)
+    sigma_m = alone.evidence.position_sigma_m
+    agrees = _agree(alone.world_from_camera, best.world_from_first, sigma_m)
     return alone if agrees else alone.refused("ambiguous")
 
 
 def _is_disputed(frames: Sequence[AskedFrame]) -> bool:
     """Whether two frames that are located alone disagree about where frame 0 is."""
     located = [
-        (pose, frame.found.accuracy) for frame in frames if (pose := frame.world_from_first) is not None
+        (pose, frame.found.evidence.position_sigma_m)
+        for frame in frames
+        if (pose := frame.world_from_first) is not None
     ]
     return any(
-        not _agree(one, other, sigma, other_sigma)
-        for (one, sigma), (other, other_sigma) in combinations(located, 2)
+        not _agree(one, other, math.hypot(sigma_m, other_sigma_m))
+        for (one, sigma_m), (other, other_sigma_m) in combinations(located, 2)
     )
 
 
-def _agree(a: Pose, b: Pose, one: Accuracy | None, other: Accuracy | None) -> bool:
-    """Whether two poses of frame 0, of these accuracies, are one."""
-    sigma = (one or Accuracy(0.0, 0.0)).with_more(other or Accuracy(0.0, 0.0))
-    near_m = OPTIONS.motion_tolerance_m + OPTIONS.max_sigmas * sigma.position_m
-    near_deg = OPTIONS.motion_tolerance_deg + OPTIONS.max_sigmas * sigma.orientation_deg
-    return position_difference_m(a, b) <= near_m and np.degrees(attitude_difference_rad(a, b)) <= near_deg
+def _agree(a: Pose, b: Pose, sigma_m: float) -> bool:
+    """Whether two poses of frame 0 are one; `sigma_m` is the standard deviation of their distance by their inliers:
+    what is not known of the camera is the same for both."""
+    near_m = OPTIONS.motion_tolerance_m + OPTIONS.max_sigmas * sigma_m
+    turned_deg = float(np.degrees(attitude_difference_rad(a, b)))
+    return position_difference_m(a, b) <= near_m and turned_deg <= OPTIONS.motion_tolerance_deg
 
 
 def _search(localizer: Localizer, frames: Sequence[AskedFrame]) -> RigSearch:
@@ -217,11 +221,11 @@ def _accuracy(search: RigSearch, best: RigHypothesis, lens_sigma: float) -> Accu
 def _motion_sigma(frames: Sequence[AskedFrame], best: RigHypothesis) -> Accuracy:
     """Return by how much an error of the motion may move frame 0, by the share of the inliers in other frames."""
     counts = np.array([own.feature_count for own in best.counted], dtype=np.float64)
-    lengths_m = np.array([float(np.linalg.norm(_motion(frame).translation)) for frame in frames])
+    sigmas = [Accuracy(0.0, 0.0), *(motion_sigma(_motion(frame)) for frame in frames[1:])]
     weights = counts / max(float(counts.sum()), 1.0)
-    elsewhere = 1.0 - float(weights[0])
     return Accuracy(
-        OPTIONS.motion_sigma_ratio * float(weights @ lengths_m), OPTIONS.motion_sigma_deg * elsewhere
+        float(weights @ [each.position_m for each in sigmas]),
+        float(weights @ [each.orientation_deg for each in sigmas]),
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera import scanned_camera
@@ -209,4 +209,4 @@ class VdmLocalizer:
 
 def _probability_within(limit_m: float, position_m: float) -> float:
     """Return how likely an error in space, normal with this root mean square length, is below a limit."""
-    return float(chi2.cdf(3.0 * (limit_m / max(position_m, 1e-6)) ** 2, 3))
+    return float(chdtr(3, 3.0 * (limit_m / max(position_m, 1e-6)) ** 2))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.engine.mapping.examination.outcome import RefusedScanError
+from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.conventions import PoseConvention
 from tests.engine.mapping.examination.scans import (
@@ -185,7 +186,7 @@ def test_an_examination_can_be_stopped(views: list[View], tmp_path: Path) -> Non
             if stage == "examine" and done:
                 raise CancelledBuildError("Stopped.")
 
-    options = ScanOptions(camera=CAMERA)
+    options = ScanOptions(camera=hint_of(CAMERA))
     scan = open_scan(write(scan_files(views), tmp_path), "tum", options)
     with ThreadPoolExecutor(1) as executor, pytest.raises(CancelledBuildError):
         examine_scan(scan, options, (0.0, 0.0, -1.0), executor, Stopped())

@@ -31,10 +31,11 @@ from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError, InvalidScanError
 from app.geometry.alignment import Alignment, align_points
 from app.geometry.se3 import Pose
+from app.importers.frames import DepthFormat
 from app.importers.unposed.scan import UnposedScan
 from app.vision.images import Gray, decode_image, to_gray
 from tests.rendered_maps import models
-from tests.scenes import CAMERA, TEXELS_PER_M, Room, pose_at
+from tests.scenes import CAMERA, DEPTH_SCALE, TEXELS_PER_M, Room, encode, pose_at
 
 MARKER_M = 0.4
 # Texels from the left and from the floor, on the wall that the photos show.
@@ -171,6 +172,34 @@ def test_the_scale_by_what_is_known(
         stood = found.metres_per_unit * part.poses[3].translation
         x, y, _ = poses()[3].translation
         assert found.plan_from_scan.apply(stood[None])[0, :2] == pytest.approx([7.0 - y, 2.0 + x], abs=0.05)
+
+
+def test_the_scale_by_depth_images(
+    part: Reconstruction,
+    chosen: ChosenPictures,
+    tmp_path: Path,
+    executor: ThreadPoolExecutor,
+    true_from_scan: Alignment,
+) -> None:
+    room, frames = Room(seed=4), []
+    for row, frame in enumerate(chosen.scan.frames):
+        depth = tmp_path / f"{row}.png"
+        raw = np.rint(room.view(poses()[row]).depth_m * DEPTH_SCALE).astype(np.uint16)
+        depth.write_bytes(encode(raw, ".png"))
+        frames.append(replace(frame, depth=depth))
+    scan = replace(chosen.scan, frames=tuple(frames), has_depth=True, depth=DepthFormat(scale=DEPTH_SCALE))
+    found = find_scale(
+        None,
+        part,
+        replace(chosen, scan=scan),
+        None,
+        lambda _: np.zeros((9, 9), np.uint8),
+        executor,
+        NoProgress(),
+    )
+    assert found is not None
+    assert found.source == "depth"
+    assert found.metres_per_unit == pytest.approx(true_from_scan.scale, rel=0.01)
 
 
 @pytest.mark.parametrize(

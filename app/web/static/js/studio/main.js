@@ -33,6 +33,8 @@ const tools = {
   cameras: new CameraTool(board, floors, stored),
 };
 const scans = new Scans(() => showView());
+// Venues whose floors are on their way.
+let loading = 0;
 
 function currentView() {
   const name = location.hash.slice(1);
@@ -63,6 +65,10 @@ async function beginTool() {
   const view = currentView();
   if (!(view in BOARD_VIEWS)) return;
   const tool = tools[view];
+  const panel = byId(BOARD_VIEWS[view][2]);
+  // To begin on a floor that is about to be replaced would lose what is clicked until then.
+  panel.inert = loading > 0;
+  if (loading) return board.use(null);
   byId("board-error").replaceChildren();
   board.use(tool);
   try {
@@ -74,10 +80,11 @@ async function beginTool() {
 
 async function venueChanged() {
   showError(byId("page-error"), null);
+  loading += 1;
   try {
     floors.current = null;
-    await floors.load();
-    await showView();
+    await floors.load().finally(() => (loading -= 1));
+    if (!loading) await showView();
   } catch (error) {
     showError(byId("page-error"), error);
   }

@@ -1,0 +1,71 @@
+"""What evaluate-unposed sends is what is read again, and the distance that it states is true."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
+from app.importers.phones.video import open_video
+from app.importers.registry import open_unposed
+from bench.unposed.command import KINDS
+from bench.unposed.evaluate import true_pose_of
+from bench.unposed.inputs import FPS, measured_distance, write_depth_frames, write_photos, write_video
+from tests.scenes import CAMERA, DEPTH_SCALE, Room, encode, pose_at
+
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Scan:
+    folder, room, frames = tmp_path_factory.mktemp("scan"), Room(seed=2), []
+    for i in range(COUNT):
+        view = room.view(pose_at(1.5 + 0.1 * i, 1.2, yaw_deg=60.0 + 5 * i))
+        color, depth = folder / f"{i}.png", folder / f"d{i}.png"
+        color.write_bytes(view.png())
+        depth.write_bytes(encode(np.rint(view.depth_m * DEPTH_SCALE).astype(np.uint16), ".png"))
+        frames.append(Frame(f"rgb/{i}.png", 0.1 * i, color, depth, view.world_from_camera))
+    return Scan(camera=CAMERA, frames=tuple(frames), discarded={}, depth=DepthFormat(scale=DEPTH_SCALE))
+
+
+def test_a_video_has_all_frames(scan: Scan, tmp_path: Path) -> None:
+    video = open_video(write_video(scan, tmp_path / "walk.mp4"))
+    assert (video.width, video.height, video.fps) == (CAMERA.width, CAMERA.height, FPS)
+    assert len(list(video.pictures())) == COUNT
+
+
+def test_photos_are_named_by_their_frame(scan: Scan, tmp_path: Path) -> None:
+    folder = write_photos(scan, 2, tmp_path / "photos")
+    assert sorted(path.name for path in folder.iterdir()) == ["000000.png", "000002.png"]
+    assert true_pose_of("000002.png", 7.0, scan) == scan.frames[2].scan_from_camera
+
+
+def test_frames_with_depth_have_no_poses(scan: Scan, tmp_path: Path) -> None:
+    folder = write_depth_frames(scan, tmp_path / "depth")
+    options = ScanOptions(camera=CAMERA, depth_scale=DEPTH_SCALE, estimate_poses=True)
+    unposed = open_unposed(folder, "tum", options)
+    assert unposed is not None
+    assert unposed.listed is not None
+    assert [frame.timestamp_s for frame in unposed.listed.frames] == pytest.approx(
+        [frame.timestamp_s for frame in scan.frames]
+    )
+    np.testing.assert_allclose(
+        unposed.listed.depth_m(unposed.listed.frames[1]), scan.depth_m(scan.frames[1]), atol=1e-3
+    )
+    assert true_pose_of("rgb/0.200000.png", 0.2, scan) == scan.frames[2].scan_from_camera
+
+
+def test_the_distance_is_that_of_the_depth(scan: Scan) -> None:
+    found = measured_distance(scan, 1)
+    assert found.option["frame"] == 1 / FPS
+    frame = scan.frames[1]
+    u, v = found.pixels.round().astype(int).T
+    points = CAMERA.unproject(found.pixels, scan.depth_m(frame)[v, u])
+    assert found.distance_m == pytest.approx(float(np.linalg.norm(points[1] - points[0])), rel=0.02)
+    assert found.distance_m > 0.5
+
+
+def test_all_rows_have_a_name() -> None:
+    assert len(set(KINDS)) == 3
