@@ -38,5 +38,5 @@ def test_no_answer_is_outside_of_what_is_described(
             f"\n{key}: {found.cases} requests in {found.seconds:.0f} s, failures: {found.failures or 'none'}"
         )
     assert not found.failures, found.output
-    assert found.cases > 100
+    assert found.cases > 40
     assert "Traceback" not in served.log.read_text(encoding="utf-8")
