@@ -9,8 +9,10 @@ RUN python -m venv /opt/roomfix \
 
 FROM python:3.12-slim
 COPY --from=build /opt/roomfix /opt/roomfix
-RUN useradd --system --create-home --home-dir /var/lib/roomfix roomfix
-USER roomfix
+# A number, so that a platform can see that it isn't root; the one that volumes of earlier images belong to.
+RUN groupadd --system --gid 999 roomfix \
+ && useradd --system --uid 999 --gid 999 --create-home --home-dir /var/lib/roomfix roomfix
+USER 999:999
 ENV PATH=/opt/roomfix/bin:$PATH \
     ROOMFIX_HOST=0.0.0.0 \
     ROOMFIX_DATA_DIR=/var/lib/roomfix \

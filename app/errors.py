@@ -73,6 +73,18 @@ class NotFoundError(RoomfixError):
     code = "not_found"
 
 
+class NoVenueError(NotFoundError):
+    """A position that no venue is near."""
+
+    code = "no_venue"
+
+
+class NotLocatedError(NotFoundError):
+    """A picture that can't be placed, in a protocol that has no other word for it; the message has the reason."""
+
+    code = "not_located"
+
+
 class NoRouteError(NotFoundError):
     """Two places that no way joins, or none that the caller may take; the message says which parts are apart."""
 
@@ -83,6 +95,12 @@ class ConflictError(RoomfixError):
     """A request that the present state doesn't allow."""
 
     code = "conflict"
+
+
+class AmbiguousVenueError(ConflictError):
+    """A position that several venues are near."""
+
+    code = "ambiguous_venue"
 
 
 class BusyError(RoomfixError):

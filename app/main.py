@@ -38,9 +38,11 @@ from app.api.maps import views as map_views
 from app.api.metrics import Metrics
 from app.api.middleware import CompressionMiddleware, MetricsMiddleware, RequestIdMiddleware
 from app.api.openapi import install_openapi, operation_id
+from app.api.oscp import geopose as oscp_geopose
 from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect
+from app.api.stream import asyncapi
 from app.api.venue_files import transfer
 from app.geometry.estimators.chosen import ESTIMATORS
 from app.jobs.embedded import EmbeddedRunner
@@ -125,10 +127,10 @@ def create_app(
         generate_unique_id_function=operation_id,
     )
     for router in (
-        locate.router, venues.router, floors.router, features.router, map_versions.router, map_views.router,
-        database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router, anchors.router,
-        sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
-        transfer.router,
+        locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
+        map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
+        anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
+        transfer.router, asyncapi.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)

@@ -23,6 +23,9 @@ class Settings(BaseSettings):
         None,
         description="Where blobs live, for example s3://bucket/prefix; default: a folder in the data folder.",
     )
+    blob_cache_bytes: int = Field(
+        20_000_000_000, ge=0, description="Bytes of a remote store's blobs that are kept in the data folder."
+    )
     admin_key: SecretStr | None = Field(
         None, description="A key with all rights, to make the first other keys with; see docs/keys.md."
     )
@@ -37,6 +40,9 @@ class Settings(BaseSettings):
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="What goes to the log: debug, info, warning or error."
+    )
+    log_format: Literal["console", "json"] = Field(
+        "console", description="How a line of the log is written: console for people, json for programs."
     )
     cors_origins: str = Field(
         "", description="Origins of web pages that may call, separated by commas; * for all of them."

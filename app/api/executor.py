@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextvars
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Lock
@@ -38,7 +39,8 @@ class BoundedExecutor:
         with self._lock:
             self.check_room()
             self._pending += 1
-        future = self._pool.submit(function)
+        # The context holds the request's id, which lines of the log carry.
+        future = self._pool.submit(contextvars.copy_context().run, function)
         # Counted down when the work ends or is cancelled while it waits: a client that goes away doesn't free the
         # thread that works for it.
         future.add_done_callback(self._release)

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.bodies.geojson import EXAMPLE, FloorFeatureCollection
+from app.api.bodies.geojson import EXAMPLE, MEDIA_TYPE, FloorFeatureCollection, GeoJsonResponse
 from app.api.deps import FloorId, State, VenueId, require
 from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.engine.navigation.network import unmet_links
 from app.services.floor_features import store_features
+from app.services.plans.earth_geojson import digest_of, floor_geojson
 from app.storage.floors import get_features
 
 router = APIRouter(
     prefix="/venues/{venue}/floors/{floor}/features", tags=["floors"], route_class=ContractRoute
 )
-MEDIA_TYPE = "application/geo+json"
 SCHEMA = {"$ref": "#/components/schemas/FloorFeatureCollection"}
 BODY = {
     "requestBody": {
@@ -32,12 +31,6 @@ BODY = {
         },
     }
 }
-
-
-class GeoJsonResponse(JSONResponse):
-    """An answer that is GeoJSON."""
-
-    media_type = MEDIA_TYPE
 
 
 class StoredFeatures(BaseModel):
@@ -83,12 +76,28 @@ async def put(state: State, venue: VenueId, floor: FloorId, request: Request) ->
     "",
     name="getFeatures",
     dependencies=[Depends(require("locate"))],
-    responses={200: {"content": {MEDIA_TYPE: {"schema": SCHEMA}}}, **NOT_MODIFIED, **problems(401, 404, 422)},
+    responses={
+        200: {"content": {MEDIA_TYPE: {"schema": SCHEMA}}},
+        **NOT_MODIFIED,
+        **problems(401, 404, 409, 422),
+    },
     response_model=FloorFeatureCollection,
     response_class=GeoJsonResponse,
 )
-def get(state: State, venue: VenueId, floor: FloorId, request: Request) -> Any:
-    """Return a floor's features in plan metres, in the form that PUT takes."""
+def get(
+    state: State,
+    venue: VenueId,
+    floor: FloorId,
+    request: Request,
+    crs: Annotated[
+        Literal["plan", "wgs84"],
+        Query(description="Plan metres, or longitude and latitude where the venue has an origin"),
+    ] = "plan",
+) -> Any:
+    """Return a floor's features in plan metres or in longitude and latitude, in a form that PUT takes."""
+    if crs == "wgs84":
+        on_earth = floor_geojson(state.services.resources, venue, floor)
+        return unless_known(request, digest_of(on_earth), lambda: GeoJsonResponse(on_earth))
     with state.services.resources.database.read() as connection:
         found = get_features(connection, venue, floor)
     return unless_known(request, found.sha256 or "none", lambda: GeoJsonResponse(found.collection))

@@ -108,7 +108,7 @@ def _database(state: AppState) -> str:
 def _blobs(state: AppState) -> str:
     try:
         state.services.resources.blobs.check_writable()
-    except OSError as error:
+    except (OSError, RoomfixError) as error:
         return str(error)
     return "ok"
 

@@ -9,6 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.earth import GEOPOSE, GeoPoseBody
 from app.api.deps import CallerOf, State, require
 from app.api.requests.axes import (
     DEVICE_POSE_IN_WORDS,
@@ -28,6 +29,7 @@ from app.api.requests.several_frames import (
     later_frames,
 )
 from app.api.schemas import CameraBody, PoseBody, problems
+from app.engine.floors.earth import GeoPoseReason
 from app.engine.query.hints import Hint
 from app.engine.query.narrowing import Prior
 from app.engine.query.shown_matches import ShownMatches
@@ -77,6 +79,8 @@ EXAMPLE: dict[str, Any] = {
     "anchors": [],
     "vertical": None,
     "hints": [],
+    "geopose": GEOPOSE,
+    "geopose_reason": None,
     "frames": [],
 }
 
@@ -174,6 +178,14 @@ class LocateResultBody(BaseModel):
     )
     hints: list[Hint] = Field(description="What would help a picture that isn't located, most helpful first")
     shown_matches: ShownMatchesBody | None = Field(None, description="Where `matches` asked for them")
+    geopose: GeoPoseBody | None = Field(
+        None, description="The camera on Earth, where the venue has an origin"
+    )
+    geopose_reason: GeoPoseReason | None = Field(
+        None,
+        description="Why a located camera has no geopose: the venue has no origin, the map's z axis isn't known to "
+        "point up or its unit to be the metre, or the plan of the origin's floor has no known place in the world",
+    )
     frames: list[FrameSupportBody] = Field(
         [], description="How each frame of a query with images supports the pose, image first"
     )
@@ -280,6 +292,8 @@ def body_of(result: LocateResult, frames: Frames = IN_OWN_AXES) -> LocateResultB
         session_from_world=None if session_from_world is None else PoseBody.of(session_from_world),
         hints=list(result.hints),
         shown_matches=None if result.shown_matches is None else ShownMatchesBody.of(result.shown_matches),
+        geopose=None if result.geopose is None else GeoPoseBody.of(result.geopose),
+        geopose_reason=result.geopose_reason,
         frames=[FrameSupportBody(inliers=each.inliers, matches=each.matches) for each in result.frames],
     )
 

@@ -20,6 +20,7 @@ from app.api.requests.axes import Axes, parse_axes, parse_frames
 from app.api.requests.contract_route import refuse_unknown_query
 from app.api.requests.names import known_names, refuse_unknown_keys
 from app.api.sessions import frame_body, parse_motion, session_frame
+from app.api.stream.messages import StreamedFrame, StreamHints, StreamProblem
 from app.errors import (
     BusyError,
     ConflictError,
@@ -38,7 +39,7 @@ UNEXPECTED = "Something went wrong here with this frame; the log has it."
 router = APIRouter(tags=["sessions"])
 # What a key of the stream needs.
 SCOPES: tuple[Scope, ...] = ("locate",)
-HINTS = ("camera", "gravity", "motion", "timestamp", "axes", "device_pose")
+HINTS = tuple(StreamHints.model_fields)
 # Close code: another connection has taken the session over.
 CLOSE_REPLACED = 4000
 # Close code of RFC 6455: a message is too large.
@@ -214,11 +215,8 @@ async def _answer(state: AppState, connection: Stream) -> None:
             continue
         result = answer.result
         state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
-        body = {
-            **frame_body(answer, frames).model_dump(mode="json", exclude_unset=True),
-            "received": waiting.received,
-        }
-        await _send(connection.socket, json.dumps(body, separators=(",", ":")))
+        body = StreamedFrame.of(frame_body(answer, frames), waiting.received)
+        await _send(connection.socket, body.model_dump_json(exclude_unset=True))
 
 
 def _put_back(connection: Stream, waiting: Waiting) -> None:
@@ -237,14 +235,8 @@ def _frame(waiting: Waiting, axes: Axes) -> SessionFrame:
 
 
 async def _send_problem(connection: Stream, error: RoomfixError, received: int | None) -> None:
-    body = {
-        "type": "about:blank",
-        "status": status_of(error),
-        "code": error.code,
-        "detail": str(error),
-        "received": received,
-    }
-    await _send(connection.socket, json.dumps(body))
+    body = StreamProblem(status=status_of(error), code=error.code, detail=str(error), received=received)
+    await _send(connection.socket, body.model_dump_json())
 
 
 async def _send(socket: WebSocket, text: str) -> None:

@@ -160,22 +160,21 @@ POINT: dict[str, Any] = {
 SESSION = "4d0f6a1be1f94bd0a5d54a1f0f3c2b7e"
 
 
+FRAME: dict[str, Any] = {
+    **EXAMPLE,
+    "session": SESSION,
+    "frame": 12,
+    "tracking": "tracking",
+    "unaided_m": 0.0,
+    "trajectory": [POINT],
+    "guidance": None,
+}
+
+
 class TrackedFrame(LocateResultBody):
     """The answer to a frame: that of /locate and what tracking adds to it."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                **EXAMPLE,
-                "session": SESSION,
-                "frame": 12,
-                "tracking": "tracking",
-                "unaided_m": 0.0,
-                "trajectory": [POINT],
-                "guidance": None,
-            }
-        }
-    )
+    model_config = ConfigDict(json_schema_extra={"example": FRAME})
 
     session: str
     frame: int = Field(description="Counts the frames that were answered, from 1")

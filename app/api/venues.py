@@ -5,17 +5,29 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter, Depends, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.api.bodies.earth import ORIGIN, OriginBody
+from app.api.bodies.geojson import MEDIA_TYPE, VENUE_EXAMPLE, GeoJsonResponse, VenueFeatureCollection
 from app.api.deps import ID_PATTERN, CallerOf, State, VenueId, require
+from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.requests.json_body import RequestBody
 from app.api.requests.paging import Paged
 from app.api.schemas import problems
+from app.services.plans.earth_geojson import digest_of, venue_geojson
 from app.storage.sweep import discard_blobs, venue_blobs
-from app.storage.venues import Venue, create_venue, delete_venue, get_venue, list_venues, rename_venue
+from app.storage.venues import (
+    Venue,
+    create_venue,
+    delete_venue,
+    get_venue,
+    list_venues,
+    place_venue,
+    rename_venue,
+)
 
 router = APIRouter(prefix="/venues", tags=["venues"], route_class=ContractRoute)
 Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters)]
@@ -24,18 +36,30 @@ Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters)
 class NewVenue(RequestBody):
     """A venue to add."""
 
-    model_config = ConfigDict(json_schema_extra={"example": {"id": "museum", "name": "City museum"}})
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"id": "museum", "name": "City museum", "origin": ORIGIN}}
+    )
 
     id: str = Field(pattern=ID_PATTERN)
     name: Name
+    origin: OriginBody | None = Field(None, description="Where on Earth it lies")
 
 
 class VenueChange(RequestBody):
-    """What can be changed of a venue."""
+    """What can be changed of a venue; what is left out stays as it is."""
 
-    model_config = ConfigDict(json_schema_extra={"example": {"name": "City museum, new wing"}})
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"name": "City museum, new wing", "origin": ORIGIN}}
+    )
 
-    name: Name
+    name: Name = ""
+    origin: OriginBody | None = Field(None, description="Where on Earth it lies; null takes that away")
+
+    @model_validator(mode="after")
+    def _says_something(self) -> VenueChange:
+        if not self.model_fields_set:
+            raise ValueError("give name, origin or both")
+        return self
 
 
 class VenueBody(BaseModel):
@@ -48,6 +72,7 @@ class VenueBody(BaseModel):
                 "name": "City museum",
                 "created_at": "2026-03-01T09:00:00Z",
                 "map_version": 3,
+                "origin": ORIGIN,
             }
         }
     )
@@ -56,11 +81,18 @@ class VenueBody(BaseModel):
     name: str
     created_at: datetime
     map_version: int | None
+    origin: OriginBody | None = Field(
+        None, description="Where on Earth it lies, null where that is not known"
+    )
 
 
 def _body(venue: Venue) -> VenueBody:
     return VenueBody(
-        id=venue.id, name=venue.name, created_at=venue.created_at, map_version=venue.active_map_version
+        id=venue.id,
+        name=venue.name,
+        created_at=venue.created_at,
+        map_version=venue.active_map_version,
+        origin=None if venue.origin is None else OriginBody.of(venue.origin),
     )
 
 
@@ -69,13 +101,16 @@ def _body(venue: Venue) -> VenueBody:
     name="createVenue",
     status_code=201,
     dependencies=[Depends(require("admin"))],
-    responses=problems(401, 409, 422),
+    responses=problems(401, 404, 409, 422),
 )
 def create(state: State, caller: CallerOf, venue: NewVenue) -> VenueBody:
     """Add a venue."""
     caller.check_venue(None)
     with state.services.resources.database.write() as connection:
-        return _body(create_venue(connection, venue.id, venue.name))
+        created = create_venue(connection, venue.id, venue.name)
+        if venue.origin is not None:
+            created = place_venue(connection, venue.id, venue.origin.to_origin())
+        return _body(created)
 
 
 @router.get("", name="listVenues", dependencies=[Depends(require("locate"))], responses=problems(401, 422))
@@ -103,9 +138,37 @@ def get(state: State, venue: VenueId) -> VenueBody:
     responses=problems(401, 404, 422),
 )
 def change(state: State, venue: VenueId, change: VenueChange) -> VenueBody:
-    """Change a venue's name."""
+    """Change a venue's name, or where on Earth it lies."""
     with state.services.resources.database.write() as connection:
-        return _body(rename_venue(connection, venue, change.name))
+        changed = get_venue(connection, venue)
+        if "name" in change.model_fields_set:
+            changed = rename_venue(connection, venue, change.name)
+        if "origin" in change.model_fields_set:
+            origin = None if change.origin is None else change.origin.to_origin()
+            changed = place_venue(connection, venue, origin)
+        return _body(changed)
+
+
+@router.get(
+    "/{venue}/geojson",
+    name="getVenueGeojson",
+    dependencies=[Depends(require("locate"))],
+    responses={
+        200: {"content": {MEDIA_TYPE: {"example": VENUE_EXAMPLE}}},
+        **NOT_MODIFIED,
+        **problems(401, 404, 409, 422),
+    },
+    response_model=VenueFeatureCollection,
+    response_class=GeoJsonResponse,
+)
+def geojson(state: State, venue: VenueId, request: Request) -> Response:
+    """Return a venue's plans and features in longitude and latitude.
+
+    Each feature says its `floor` and `level`; the outline of a plan image has the kind `plan` and in `corners` the
+    image's upper left, upper right, lower right and lower left corner. It needs the venue's origin.
+    """
+    on_earth = venue_geojson(state.services.resources, venue)
+    return unless_known(request, digest_of(on_earth), lambda: GeoJsonResponse(on_earth))
 
 
 @router.delete(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,10 +28,6 @@ from app.settings import Settings
 console = Console()
 # What a command reports goes to standard output; what happens meanwhile to standard error.
 errors = Console(stderr=True)
-# Libraries whose log holds headers and bodies when it is detailed.
-TALKATIVE = ("websockets", "uvicorn", "httpx", "httpcore", "multipart", "python_multipart", "asyncio")
-# A key after its name in an address, after the scheme of the header, or of the form that keys have.
-KEY_IN_TEXT = re.compile(r"([?&](?:key|token)=|bearer\s+|rf[kt]_[0-9a-f]{16}_)[^\s&\"']+", re.IGNORECASE)
 DataDir = Annotated[Path | None, typer.Option(help="Folder for database and blobs [ROOMFIX_DATA_DIR].")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
@@ -41,25 +35,6 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print JSON instead of a 
 def settings_from(**given: Any) -> Settings:
     """Return the settings, with the options that were given in place of the environment's."""
     return Settings(**{name: value for name, value in given.items() if value is not None})
-
-
-def log_to_stderr(level: str = "info") -> None:
-    """Let the log go to standard error, without keys."""
-    logging.basicConfig(level=level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    for handler in logging.getLogger().handlers:
-        handler.addFilter(without_keys)
-    for name in TALKATIVE:
-        # Below this they write headers and the bytes of messages.
-        logging.getLogger(name).setLevel(max(logging.INFO, logging.getLogger().level))
-
-
-def without_keys(record: logging.LogRecord) -> bool:
-    """Replace whatever looks like a key in a log line; takes every record."""
-    text = record.getMessage()
-    hidden = KEY_IN_TEXT.sub(r"\1***", text)
-    if hidden != text:
-        record.msg, record.args = hidden, ()
-    return True
 
 
 class BarProgress:

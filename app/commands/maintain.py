@@ -63,7 +63,9 @@ def restore(
     database_path = sqlite_path(database)
     database.close()
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    blobs = BlobStore.open(settings.blob_url, settings.data_dir, settings.cache_dir)
+    blobs = BlobStore.open(
+        settings.blob_url, settings.data_dir, settings.cache_dir, settings.blob_cache_bytes
+    )
     with progress_bars() as bars:
         copied = restore_backup(
             folder,
@@ -81,7 +83,12 @@ def _store(data_dir: Path | None) -> Iterator[tuple[Database, BlobStore]]:
     database = Database(settings.resolved_database_url)
     try:
         database.migrate()
-        yield database, BlobStore.open(settings.blob_url, settings.data_dir, settings.cache_dir)
+        yield (
+            database,
+            BlobStore.open(
+                settings.blob_url, settings.data_dir, settings.cache_dir, settings.blob_cache_bytes
+            ),
+        )
     finally:
         database.close()
 

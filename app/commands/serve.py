@@ -11,9 +11,10 @@ import uvicorn
 
 from app.api.access.credentials import is_loopback
 from app.commands.connections import connection_options
-from app.commands.console import DataDir, log_to_stderr, settings_from
+from app.commands.console import DataDir, settings_from
 from app.commands.https import Certificate, make_certificate, own_names, print_phone_access
 from app.jobs.worker import run_worker
+from app.logs import configure_logs
 from app.main import create_app
 from app.services.keys.key_service import any_key
 from app.settings import Settings
@@ -39,14 +40,14 @@ def serve(
     if settings.https and "host" not in settings.model_fields_set:
         settings = settings.model_copy(update={"host": ALL_ADDRESSES})
     check_access(settings)
-    log_to_stderr(settings.log_level)
+    configure_logs(settings.log_level, settings.log_format)
     run_server(settings)
 
 
 def worker(data_dir: DataDir = None) -> None:
     """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
     settings = settings_from(data_dir=data_dir)
-    log_to_stderr(settings.log_level)
+    configure_logs(settings.log_level, settings.log_format)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())

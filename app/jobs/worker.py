@@ -17,6 +17,7 @@ from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lease import Heart, LeaseWatch
 from app.jobs.worker_name import worker_name
 from app.limits import limit
+from app.logs import configure_logs, log_context
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.settings import Settings
@@ -76,8 +77,9 @@ def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threa
         with resources.database.write() as connection:
             build = None if stop.is_set() else claim_build(connection, worker)
         if build is not None:
-            log.info("build %s of venue %s starts", build.id, build.venue_id)
-            handle_build(build, resources, library)
+            with log_context(build=build.id):
+                log.info("build %s of venue %s starts", build.id, build.venue_id)
+                handle_build(build, resources, library)
             continue
         if time.monotonic() - swept > OPTIONS.sweep_interval_s:
             swept = time.monotonic()
@@ -109,13 +111,14 @@ def _follow_parent(wake: threading.Event, stop: threading.Event) -> None:
 
 def main() -> None:
     """Run as the embedded worker: standard input is the pipe from the server."""
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    settings = Settings()
+    configure_logs(settings.log_level, settings.log_format)
     wake, stop = threading.Event(), threading.Event()
     # A build can be interrupted anywhere without harm.
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, args=(wake, stop), daemon=True).start()
-    run_worker(Settings(), wake, stop)
+    run_worker(settings, wake, stop)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.floors.earth import Earth
 from app.engine.floors.floor import Floor
 from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera_sources import QueryCamera, query_camera
@@ -31,22 +32,24 @@ from app.services.locate_result import (
     LocateResult,
     anchor_result,
     map_result,
+    on_earth,
 )
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.floors import get_floor, list_floors
 from app.storage.maps import MapVersion, active_version
-from app.storage.venues import list_venues
+from app.storage.venues import earth_of, list_venues
 from app.vision.images import Rgb, decode_image
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A venue as a query finds it: its floors and the map version that serves it, if any."""
+    """A venue as a query finds it: its floors, the map version that serves it and its place on Earth, if any."""
 
     venue: str
     floors: list[Floor]
     version: MapVersion | None
+    earth: Earth | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +99,7 @@ class LocateService:
             result = self._by_anchor(place, rgb, known, request, result)
         assert result is not None  # noqa: S101 - one of the two was asked
         timings = {**result.timings_ms, **timer.milliseconds, "total": timer.total_ms}
-        return replace(self._described(result), timings_ms=timings)
+        return replace(on_earth(self._described(result), place.earth), timings_ms=timings)
 
     def _by_map(
         self,
@@ -170,7 +173,8 @@ class LocateService:
             if request.floor is not None:
                 get_floor(connection, venue, request.floor)
             version = active_version(connection, venue)
-            return _Place(venue, list_floors(connection, venue), version)
+            floors = list_floors(connection, venue)
+            return _Place(venue, floors, version, earth_of(connection, venue, floors))
 
     def _areas(self, floors: list[Floor], request: LocateRequest) -> list[AreaOnFloor] | None:
         """Return the areas that the request names, on its floor if it names one."""

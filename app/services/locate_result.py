@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from app.engine.anchors.locator import AnchorLocalization
 from app.engine.anchors.place_on_floor import place_on_floor
+from app.engine.floors.earth import Earth, GeoPoseReason, PlanReason, geopose_in
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.query.camera_sources import CameraSource, QueryCamera
@@ -19,12 +20,12 @@ from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
+from app.geometry.geopose import GeoPose
 from app.geometry.se3 import Pose
 from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
-PlanReason = Literal["up_unknown", "scale_unknown"]
 # A phone that is held still knows down to a degree or two; moving it can add ten.
 GRAVITY_LIMIT_DEG = 20.0
 
@@ -66,7 +67,8 @@ class LocateResult:
     was compared with the request's gravity, None when there was none. `plan_reason` says why a pose on a floor has no
     plan position: `up_unknown`, while the map's z axis is not known to point up, or `scale_unknown`, while its unit is
     not known to be the metre. `hints` say what would help a picture that is not located. `frames` is the support by
-    each frame of a query that has several.
+    each frame of a query that has several. `geopose` is where on Earth the camera is, `geopose_reason` why that is not
+    known of a located one.
     """
 
     venue: str
@@ -90,6 +92,8 @@ class LocateResult:
     vertical: Vertical | None = None
     hints: tuple[Hint, ...] = ()
     shown_matches: ShownMatches | None = None
+    geopose: GeoPose | None = None
+    geopose_reason: GeoPoseReason | None = None
     frames: tuple[Support, ...] = ()
 
 
@@ -176,3 +180,14 @@ def anchor_result(venue: str, found: AnchorLocalization, floors: list[Floor], ca
         anchors=found.anchors if located else (),
         vertical=found.vertical if located else None,
     )
+
+
+def on_earth(result: LocateResult, earth: Earth | None) -> LocateResult:
+    """Return a result that says where on Earth the camera is, or why not."""
+    geopose, reason = geopose_in(
+        earth,
+        result.world_from_camera,
+        is_located=result.reason is None,
+        plan_reason=result.plan_reason,
+    )
+    return replace(result, geopose=geopose, geopose_reason=reason)

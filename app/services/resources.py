@@ -38,7 +38,9 @@ class Resources:
         return Resources(
             settings=settings,
             database=database,
-            blobs=BlobStore.open(settings.blob_url, settings.data_dir, settings.cache_dir),
+            blobs=BlobStore.open(
+                settings.blob_url, settings.data_dir, settings.cache_dir, settings.blob_cache_bytes
+            ),
             models=open_models(settings),
             executor=ThreadPoolExecutor(settings.workers, thread_name_prefix="compute"),
             scratch_dir=settings.scratch_dir,

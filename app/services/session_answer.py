@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.floors.earth import PlanReason
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint, floor_of, plan_point
 from app.engine.maps.open_map import OpenMap
@@ -14,7 +15,7 @@ from app.engine.query.placed import plan_frame
 from app.engine.tracking.memory import pose_to_json
 from app.engine.tracking.state import State
 from app.engine.tracking.tracked import Tracked
-from app.services.locate_result import LocateResult, PlanReason
+from app.services.locate_result import LocateResult
 from app.storage.maps import MapVersion
 from app.storage.sessions import Session, SessionPoint
 

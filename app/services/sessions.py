@@ -38,6 +38,7 @@ from app.lru import LruCache
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
 from app.services.localizers import localizer_on
+from app.services.locate_result import on_earth
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.routes import RouteService
@@ -56,7 +57,7 @@ from app.storage.sessions import (
     list_points,
     record_frame,
 )
-from app.storage.venues import get_venue
+from app.storage.venues import earth_of, get_venue
 from app.vision.images import Rgb, decode_image
 
 
@@ -233,6 +234,7 @@ class SessionService:
         )
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
+            earth = earth_of(connection, session.venue_id, floors)
         tracker, before = live.tracker, live.tracker.memory
         time_s = time.time() if frame.time_s is None else frame.time_s
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
@@ -250,9 +252,8 @@ class SessionService:
             raise
         live.frames, live.path = point.frame, path
         live.recent = recent_points(live.recent, corrected, point, OPTIONS.recent_points)
-        result = result_of(session, tracked, floor, plan)
-        result = replace(
-            result,
+        answer = replace(
+            result_of(session, tracked, floor, plan),
             plan_reason=plan_reason,
             map_version=None if serving is None else serving[1].version,
             # What was given is answered as it was given.
@@ -270,7 +271,7 @@ class SessionService:
             time_s,
         )
         return SessionResult(
-            result=result,
+            result=on_earth(answer, earth),
             session=session.id,
             frame=point.frame,
             tracking=tracked.state,

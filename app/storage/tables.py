@@ -35,6 +35,8 @@ venues = Table(
     Column("created_at", DateTime(timezone=True), nullable=False),
     # Not a foreign key: map_versions refers to venues already, and SQLite can't add the circle.
     Column("active_map_version", Integer),
+    # Where on Earth it lies, as `VenueOrigin` has it.
+    Column("origin", JSON(none_as_null=True)),
 )
 
 floors = Table(

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from datetime import datetime
 
 from sqlalchemy import Connection, Row, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
+from app.engine.floors.earth import Earth, VenueOrigin
+from app.engine.floors.floor import Floor
 from app.errors import ConflictError, NotFoundError
 from app.storage.db import as_utc, now
+from app.storage.floors import get_floor
 from app.storage.tables import venues
 
 
 @dataclass(frozen=True, slots=True)
 class Venue:
-    """A venue and the map version that serves it, if any."""
+    """A venue, the map version that serves it, and where on Earth it lies, if that is known."""
 
     id: str
     name: str
     created_at: datetime
     active_map_version: int | None
+    origin: VenueOrigin | None = None
 
 
 def create_venue(connection: Connection, venue_id: str, name: str) -> Venue:
@@ -52,6 +57,21 @@ def rename_venue(connection: Connection, venue_id: str, name: str) -> Venue:
     return get_venue(connection, venue_id)
 
 
+def place_venue(connection: Connection, venue_id: str, origin: VenueOrigin | None) -> Venue:
+    """Set where on Earth a venue lies, None for nowhere; raises `NotFoundError`, also for a floor that is not there."""
+    if origin is not None and origin.floor is not None:
+        get_floor(connection, venue_id, origin.floor)
+    values = None if origin is None else asdict(origin)
+    connection.execute(update(venues).where(venues.c.id == venue_id).values(origin=values))
+    return get_venue(connection, venue_id)
+
+
+def earth_of(connection: Connection, venue_id: str, floors: Sequence[Floor]) -> Earth | None:
+    """Return a venue with these floors on Earth, None where it has no origin; raises `NotFoundError`."""
+    origin = get_venue(connection, venue_id).origin
+    return None if origin is None else Earth(origin, floors)
+
+
 def delete_venue(connection: Connection, venue_id: str) -> None:
     """Delete a venue with its floors, maps and builds; raises `NotFoundError`."""
     if connection.execute(delete(venues).where(venues.c.id == venue_id)).rowcount == 0:
@@ -66,4 +86,5 @@ def set_active_map(connection: Connection, venue_id: str, version: int) -> None:
 def _venue(row: Row[tuple[object, ...]]) -> Venue:
     created = as_utc(row.created_at)
     assert created is not None  # noqa: S101 - the column is not nullable
-    return Venue(row.id, row.name, created, row.active_map_version)
+    origin = None if row.origin is None else VenueOrigin(**row.origin)
+    return Venue(row.id, row.name, created, row.active_map_version, origin)

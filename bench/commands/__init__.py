@@ -20,6 +20,7 @@ COMMANDS = {
     "reliability": "bench.commands.reliability:reliability",
     "fit-confidence": "bench.commands.fit_confidence:fit_confidence_command",
     "keyframes": "bench.commands.keyframes:keyframes",
+    "plot-axes": "bench.axes.command:plot_axes",
     "plot-calibration": "bench.commands.plot_calibration:plot_calibration",
     "track": "bench.commands.track:track",
     "track-anchors": "bench.commands.track_anchors:track_anchors",

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app.commands.build import build_scan, ensure_venue
-from app.commands.console import BarProgress, console, log_to_stderr, progress_bars, settings_from
+from app.commands.console import BarProgress, console, progress_bars, settings_from
 from app.commands.serve import run_server
 from app.commands.serve_phones import run_for_phones
 from app.errors import RoomfixError
 from app.geometry.plan import plan_position
 from app.geometry.se3 import Pose
+from app.logs import configure_logs
 from app.services.floor_features import store_features
 from app.services.floor_plans import PlanFile, store_plan_image
 from app.services.map_library import MapLibrary
@@ -67,7 +68,7 @@ def _serve(settings: Settings, cameras: Sequence[MonitorPair], https_port: int |
     """Serve, phones too where a port for them is given, with fresh frames of the monitoring cameras."""
     from bench.anchors.demo_cameras import FreshFrames
 
-    log_to_stderr()
+    configure_logs()
     with FreshFrames(_address(settings), cameras):
         if https_port is None:
             run_server(settings)

@@ -49,6 +49,10 @@ BODIES: dict[str, dict[str, Any]] = {
     "POST /database/calibrate": {"data": {"venue": VENUE}, "files": {"archive": b"no archive"}},
     "POST /venues/import": {"files": {"archive": b"no file of a venue"}},
     "POST /database/inspect": {"files": {"archive": b"no archive"}},
+    "POST /oscp/geopose": {
+        "params": {"venue": VENUE},
+        "json": {"id": "1", "sensorReadings": {"cameraReadings": [{"imageBytes": ""}]}},
+    },
     "POST /sessions": {"json": {"venue": VENUE}},
     "POST /keys": {"json": {"name": "another", "scope": "locate", "venue": VENUE}},
     "POST /tokens": {"json": {"venue": VENUE}},

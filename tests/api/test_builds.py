@@ -75,6 +75,17 @@ def test_a_build_reports_what_it_did(museum: Server, scan_zip: bytes) -> None:
     assert not [name for name in museum.files() if name.startswith("scratch")]
 
 
+def test_a_map_that_tests_copy_is_the_one_that_a_worker_builds(museum: Server, small_scan: bytes) -> None:
+    built = museum.build(small_scan, museum.add_venue("built"), **QUICK)
+    copied = museum.add_map(small_scan, museum.add_venue("copied"), **QUICK)
+    assert {**built["report"], "seconds": None} == {**copied["report"], "seconds": None}
+    assert (built["state"], built["map_version"]) == (copied["state"], copied["map_version"])
+    for name in ("keyframes", "points", "keyframes/0/picture"):
+        answers = [museum.client.get(f"/venues/{venue}/maps/1/{name}") for venue in ("built", "copied")]
+        assert [answer.status_code for answer in answers] == [200, 200]
+        assert answers[0].content == answers[1].content, name
+
+
 @pytest.mark.parametrize("mode", ["w", "w:gz"])
 def test_a_tar_with_a_folder_is_as_good_as_a_zip(museum: Server, views: list[View], mode: str) -> None:
     venue = museum.add_venue(f"tar-{len(mode)}")

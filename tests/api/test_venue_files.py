@@ -24,6 +24,7 @@ from app.cli import app
 from app.storage.blobs import BlobStore
 from app.storage.db import Database
 from app.storage.sweep import sweep_blobs
+from tests.s3 import ABSENT, BUCKET, is_installed, s3
 from tests.scenes import View
 from tests.server import Server, assert_problem, running
 
@@ -104,6 +105,25 @@ def named(name: str, kind: bytes = tarfile.REGTYPE, link: str = "", size: int = 
     info = tarfile.TarInfo(name)
     info.type, info.linkname, info.size = kind, link, size
     return info
+
+
+def test_a_venue_keeps_its_place_on_earth(server: Server) -> None:
+    client = server.client
+    origin = {"latitude": 47.3782, "longitude": 8.5402, "height_m": 455.2, "heading_deg": 35.0, "floor": "g"}
+    server.add_venue("a")
+    client.put("/venues/a/floors/g", json={"name": "G", "level": 0, "z_min_m": 0, "z_max_m": 3})
+    assert client.patch("/venues/a", json={"origin": origin}).status_code == 200
+    data = client.get("/venues/a/export").content
+    assert post(server, data, **{"as": "b"}).status_code == 201
+    assert client.get("/venues/b").json()["origin"] == origin
+    members = with_manifest(unpacked(data), lambda values: values["origin"].update(floor="none"))
+    assert "floor in its origin" in assert_problem(post(server, packed(members), **{"as": "c"}), 422)
+    # An origin whose floor is gone is of no use, and isn't exported.
+    client.delete("/venues/a/floors/g")
+    assert post(server, client.get("/venues/a/export").content, **{"as": "c"}).status_code == 201
+    assert client.get("/venues/c").json()["origin"] is None
+    for venue in "abc":
+        assert client.delete(f"/venues/{venue}").status_code == 204
 
 
 def test_a_map_moves_between_servers_and_answers_alike(
@@ -320,6 +340,25 @@ def test_a_process_that_is_killed_leaves_nothing_visible(tmp_path: Path, exporte
     assert [info.name for info, _ in unpacked(written.read_bytes())] == [
         info.name for info, _ in unpacked(exported)
     ]
+
+
+@pytest.mark.skipif(not is_installed(), reason=ABSENT)
+def test_a_map_is_served_from_an_object_store(
+    tmp_path: Path, exported: bytes, queries: list[View], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with s3(tmp_path) as variables:
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        for data in ("one", "two"):
+            # The second server has the first one's database, and no copy of any blob.
+            database = f"sqlite:///{tmp_path / 'shared.db'}"
+            there = {"database_url": database, "blob_url": f"s3://{BUCKET}/maps"}
+            with running(tmp_path / data, run_worker=False, **there) as server:
+                assert data == "two" or post(server, exported).status_code == 201
+                assert server.locate(queries[0].jpeg(), venue="museum")["located"]
+                assert not (tmp_path / data / "blobs").exists()
+                again = server.client.get("/venues/museum/export").content
+        assert [content for _, content in unpacked(again)] == [content for _, content in unpacked(exported)]
 
 
 def test_exports_and_imports_are_in_the_audit_log(tmp_path: Path) -> None:

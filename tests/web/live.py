@@ -122,4 +122,4 @@ def watched_tab(browser: Any, allowed: Sequence[str] = ("401",), **context_optio
     tab.page.on("request", request)
     yield tab
     context.close()
-    assert tab.complaints == []
+    assert tab.complaints == [], tab.complaints

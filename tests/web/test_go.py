@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -58,16 +59,21 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         yield server
 
 
+@cache
+def pictures() -> list[np.ndarray]:
+    """Return what the camera sees on the walk."""
+    room = scenes.Room()
+    return [room.view(pose).rgb for pose in WALK]
+
+
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk as a YUV4MPEG2 file."""
-    room, path = scenes.Room(), tmp_path_factory.mktemp("camera") / "walk.y4m"
+    path = tmp_path_factory.mktemp("camera") / "walk.y4m"
     with path.open("wb") as file:
         file.write(f"YUV4MPEG2 W{scenes.CAMERA.width} H{scenes.CAMERA.height} F{FPS}:1 C420jpeg\n".encode())
-        for view in [room.view(pose) for pose in WALK] * 1:
-            file.write(b"FRAME\n" + cv2.cvtColor(view.rgb, cv2.COLOR_RGB2YUV_I420).tobytes())
-        for view in [room.view(pose) for pose in WALK[::-1]]:
-            file.write(b"FRAME\n" + cv2.cvtColor(view.rgb, cv2.COLOR_RGB2YUV_I420).tobytes())
+        for rgb in (*pictures(), *pictures()[::-1]):
+            file.write(b"FRAME\n" + cv2.cvtColor(rgb, cv2.COLOR_RGB2YUV_I420).tobytes())
     return path
 
 
@@ -134,13 +140,12 @@ def words(page: Any) -> Any:
 def truth_of(frame: bytes) -> Pose:
     """Return the pose of the walk's frame that a sent picture shows: the one whose rendered view differs least."""
     sent = _tiny(cv2.imdecode(np.frombuffer(frame, np.uint8), cv2.IMREAD_COLOR)[..., ::-1])
-    room = scenes.Room()
-    if not _TINY:
-        _TINY.extend(_tiny(room.view(pose).rgb) for pose in WALK)
-    return WALK[int(np.argmin([np.abs(sent - each).mean() for each in _TINY]))]
+    return WALK[int(np.argmin([np.abs(sent - each).mean() for each in _tiny_pictures()]))]
 
 
-_TINY: list[np.ndarray] = []
+@cache
+def _tiny_pictures() -> list[np.ndarray]:
+    return [_tiny(rgb) for rgb in pictures()]
 
 
 def _tiny(rgb: np.ndarray) -> np.ndarray:

@@ -61,7 +61,10 @@ class ContractRoute(APIRoute):
     doesn't declare.
 
     `scopes` is what a key needs; a route without `require` or `public` among its dependencies asks for admin.
+    `body_kind` is what the body holds, where that is not seen from what the route declares.
     """
+
+    body_kind: Kind | None = None
 
     def __init__(
         self,
@@ -83,7 +86,7 @@ class ContractRoute(APIRoute):
 
         async def handle_admitted(request: Request) -> Response:
             await admit(request, self.scopes)
-            request.scope[BODY].expect(self.declared.body_kind)
+            request.scope[BODY].expect(self.body_kind or self.declared.body_kind)
             response = await handle(FormRequest(request.scope, request.receive, self.declared.files))
             if "admin" in self.scopes:
                 await log_act(request, response)

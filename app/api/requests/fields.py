@@ -33,6 +33,19 @@ class FieldOptions:
         "Largest absolute heading.",
         chosen="By hand: angles that were added up once too often are taken.",
     )
+    min_height_m: float = limit(
+        -1000.0,
+        "Lowest height of a venue's origin above the ellipsoid.",
+        chosen="By hand: below every shore; the ellipsoid lies at most about 110 m above the sea.",
+    )
+    max_height_m: float = limit(
+        10_000.0, "Largest height of a venue's origin.", chosen="By hand: above every mountain."
+    )
+    max_latitude_deg: float = limit(
+        89.0,
+        "Largest absolute latitude of a venue's origin.",
+        chosen="By hand: nearer to a pole east and north turn within a building; nobody builds there.",
+    )
     max_key_expiry_s: float = limit(
         3.2e9,
         "Longest life of a key that expires.",

@@ -40,12 +40,14 @@ OPTIONS = OriginOptions()
 @dataclass(frozen=True, slots=True)
 class Origin:
     """The longitude and latitude in degrees of the plan point `plan` in metres; east lies `rotation_deg`
-    counter-clockwise from plan x."""
+    counter-clockwise from plan x. `height_m` is the height of the plan above the ellipsoid: higher up, a degree is
+    longer."""
 
     longitude: float
     latitude: float
     rotation_deg: float
     plan: tuple[float, float]
+    height_m: float = 0.0
 
     def plan_from_geodetic(self, points_deg: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return plan metres (n, 2) of longitudes and latitudes (n, 2); raises `InvalidInputError`."""
@@ -53,7 +55,7 @@ class Origin:
             raise InvalidInputError(
                 "with an origin, coordinates are longitude and latitude: within 180 and 90 degrees."
             )
-        east_north = east_north_from_geodetic(points_deg, (self.longitude, self.latitude))
+        east_north = east_north_from_geodetic(points_deg, (self.longitude, self.latitude), self.height_m)
         distance_m = float(np.linalg.norm(east_north, axis=1).max())
         if distance_m > OPTIONS.max_distance_m:
             raise InvalidInputError(
@@ -77,13 +79,14 @@ def read_origin(collection: Mapping[str, Any]) -> Origin | None:
         raise InvalidInputError('origin must be {"longitude", "latitude", "rotation_deg", "plan": [x, y]}.')
     longitude, latitude = (_number(value, *names) for names in NAMES.values())
     rotation_deg = _number(value, "rotation_deg", default=0.0)
+    height_m = _number(value, "height_m", default=0.0)
     if abs(longitude) > 180 or abs(latitude) > 89:
         raise InvalidInputError("origin must have a longitude within 180 and a latitude within 89 degrees.")
     at = value.get("plan", [0.0, 0.0])
     if not isinstance(at, list) or len(at) != 2:
         raise InvalidInputError("origin.plan must be two numbers: the origin's place on the plan in metres.")
     x, y = (_number({"plan": number}, "plan") for number in at)
-    return Origin(longitude, latitude, rotation_deg, (x, y))
+    return Origin(longitude, latitude, rotation_deg, (x, y), height_m)
 
 
 def _number(value: Mapping[str, Any], *names: str, default: float | None = None) -> float:

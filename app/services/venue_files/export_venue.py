@@ -10,6 +10,7 @@ from importlib.metadata import version
 from sqlalchemy import Connection
 
 from app.engine.anchors.anchor import Anchor
+from app.engine.floors.earth import VenueOrigin
 from app.engine.floors.floor import Floor
 from app.errors import NotFoundError
 from app.services.resources import Resources
@@ -22,6 +23,7 @@ from app.services.venue_files.manifest import (
     FloorEntry,
     Manifest,
     MapEntry,
+    OriginEntry,
     PlanEntry,
 )
 from app.storage.anchors import list_anchors
@@ -67,12 +69,14 @@ def _manifest(connection: Connection, resources: Resources, venue_id: str, *, ac
         for each in list_maps(connection, venue_id)
         if not active_only or each.version == venue.active_map_version
     ]
+    floors = list_floors(connection, venue_id)
     manifest = Manifest(
         made_by=f"Roomfix {version('roomfix')}",
         id=venue.id,
         name=venue.name,
         active_map_version=venue.active_map_version,
-        floors=[_floor(connection, floor) for floor in list_floors(connection, venue_id)],
+        origin=_origin(venue.origin, floors),
+        floors=[_floor(connection, floor) for floor in floors],
         maps=maps,
         anchors=[_anchor(anchor) for anchor in list_anchors(connection, venue_id)],
         blobs={},
@@ -85,6 +89,13 @@ def _manifest(connection: Connection, resources: Resources, venue_id: str, *, ac
             "repair them."
         )
     return manifest.model_copy(update={"blobs": sizes})
+
+
+def _origin(origin: VenueOrigin | None, floors: list[Floor]) -> OriginEntry | None:
+    """Return the entry of an origin, None where there is none or its floor isn't there any more."""
+    if origin is None or origin.floor not in {None, *(floor.id for floor in floors)}:
+        return None
+    return OriginEntry.model_validate(asdict(origin))
 
 
 def _floor(connection: Connection, floor: Floor) -> FloorEntry:

@@ -16,6 +16,7 @@ from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.check_anchor import check_anchor
 from app.engine.floors.checks import check_links
 from app.engine.floors.collection import read_collection
+from app.engine.floors.earth import VenueOrigin
 from app.engine.floors.floor import PlanImage
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.engine.navigation.network import check_walkable
@@ -39,7 +40,7 @@ from app.storage.floors import get_floor, put_floor, set_features, set_plan_imag
 from app.storage.map_files import MapFiles
 from app.storage.maps import KeyframeImages, MapVersion, add_map
 from app.storage.sweep import discard_blobs
-from app.storage.venues import Venue, create_venue, get_venue, set_active_map
+from app.storage.venues import Venue, create_venue, get_venue, place_venue, set_active_map
 from app.vision.images import decode_image
 
 # Raises for statistics of a map that can't be shown.
@@ -257,6 +258,8 @@ def _add_rows(connection: Connection, manifest: Manifest, venue_id: str, cameras
     create_venue(connection, venue_id, manifest.name)
     for floor in manifest.floors:
         _add_floor(connection, venue_id, floor)
+    if manifest.origin is not None:
+        place_venue(connection, venue_id, VenueOrigin(**manifest.origin.model_dump()))
     for entry in manifest.maps:
         images = [KeyframeImages(color, depth) for color, depth in entry.images]
         add_map(connection, _version(venue_id, entry.version, manifest), images)

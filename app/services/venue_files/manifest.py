@@ -94,6 +94,16 @@ class AnchorEntry(Entry):
     calibration: dict[str, Any] | None
 
 
+class OriginEntry(Entry):
+    """Where on Earth the venue lies."""
+
+    latitude: Annotated[float, Field(ge=-90, le=90)]
+    longitude: Annotated[float, Field(ge=-180, le=180)]
+    height_m: Number
+    heading_deg: Number
+    floor: Id | None
+
+
 class Manifest(Entry):
     """A venue: everything but keys, sessions, builds, frames of anchors and the audit log."""
 
@@ -103,6 +113,8 @@ class Manifest(Entry):
     id: Id
     name: Name
     active_map_version: int | None
+    # Files of releases before origins have none.
+    origin: OriginEntry | None = None
     floors: list[FloorEntry]
     maps: list[MapEntry]
     anchors: list[AnchorEntry]
@@ -160,5 +172,7 @@ def _check_consistent(manifest: Manifest) -> None:
     versions = {entry.version for entry in manifest.maps}
     if manifest.active_map_version is not None and manifest.active_map_version not in versions:
         raise InvalidInputError(f"{MANIFEST} names an active map that it doesn't have.")
+    if manifest.origin is not None and manifest.origin.floor not in {None, *(f.id for f in manifest.floors)}:
+        raise InvalidInputError(f"{MANIFEST} names a floor in its origin that it doesn't have.")
     if manifest.needed_blobs() != set(manifest.blobs):
         raise InvalidInputError(f"{MANIFEST} lists other files than its floors and maps refer to.")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.geometry.camera_hint import hint_of
 from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
 from app.importers.phones.video import open_video
 from app.importers.registry import open_unposed
@@ -44,7 +45,7 @@ def test_photos_are_named_by_their_frame(scan: Scan, tmp_path: Path) -> None:
 
 def test_frames_with_depth_have_no_poses(scan: Scan, tmp_path: Path) -> None:
     folder = write_depth_frames(scan, tmp_path / "depth")
-    options = ScanOptions(camera=CAMERA, depth_scale=DEPTH_SCALE, estimate_poses=True)
+    options = ScanOptions(camera=hint_of(CAMERA), depth_scale=DEPTH_SCALE, estimate_poses=True)
     unposed = open_unposed(folder, "tum", options)
     assert unposed is not None
     assert unposed.listed is not None

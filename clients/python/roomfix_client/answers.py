@@ -79,6 +79,40 @@ class ShownMatches(TypedDict):
     pairs: list[list[float]]
 
 
+class GeoPosition(TypedDict):
+    """A position in WGS 84: degrees, and metres above the ellipsoid."""
+
+    lat: float
+    lon: float
+    h: float
+
+
+class YawPitchRoll(TypedDict):
+    """Degrees: yaw counter-clockwise from east, pitch downwards, roll to the right; turns about z, y, x in turn."""
+
+    yaw: float
+    pitch: float
+    roll: float
+
+
+class GeoPose(TypedDict):
+    """A GeoPose 1.0: the camera's body (x forward, y left, z up) against east, north and up at its position."""
+
+    position: GeoPosition
+    quaternion: Quaternion
+    angles: YawPitchRoll
+
+
+class Origin(TypedDict):
+    """Where plan (0, 0) of a floor lies on Earth; `heading_deg` is the compass bearing of plan y."""
+
+    latitude: float
+    longitude: float
+    height_m: float
+    heading_deg: float
+    floor: str | None
+
+
 class FrameSupport(TypedDict):
     """The support of the pose by one frame of a query that has several."""
 
@@ -113,6 +147,8 @@ class LocateResult(TypedDict):
     session_from_world: Pose | None
     hints: list[str]
     shown_matches: ShownMatches | None
+    geopose: GeoPose | None
+    geopose_reason: Literal["no_origin", "up_unknown", "scale_unknown", "plan_unknown"] | None
     frames: list[FrameSupport]
 
 
@@ -182,6 +218,7 @@ class Venue(TypedDict):
     name: str
     created_at: str
     map_version: int | None
+    origin: Origin | None
 
 
 class Build(TypedDict):

@@ -64,6 +64,36 @@ export interface ShownMatches {
   pairs: number[][];
 }
 
+/** A position in WGS 84: degrees, and metres above the ellipsoid. */
+export interface GeoPosition {
+  lat: number;
+  lon: number;
+  h: number;
+}
+
+/** Degrees: yaw counter-clockwise from east, pitch downwards, roll to the right; turns about z, y, x in turn. */
+export interface YawPitchRoll {
+  yaw: number;
+  pitch: number;
+  roll: number;
+}
+
+/** A GeoPose 1.0: the camera's body (x forward, y left, z up) against east, north and up at its position. */
+export interface GeoPose {
+  position: GeoPosition;
+  quaternion: Quaternion;
+  angles: YawPitchRoll;
+}
+
+/** Where plan (0, 0) of a floor lies on Earth; `heading_deg` is the compass bearing of plan y. */
+export interface Origin {
+  latitude: number;
+  longitude: number;
+  height_m: number;
+  heading_deg: number;
+  floor: string | null;
+}
+
 /** The support of the pose by one frame of a query that has several. */
 export interface FrameSupport {
   inliers: number;
@@ -96,6 +126,8 @@ export interface LocateResult {
   session_from_world: Pose | null;
   hints: string[];
   shown_matches: ShownMatches | null;
+  geopose: GeoPose | null;
+  geopose_reason: "no_origin" | "up_unknown" | "scale_unknown" | "plan_unknown" | null;
   frames: FrameSupport[];
 }
 

@@ -1,0 +1,1 @@
+"""The GeoPose protocol of the Open Spatial Computing Platform."""

@@ -1,0 +1,1 @@
+"""The messages of a session's stream and their description."""

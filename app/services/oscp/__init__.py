@@ -1,0 +1,1 @@
+"""What the protocols of the Open Spatial Computing Platform need."""

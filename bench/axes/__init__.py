@@ -1,0 +1,1 @@
+"""One cube seen by a camera, in the axes of each AR framework."""
