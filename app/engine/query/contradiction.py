@@ -115,10 +115,10 @@ def cells_in_map(
     them."""
     keyframes = opened.retrieval.covisible(world_from_camera, OPTIONS.keyframes, set(), allowed)
     binary = opened.extractor.binary
-    return _cells_of(opened.artifact, keyframes, world_from_camera, camera, features, inliers_px, binary)
+    return cells_of(opened.artifact, keyframes, world_from_camera, camera, features, inliers_px, binary)
 
 
-def _cells_of(
+def cells_of(
     artifact: MapArtifact,
     keyframes: list[int],
     world_from_camera: Pose,

@@ -9,7 +9,7 @@ import pytest
 
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
-from app.engine.query.contradiction import contradicted_in_map, contradicted_share
+from app.engine.query.contradiction import cells_of, contradicted_in_map
 from app.geometry.se3 import Pose
 from app.vision.index import GlobalIndex
 from app.vision.matching import to_unit_vectors
@@ -34,7 +34,9 @@ def share(
 ) -> float:
     pose = pose_at(seen_from_m, 0.0)
     unit = to_unit_vectors(prints[features], binary=False)
-    return contradicted_share(MAP, [0], pose, CAMERA, (PIXELS[features], unit), PIXELS[inliers], False)
+    return cells_of(
+        MAP, [0], pose, CAMERA, (PIXELS[features], unit), PIXELS[inliers], False
+    ).contradicted_share
 
 
 def test_what_is_there_contradicts_nothing() -> None:
@@ -57,7 +59,7 @@ def test_what_was_scanned_from_far_away_is_not_expected() -> None:
 
 def test_a_pose_that_no_keyframe_shares_a_view_with_is_not_judged() -> None:
     features = PIXELS, to_unit_vectors(PRINTS[1], binary=False)
-    assert contradicted_share(MAP, [], HERE, CAMERA, features, PIXELS[LEFT], False) == 0.0
+    assert cells_of(MAP, [], HERE, CAMERA, features, PIXELS[LEFT], False).contradicted_share == 0.0
 
 
 def of_cells(expected: int, own: int, shared: int) -> float:
@@ -81,7 +83,7 @@ def of_cells(expected: int, own: int, shared: int) -> float:
     mapped = map_of([HERE], [points], [map_prints.reshape(-1, 128)])
     features = pixels, to_unit_vectors(prints, binary=False)
     left = (np.array([(x, y) for x in range(GRID[0] // 2) for y in range(GRID[1])]) + 0.5) * size_px
-    return contradicted_share(mapped, [0], HERE, CAMERA, features, left, False)
+    return cells_of(mapped, [0], HERE, CAMERA, features, left, False).contradicted_share
 
 
 @pytest.mark.parametrize(
@@ -144,7 +146,7 @@ def around(degrees: float, distance_m: float = 2.0) -> Pose:
 def test_what_is_seen_about_as_the_keyframe_saw_it_is_expected(pose: Pose, expected: bool) -> None:
     # Another print all over, and an inlier in the cell of a corner.
     features = PIXELS, to_unit_vectors(PRINTS[1], binary=False)
-    found = contradicted_share(MAP, [0], pose, CAMERA, features, np.array([[1.0, 1.0]]), False)
+    found = cells_of(MAP, [0], pose, CAMERA, features, np.array([[1.0, 1.0]]), False).contradicted_share
     assert found > 0.9 if expected else found == 0.0
 
 
@@ -171,7 +173,7 @@ def lattice_share(shift_px: float = 0.0, nearer: int = 0, differing: float = 0.0
     known = map_of([HERE], [points], [mapped.astype(np.float32)])
     pixels = np.concatenate([LATTICE + np.array([shift_px, 0.0]), decoys_px])
     features = pixels, np.concatenate([unit, decoys]).astype(np.float32)
-    return contradicted_share(known, [0], HERE, CAMERA, features, PIXELS[LEFT], False)
+    return cells_of(known, [0], HERE, CAMERA, features, PIXELS[LEFT], False).contradicted_share
 
 
 def test_a_feature_is_found_where_it_is_expected_or_close_by() -> None:
@@ -198,7 +200,7 @@ def test_binary_descriptors_are_known_by_most_of_their_bits(flipped: float, shar
     points = HERE.apply(CAMERA.unproject(LATTICE, np.full(len(LATTICE), 2.0)))
     known = map_of([HERE], [points], [np.packbits(bits, axis=1)])
     features = LATTICE, to_unit_vectors(np.packbits(changed, axis=1), binary=True)
-    found = contradicted_share(known, [0], HERE, CAMERA, features, PIXELS[LEFT], True)
+    found = cells_of(known, [0], HERE, CAMERA, features, PIXELS[LEFT], True).contradicted_share
     assert found == pytest.approx(share, abs=0.02)
 
 
@@ -223,5 +225,5 @@ def test_what_the_pose_sees_from_the_other_side_is_not_expected() -> None:
     # The wall that the map knows, at the same distance, from behind it.
     behind = Pose(HERE.rotation @ np.diag([-1.0, 1.0, -1.0]), HERE.translation + np.array([4.0, 0.0, 0.0]))
     features = PIXELS, to_unit_vectors(PRINTS[1], binary=False)
-    assert contradicted_share(MAP, [0], behind, CAMERA, features, PIXELS[LEFT], False) == 0.0
-    assert contradicted_share(MAP, [0], HERE, CAMERA, features, PIXELS[LEFT], False) > 0.4
+    assert cells_of(MAP, [0], behind, CAMERA, features, PIXELS[LEFT], False).contradicted_share == 0.0
+    assert cells_of(MAP, [0], HERE, CAMERA, features, PIXELS[LEFT], False).contradicted_share > 0.4
