@@ -222,10 +222,12 @@ def _is_flat(best: Hypothesis) -> bool:
 def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
     """Return by how much another camera that the matches allow would change a pose.
 
-    The camera that fits best is uncertain itself, by the focal length's sigma.
+    The camera that fits best is uncertain itself, by the focal length's sigma; where that is large the matches verify
+    no camera, which the confidence says.
     """
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
-    unknown = _by_focal_sigma(best, fit.focal_sigma)
+    is_verified = fit.focal_sigma <= OPTIONS.unverified_sigma
+    unknown = _by_focal_sigma(best, fit.focal_sigma if is_verified else 0.0)
     return Accuracy(
         factor * max(float(np.linalg.norm(apart.translation)), unknown.position_m),
         factor * max(rotation_angle_deg(apart.rotation), unknown.orientation_deg),

@@ -113,7 +113,8 @@ def test_odometry_goes_on_without_a_map_and_says_how_far_off_it_may_be(
     assert unaided == sorted(unaided)
     # Jitter counts as path, too.
     assert 0.9 * path_m < unaided[-1] < 1.3 * path_m
-    assert sigmas[-1] > 0.03 * path_m > sigmas[0]
+    # The first one is what the picture leaves open of its camera.
+    assert sigmas[-1] > max(0.03 * path_m, sigmas[0])
 
 
 class AnotherView(MapFixes):
