@@ -9,11 +9,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy.exc import IntegrityError
 
-from app.errors import NotFoundError
+from app.errors import ConflictError, NotFoundError
+from app.storage.builds import claim_build, create_build, finish_build
 from app.storage.db import Database
 from app.storage.maps import (
     KeyframeImages,
     MapVersion,
+    active_version,
+    delete_map,
     get_map,
     list_keyframe_images,
     list_maps,
@@ -66,6 +69,60 @@ def test_after_a_step_back_the_next_version_still_has_a_number_of_its_own(databa
     assert serving(database, "one") == 1
     assert publish(database, "one", "c") == 3
     assert serving(database, "one") == 3
+
+
+def versions(database: Database, venue: str) -> list[int]:
+    with database.read() as connection:
+        return [each.version for each in list_maps(connection, venue)]
+
+
+def test_a_version_is_deleted_alone_and_never_while_it_serves(database: Database) -> None:
+    for venue in ("one", "two"):
+        for name in "abc":
+            publish(database, venue, name)
+    with database.write() as connection:
+        delete_map(connection, "one", 2)
+    assert (versions(database, "one"), versions(database, "two")) == ([3, 1], [3, 2, 1])
+    for version, error in ((3, ConflictError), (2, NotFoundError)):
+        with pytest.raises(error, match=f"{version}"), database.write() as connection:
+            delete_map(connection, "one", version)
+    assert versions(database, "one") == [3, 1]
+
+
+def test_a_number_is_not_used_again_and_no_other_venue_counts(database: Database) -> None:
+    with database.write() as connection:
+        for venue, version in (("one", 7), ("two", 9)):
+            build = create_build(connection, venue, {}, "0" * 64)
+            claim_build(connection, "w", build)
+            finish_build(connection, build, "succeeded", worker="w", map_version=version)
+    assert publish(database, "one", "a") == 8
+
+
+def test_the_version_that_serves_is_the_venue_s_own(database: Database) -> None:
+    for name in "ab":
+        publish(database, "one", name)
+    publish(database, "two", "c")
+    serving_now = [active_of(database, venue) for venue in ("one", "two")]
+    assert [
+        (each.venue_id, each.version, each.artifact_blob) for each in serving_now if each is not None
+    ] == [
+        ("one", 2, "map b"),
+        ("two", 1, "map c"),
+    ]
+    with database.write() as connection:
+        set_active_map(connection, "one", 1)
+        create_venue(connection, "three", "Three")
+    found = active_of(database, "one")
+    assert found is not None
+    assert found.artifact_blob == "map a"
+    assert active_of(database, "three") is None
+    with pytest.raises(NotFoundError):
+        active_of(database, "four")
+
+
+def active_of(database: Database, venue: str) -> MapVersion | None:
+    with database.read() as connection:
+        return active_version(connection, venue)
 
 
 def test_a_version_is_what_was_published(database: Database) -> None:

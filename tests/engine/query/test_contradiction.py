@@ -188,8 +188,8 @@ def test_a_feature_is_found_among_the_nearest() -> None:
 
 
 def test_a_feature_is_known_by_a_descriptor_that_is_much_the_same() -> None:
-    assert lattice_share(differing=0.6) == 0.0
-    assert lattice_share(differing=0.9) == pytest.approx(0.5, abs=0.02)
+    assert lattice_share(differing=0.7) == 0.0
+    assert lattice_share(differing=0.8) == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.parametrize(("flipped", "share"), [(0.0, 0.0), (0.2, 0.0), (0.35, 0.5), (0.5, 0.5)])
