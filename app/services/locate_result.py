@@ -16,18 +16,16 @@ from app.engine.query.localization import KeyframeVote, Localization
 from app.engine.query.narrowing import Prior
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.shown_matches import ShownMatches
+from app.engine.query.upright import contradicts_gravity
 from app.engine.query.verification import Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
 from app.geometry.geopose import GeoPose
 from app.geometry.se3 import Pose
-from app.geometry.turns import angle_to_down_deg
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
-# A phone that is held still knows down to a degree or two; moving it can add ten.
-GRAVITY_LIMIT_DEG = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +106,7 @@ def map_result(
 ) -> LocateResult:
     reason, pose = found.reason, found.world_from_camera
     gravity_checked = None if request.gravity is None else pose is not None and version.z_up
-    if gravity_checked and _contradicts(pose, request.gravity):
+    if gravity_checked and contradicts_gravity(pose, request.gravity):
         reason, pose = "ambiguous", None
     # The heights of floors are in metres.
     floors = floors if version.has_scale else []
@@ -149,12 +147,6 @@ def _hints(found: Localization, reason: Reason | None, camera: QueryCamera) -> t
     if found.world_from_camera is not None:
         hints = ("go_where_it_is_mapped",) if reason == "outside_venue" else ("look_elsewhere",)
     return hints if isinstance(camera.camera, Camera) else (*hints, "send_camera")
-
-
-def _contradicts(pose: Pose | None, gravity_in_camera: tuple[float, float, float] | None) -> bool:
-    if pose is None or gravity_in_camera is None:
-        return False
-    return angle_to_down_deg(pose, gravity_in_camera) > GRAVITY_LIMIT_DEG
 
 
 def anchor_result(venue: str, found: AnchorLocalization, floors: list[Floor], camera: Camera) -> LocateResult:

@@ -12,8 +12,21 @@ from app.engine.query.localizer import Localizer
 from app.engine.query.vdm.localizer import VdmLocalizer
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
-from app.geometry.turns import camera_from_turned, turned_camera, upright_turns
+from app.geometry.se3 import Pose
+from app.geometry.turns import angle_to_down_deg, camera_from_turned, turned_camera, upright_turns
 from app.vision.images import Rgb
+
+# A phone that is held still knows down to a degree or two; moving it can add ten.
+GRAVITY_LIMIT_DEG = 20.0
+
+
+def contradicts_gravity(
+    world_from_camera: Pose | None, gravity_in_camera: tuple[float, float, float] | None
+) -> bool:
+    """Return whether a pose in a world whose z axis points up disagrees with the measured direction of down."""
+    if world_from_camera is None or gravity_in_camera is None:
+        return False
+    return angle_to_down_deg(world_from_camera, gravity_in_camera) > GRAVITY_LIMIT_DEG
 
 
 def localize_upright(

@@ -15,6 +15,7 @@ from app.engine.query.localization import KeyframeVote, Localization, same_place
 from app.engine.query.localizer import Localizer
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy, PlacedPose, Support
+from app.engine.query.upright import contradicts_gravity
 from app.engine.query.verification import Reason, confidence_of, coverage, evidence_of
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.guided_matching import match_near_projections
@@ -234,6 +235,9 @@ class MapFixes:
         evidence = found.evidence
         if found.world_from_camera is None or found.camera is None:
             return NoFix(found.reason or "no_match", evidence.support)
+        z_up = self.localizer.map.artifact.metadata.z_up
+        if z_up and contradicts_gravity(found.world_from_camera, frame.gravity):
+            return NoFix("ambiguous", evidence.support)
         assert found.accuracy is not None  # noqa: S101 - located
         tracked = frame.scaled(found.camera)
         matches = self._near(

@@ -98,6 +98,15 @@ def test_a_video_is_tracked_by_the_map(fixes: MapFixes, video: list[View]) -> No
         assert error < 5 * sigma_m(result) + 0.005
 
 
+def test_a_first_fix_that_gravity_contradicts_is_none(fixes: MapFixes, video: list[View]) -> None:
+    upright = TrackingFrame.of(video[0].rgb, 0.0, (0.0, 1.0, 0.0), CAMERA)
+    lying = TrackingFrame.of(video[0].rgb, 0.0, (0.9, 0.4, 0.0), CAMERA)
+    assert isinstance(fixes.locate(upright, CAMERA, None), Fix)
+    refused = fixes.locate(lying, CAMERA, None)
+    assert isinstance(refused, NoFix)
+    assert refused.reason == "ambiguous"
+
+
 def test_odometry_goes_on_without_a_map_and_says_how_far_off_it_may_be(
     fixes: MapFixes, video: list[View]
 ) -> None:
