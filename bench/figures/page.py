@@ -11,6 +11,8 @@ from bench.reports.report import ReportTable
 
 FOLDER = ROOT / "docs" / "figures"
 SECTION = "## "
+# Pages whose sections are not written by commands of `roomfix`.
+NOT_COMMANDS = ("mutants",)
 
 # A table, or a sentence.
 Block = ReportTable | str
@@ -36,7 +38,7 @@ def write_figures(
 
 
 def _head(page: str) -> str:
-    return f"# Figures: `roomfix {page}`"
+    return f"# Figures: {page}" if page in NOT_COMMANDS else f"# Figures: `roomfix {page}`"
 
 
 def _read(path: Path) -> tuple[str, dict[str, str]]:

@@ -190,3 +190,28 @@ def test_whether_z_points_up_is_stated_or_follows_from_the_placement(
         created_at=datetime.now(UTC),
     )
     assert version.z_up is z_up
+
+
+@pytest.mark.parametrize(
+    ("placement", "reason"),
+    [
+        ({"source": "given"}, None),
+        ({"source": "given", "has_scale": True}, None),
+        ({"source": "given", "has_scale": False}, "scale_unknown"),
+        ({"source": "scan_frame"}, "up_unknown"),
+        ({"source": "scan_frame", "has_scale": False}, "scale_unknown"),
+    ],
+    ids=str,
+)
+def test_a_map_without_up_or_scale_has_no_plan(placement: dict[str, object], reason: str | None) -> None:
+    version = MapVersion(
+        venue_id="one",
+        version=1,
+        build_id=None,
+        artifact_blob="",
+        index_blob="",
+        statistics={"placement": placement},
+        created_at=datetime.now(UTC),
+    )
+    assert version.plan_reason == reason
+    assert version.has_scale is placement.get("has_scale", True)

@@ -299,6 +299,7 @@ def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:
 def test_a_camera_is_placed_by_clicks(server: Server, studio: Tab) -> None:
     page = studio.page
     visit(page, "Cameras")
+    page.wait_for_load_state("networkidle")
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.reload()

@@ -81,8 +81,8 @@ OPTIONS = ContradictionOptions()
 class Cells:
     """How many cells of a picture contradict a pose, and how many hold inliers."""
 
-    against: int = 0
-    supported: int = 0
+    against: int
+    supported: int
 
     @property
     def contradicted_share(self) -> float:

@@ -142,8 +142,14 @@ class IntrinsicsCheckOptions:
         "Inliers with a zoom, over those without, from which on refining starts there.",
         chosen="By hand: between no gain and that of a zoom that is 12 % off.",
     )
-    truncation_factor: float = limit(
+    sigma_factor: float = limit(
         1.75,
+        "Factor on the focal length's sigma by the matches: it is the sigma of inliers of the stated camera, which are "
+        "those that agree with it.",
+        chosen=ON_ZOOMED,
+    )
+    truncation_factor: float = limit(
+        1.5,
         "Factor on the change that another camera would make: it is estimated on inliers of the stated one, which "
         "leaves out what contradicts it most.",
         chosen=ON_ZOOMED,
@@ -204,7 +210,7 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     return CheckedCamera(
         camera=camera,
         best=best,
-        systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit),
+        systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted),
         max_confidence=OPTIONS.unverified_confidence
         if is_doubted or is_stretched or zoomed is not None or _is_flat(best)
         else _max_confidence(fit),
@@ -219,18 +225,18 @@ def _is_flat(best: Hypothesis) -> bool:
     return SIGMA_PER_MAD * float(np.median(np.abs(depths - middle))) < OPTIONS.min_depth_spread * middle
 
 
-def _left_open(best: Hypothesis, fit: FreeIntrinsics) -> Accuracy:
+def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Accuracy:
     """Return by how much another camera that the matches allow would change a pose.
 
-    The camera that fits best is uncertain itself, by the focal length's sigma; where that is large the matches verify
-    no camera, which the confidence says.
+    The camera that fits best is uncertain itself, by the focal length's sigma. Where that is large, or the stated
+    camera doubted, the confidence says it.
     """
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
-    is_verified = fit.focal_sigma <= OPTIONS.unverified_sigma
-    unknown = _by_focal_sigma(best, fit.focal_sigma if is_verified else 0.0)
+    may_be_sure = fit.focal_sigma <= OPTIONS.unverified_sigma and not is_doubted
+    unknown = _by_focal_sigma(best, OPTIONS.sigma_factor * fit.focal_sigma if may_be_sure else 0.0)
     return Accuracy(
-        factor * max(float(np.linalg.norm(apart.translation)), unknown.position_m),
-        factor * max(rotation_angle_deg(apart.rotation), unknown.orientation_deg),
+        max(factor * float(np.linalg.norm(apart.translation)), unknown.position_m),
+        max(factor * rotation_angle_deg(apart.rotation), unknown.orientation_deg),
     )
 
 
