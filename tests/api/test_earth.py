@@ -58,7 +58,7 @@ def enu_of(geopose: dict[str, Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def placed(museum: Server, scan_zip: bytes) -> str:
+def placed(museum: Server, scan_zip: bytes) -> Iterator[str]:
     """A venue with a map, a floor with a plan, and an origin."""
     venue = museum.add_venue("placed")
     assert museum.build(scan_zip, venue, gravity=[0, 0, -1])["state"] == "succeeded"
@@ -69,7 +69,9 @@ def placed(museum: Server, scan_zip: bytes) -> str:
     assert museum.client.put(f"{floor}/plan", data=form, files={"image": image}).status_code == 200
     assert museum.client.put(f"{floor}/features", json=FEATURES).status_code == 200
     assert museum.client.patch(f"/venues/{venue}", json={"origin": ORIGIN}).json()["origin"] == ORIGIN
-    return venue
+    yield venue
+    # Other tests ask the same server which venue is near.
+    museum.client.delete(f"/venues/{venue}")
 
 
 def test_an_origin_comes_changes_and_goes(empty: Server) -> None:
