@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.bodies.report import FittedCurve, FittedThresholds
 from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
@@ -26,32 +27,10 @@ class CalibrationPoint(BaseModel):
     held_back: bool
 
 
-class CurveBody(BaseModel):
-    """matches = a x^b around the threshold; errors in matches, differences in metres or radians."""
+class CurveBody(FittedCurve):
+    """A fitted curve with its pairs."""
 
-    a: float
-    b: float
-    rmse_fit: float
-    rmse_validation: float | None = Field(description="Of the pairs held back from the fit")
-    pairs_fit: int
-    pairs_validation: int
-    threshold: float
-    reached: Literal["within", "beyond", "below"] = Field(
-        description="beyond: more matches are left even at the largest difference; below: fewer at the smallest"
-    )
-    left_at_threshold: float | None = Field(
-        description="Median matches of held-back pairs around the threshold"
-    )
-    range: tuple[float, float] = Field(description="Differences that the curve is fitted to")
-    other_limit: float = Field(description="Largest other difference (rad or m) of its pairs")
     points: list[CalibrationPoint]
-
-
-class ThresholdsBody(BaseModel):
-    """As `keyframes.position_m` and `keyframes.attitude_rad` of a build take them."""
-
-    position_m: float
-    attitude_rad: float
 
 
 CURVE: dict[str, Any] = {
@@ -90,7 +69,7 @@ class CalibrationBody(BaseModel):
     wanted_matches: float
     features: str
     frames: int = Field(description="Frames of the scan that were compared")
-    thresholds: ThresholdsBody
+    thresholds: FittedThresholds
     position: CurveBody
     attitude: CurveBody
     warnings: list[str]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.engine.mapping.build_map import build_map
@@ -90,13 +90,14 @@ def _evaluate(
         verdict=examined.examination.verdict if examined.examination else "none",
         keyframes=built.artifact.keyframe_count,
         build_s=build_s,
-        summary=_located(localizer, queries, world_from_scan, progress),
+        summary=locate_queries(localizer, queries, world_from_scan.inverse().__matmul__, progress),
     )
 
 
-def _located(
-    localizer: Localizer, queries: FormatQueries, world_from_scan: Pose, progress: Progress
+def locate_queries(
+    localizer: Localizer, queries: FormatQueries, in_truth: Callable[[Pose], Pose], progress: Progress
 ) -> ErrorSummary:
+    """Locate the queries; `in_truth` maps a pose in the map to the frame of their true poses."""
     outcomes = []
     for done, frame in enumerate(queries.frames):
         progress.report("locate", done, len(queries.frames))
@@ -104,7 +105,13 @@ def _located(
         started = time.perf_counter()
         found = localizer.localize(rgb, queries.scan.camera)
         milliseconds = 1e3 * (time.perf_counter() - started)
-        outcomes.append(outcome_of(frame.name, found, world_from_scan @ frame.scan_from_camera, milliseconds))
+        pose, candidate = found.world_from_camera, found.candidate
+        aligned = replace(
+            found,
+            world_from_camera=None if pose is None else in_truth(pose),
+            candidate=None if candidate is None else in_truth(candidate),
+        )
+        outcomes.append(outcome_of(frame.name, aligned, frame.scan_from_camera, milliseconds))
     return summarize(outcomes)
 
 

@@ -26,10 +26,8 @@ from app.geometry.se3 import Pose, position_difference_m
 from app.importers.archives.archive import extract_archive
 from app.importers.frames import Scan
 from app.importers.registry import open_unposed
-from app.vision.images import decode_image
-from bench.evaluation.outcome import outcome_of
-from bench.evaluation.pose_errors import ErrorSummary, summarize
-from bench.formats.evaluate import FormatQueries
+from bench.evaluation.pose_errors import ErrorSummary
+from bench.formats.evaluate import FormatQueries, locate_queries
 
 Array = NDArray[np.float64]
 
@@ -109,7 +107,7 @@ def evaluate_unposed(
         up_error_deg=_up_error_deg(estimate, true, down),
         keyframes=built.artifact.keyframe_count,
         build_s=build_s,
-        summary=_located(localizer, queries, true_from_world, progress),
+        summary=locate_queries(localizer, queries, lambda pose: _aligned(pose, true_from_world), progress),
     )
 
 
@@ -143,20 +141,3 @@ def _up_error_deg(estimate: EstimatedScan, true: list[Pose], down: Array | None)
 def _aligned(world_from_camera: Pose, true_from_world: Alignment) -> Pose:
     turn = true_from_world.target_from_source
     return turn @ Pose(world_from_camera.rotation, true_from_world.scale * world_from_camera.translation)
-
-
-def _located(
-    localizer: Localizer, queries: FormatQueries, true_from_world: Alignment, progress: Progress
-) -> ErrorSummary:
-    outcomes = []
-    for done, frame in enumerate(queries.frames):
-        progress.report("locate", done, len(queries.frames))
-        rgb = decode_image(queries.scan.color_bytes(frame))
-        started = time.perf_counter()
-        found = localizer.localize(rgb, queries.scan.camera)
-        milliseconds = 1e3 * (time.perf_counter() - started)
-        pose = found.world_from_camera
-        in_truth = None if pose is None else _aligned(pose, true_from_world)
-        aligned = replace(found, world_from_camera=in_truth, candidate=None)
-        outcomes.append(outcome_of(frame.name, aligned, frame.scan_from_camera, milliseconds))
-    return summarize(outcomes)

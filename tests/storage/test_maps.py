@@ -71,6 +71,18 @@ def test_after_a_step_back_the_next_version_still_has_a_number_of_its_own(databa
     assert serving(database, "one") == 3
 
 
+def version_of(statistics: dict[str, object]) -> MapVersion:
+    return MapVersion(
+        venue_id="one",
+        version=1,
+        build_id=None,
+        artifact_blob="",
+        index_blob="",
+        statistics=statistics,
+        created_at=datetime.now(UTC),
+    )
+
+
 def versions(database: Database, venue: str) -> list[int]:
     with database.read() as connection:
         return [each.version for each in list_maps(connection, venue)]
@@ -180,16 +192,7 @@ def test_a_map_that_can_not_be_published_changes_nothing(database: Database) -> 
 def test_whether_z_points_up_is_stated_or_follows_from_the_placement(
     statistics: dict[str, object], z_up: bool
 ) -> None:
-    version = MapVersion(
-        venue_id="one",
-        version=1,
-        build_id=None,
-        artifact_blob="",
-        index_blob="",
-        statistics=statistics,
-        created_at=datetime.now(UTC),
-    )
-    assert version.z_up is z_up
+    assert version_of(statistics).z_up is z_up
 
 
 @pytest.mark.parametrize(
@@ -204,14 +207,6 @@ def test_whether_z_points_up_is_stated_or_follows_from_the_placement(
     ids=str,
 )
 def test_a_map_without_up_or_scale_has_no_plan(placement: dict[str, object], reason: str | None) -> None:
-    version = MapVersion(
-        venue_id="one",
-        version=1,
-        build_id=None,
-        artifact_blob="",
-        index_blob="",
-        statistics={"placement": placement},
-        created_at=datetime.now(UTC),
-    )
+    version = version_of({"placement": placement})
     assert version.plan_reason == reason
     assert version.has_scale is placement.get("has_scale", True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -115,7 +115,9 @@ class FittedCurve(BaseModel):
     pairs_fit: int
     pairs_validation: int
     threshold: float
-    reached: str
+    reached: Literal["within", "beyond", "below"] = Field(
+        description="beyond: more matches are left even at the largest difference; below: fewer at the smallest"
+    )
     left_at_threshold: float | None = Field(
         description="Median matches of held-back pairs around the threshold"
     )
