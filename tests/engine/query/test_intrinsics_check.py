@@ -1,0 +1,104 @@
+"""What matches alone show of a stated camera: each case is seen by one check only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.intrinsics import OPTIONS, CheckedCamera, check_intrinsics
+from app.engine.query.matches import Matches
+from app.geometry.camera import Camera
+from app.geometry.pnp import PnpEstimate, estimate_pose_lo_ransac
+from app.geometry.se3 import Pose
+from tests.scenes import CAMERA
+
+LIMIT_PX = 4.0
+HERE = Pose.identity()
+rng = np.random.default_rng(8)
+
+
+def points_seen(camera: Camera, count: int, depths_m: tuple[float, float]) -> tuple[NDArray, NDArray]:
+    """Return pixels (n, 2) with half a pixel of noise, and the points (n, 3) that a camera at `HERE` sees there."""
+    pixels = rng.uniform([0, 0], [camera.width - 1, camera.height - 1], (count, 2))
+    points = camera.unproject(pixels, rng.uniform(*depths_m, count))
+    return pixels + rng.normal(0.0, 0.5, pixels.shape), points
+
+
+def matches_of(*seen: tuple[NDArray, NDArray]) -> Matches:
+    pixels, points = (np.concatenate(each) for each in zip(*seen, strict=True))
+    count = len(pixels)
+    return Matches(
+        points_px=pixels,
+        points_in_world=points,
+        sigma_m=np.full(count, 0.01),
+        query_rows=np.arange(count),
+        keyframes=np.zeros(count, np.intp),
+        distances=np.full(count, 0.3, np.float32),
+        distinct=np.ones(count, bool),
+    )
+
+
+def estimate(
+    matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
+) -> PnpEstimate | None:
+    limit_px = LIMIT_PX * camera.focal_px / CAMERA.focal_px
+    iterations = 2000 if max_iterations is None else max_iterations
+    return estimate_pose_lo_ransac(
+        matches.points_px,
+        matches.points_in_world,
+        camera,
+        max_error_px=limit_px,
+        max_iterations=iterations,
+        min_iterations=iterations,
+        prior=prior,
+    )
+
+
+def checked(matches: Matches, camera: Camera = CAMERA, agreeing: int | None = None) -> CheckedCamera:
+    """Return what is made of the pose that the first `agreeing` matches support, all by default."""
+    first = matches.take(np.arange(len(matches)) < (agreeing or len(matches)))
+    found = estimate(first, camera)
+    assert found is not None
+    mask = np.zeros(len(matches), bool)
+    mask[: len(first)] = found.inlier_mask
+    best = Hypothesis.of(replace(found, inlier_mask=mask), matches)
+    return check_intrinsics(best, camera, estimate, lambda _: None)
+
+
+def zoomed(zoom: float) -> Camera:
+    fx, fy, *rest = CAMERA.params
+    return replace(CAMERA, params=(zoom * fx, zoom * fy, *rest))
+
+
+def test_matches_of_a_deep_scene_confirm_the_camera() -> None:
+    found = checked(matches_of(points_seen(CAMERA, 300, (1.0, 6.0))))
+    assert (found.max_confidence, found.is_refined, found.camera) == (1.0, False, CAMERA)
+    assert found.systematic.position_m < 0.05
+
+
+def test_matches_at_one_depth_verify_no_camera() -> None:
+    found = checked(matches_of(points_seen(CAMERA, 300, (3.0, 3.3))))
+    assert (found.max_confidence, found.is_refined) == (OPTIONS.unverified_confidence, False)
+
+
+def test_few_inliers_that_agree_with_a_wrong_camera_do_not_confirm_it() -> None:
+    few = points_seen(CAMERA, 120, (1.0, 6.0))
+    others = points_seen(zoomed(1.75), 300, (1.0, 6.0))
+    found = checked(matches_of(few, others), agreeing=120)
+    assert found.is_refined
+    assert abs(found.camera.focal_px / CAMERA.focal_px - 1.75) < 0.05
+    assert found.max_confidence == OPTIONS.unverified_confidence
+    # The same inliers among matches that agree with no camera.
+    lost = others[0], rng.permutation(others[1])
+    alone = checked(matches_of(few, lost), agreeing=120)
+    assert (alone.max_confidence, alone.camera) == (1.0, CAMERA)
+
+
+def test_numbers_of_a_stretched_picture_are_never_sure() -> None:
+    fx, fy, *rest = CAMERA.params
+    stretched = replace(CAMERA, params=(fx, 1.2 * fy, *rest))
+    found = checked(matches_of(points_seen(stretched, 300, (1.0, 6.0))), stretched)
+    assert (found.max_confidence, found.camera) == (OPTIONS.unverified_confidence, stretched)
