@@ -14,7 +14,7 @@ from app.engine.anchors.calibration import calibrate_in_map, calibration_of
 from app.engine.anchors.check_anchor import check_anchor
 from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.map_depth import SeenPoints
-from app.engine.anchors.poi_triangulation import inside_region, region_in
+from app.engine.anchors.poi_triangulation import inside_region, region_in, regions_in
 from app.errors import ConflictError, InvalidInputError
 from app.geometry.camera import Camera
 from app.services.map_library import MapLibrary
@@ -115,7 +115,8 @@ class AnchorService:
     def _store(self, anchor: Anchor, image: bytes, rgb: Rgb, received_at: datetime) -> PushedFrame:
         resources, spec = self._resources, anchor.spec
         camera = frame_camera(spec, rgb.shape[1], rgb.shape[0])
-        features = self._with_lengths(anchor, camera, self._describer.describe(rgb, camera))
+        described = self._describer.describe(rgb, camera, regions_in(spec, camera))
+        features = self._with_lengths(anchor, camera, described)
         visible = visible_pois(spec, camera, features)
         blob = resources.blobs.put(image) if spec.store_images else None
         count = len(features.akaze) + len(features.xfeat)

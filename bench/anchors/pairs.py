@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec
-from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures
+from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.locator import roll_deg
 from app.engine.anchors.match_anchor import match_anchor
+from app.engine.anchors.poi_triangulation import regions_in
 from app.engine.anchors.verification import confidence_of_fix, judge_fix
 from app.engine.stage_timer import StageTimer
 from app.geometry.camera import Camera
@@ -128,7 +129,9 @@ class PairEvaluator:
     def monitor_features(self, pair: AnchorPair) -> AnchorFeatures:
         """Return the features of a pair's monitoring frame, kept between calls."""
         if pair.name not in self._monitors:
-            self._monitors[pair.name] = self.describer.describe(pair.monitor(), pair.monitor_camera)
+            self._monitors[pair.name] = self.describer.describe(
+                pair.monitor(), pair.monitor_camera, regions_in(pair.spec, pair.monitor_camera)
+            )
         return self._monitors[pair.name]
 
     def phone_features(self, rgb: Rgb, gravity: Array | None) -> AnchorFeatures:
@@ -136,7 +139,7 @@ class PairEvaluator:
         gray = to_gray(rgb)
         akaze = self.describer.akaze.extract(gray)
         roll = roll_deg(None if gravity is None else gravity.tolist())
-        return AnchorFeatures(akaze=akaze, xfeat=self.describer.upright_xfeat(gray, roll), words=NO_WORDS)
+        return self.describer.describe_phone(gray, akaze, roll)
 
     def alike_by_words(self, monitors: Sequence[AnchorFeatures], phone: AnchorFeatures) -> Array:
         """Return how much a phone's picture looks like each monitoring frame by visual words, (m,)."""

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.poi_sweep import RegionDescriptors
 from app.geometry.camera import Camera
 from app.limits import limit
+from app.vision.dense_descriptors import DenseDescriptors
 from app.vision.edges import down_in_picture
 from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, Rgb, shrink, to_gray
@@ -25,6 +27,8 @@ from app.vision.vocabulary import Vocabulary, Words
 NO_WORDS = np.zeros(0, np.int64)
 NO_LENGTHS = np.zeros(0, np.float32)
 NO_DOWN = np.zeros(0)
+NO_POINTS = np.zeros((0, 2), np.float32)
+NO_DESCRIPTORS = np.zeros((0, XFeat.descriptor_size), np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +85,11 @@ class AnchorFeatureOptions:
         "Roll of a phone from which its image is rotated upright before XFeat sees it.",
         chosen="By hand; no measurement is recorded.",
     )
+    region_points: int = limit(
+        9,
+        "Points along each side of a POI's region at which descriptors are kept for the sweep of its length.",
+        chosen="By hand: of a region of a tenth of the frame, one for each cell of the network.",
+    )
     border_px: float = limit(
         6.0,
         "Distance from the border of a rotated image within which features are dropped.",
@@ -98,7 +107,8 @@ class AnchorFeatures:
     `akaze` features are robust to a phone's roll and retrieve the anchor, by their visual words `words` (n,); `xfeat`
     features are robust to wide angles between the views. `*_length_m` are the distances (n,) of the features along
     their rays by the map, NaN where the map doesn't know them; None for a camera that is not calibrated. `down` (3,)
-    is the vertical in camera axes, None where the edges in the monitoring frame don't show it.
+    is the vertical in camera axes, None where the edges in the monitoring frame don't show it. `regions` describes a
+    monitoring frame in the regions of its POIs, `dense` a phone's image everywhere.
     """
 
     akaze: LocalFeatures
@@ -107,6 +117,8 @@ class AnchorFeatures:
     akaze_length_m: NDArray[np.float32] | None = None
     xfeat_length_m: NDArray[np.float32] | None = None
     down: NDArray[np.float64] | None = None
+    regions: RegionDescriptors | None = None
+    dense: DenseDescriptors | None = None
 
     @cached_property
     def xfeat_unit(self) -> Unit:
@@ -114,7 +126,7 @@ class AnchorFeatures:
         return to_unit_vectors(self.xfeat.descriptors, False)
 
     def pack(self) -> bytes:
-        """Return the features as bytes, XFeat at half precision."""
+        """Return the features as bytes, XFeat at half precision; those of a phone's image everywhere are left out."""
         buffer = io.BytesIO()
         np.savez(
             buffer,
@@ -126,6 +138,8 @@ class AnchorFeatures:
             akaze_length_m=NO_LENGTHS if self.akaze_length_m is None else self.akaze_length_m,
             xfeat_length_m=NO_LENGTHS if self.xfeat_length_m is None else self.xfeat_length_m,
             down=NO_DOWN if self.down is None else self.down,
+            regions_px=NO_POINTS if self.regions is None else self.regions.points_px,
+            regions=NO_DESCRIPTORS if self.regions is None else self.regions.descriptors.astype(np.float16),
         )
         return buffer.getvalue()
 
@@ -145,6 +159,10 @@ class AnchorFeatures:
                 akaze_length_m=arrays["akaze_length_m"] if len(arrays["akaze_length_m"]) else None,
                 xfeat_length_m=arrays["xfeat_length_m"] if len(arrays["xfeat_length_m"]) else None,
                 down=arrays["down"] if len(arrays.get("down", NO_DOWN)) else None,
+                # Frames of an earlier version have none, until the camera's next frame.
+                regions=RegionDescriptors(arrays["regions_px"], arrays["regions"].astype(np.float32))
+                if len(arrays.get("regions_px", NO_POINTS))
+                else None,
             )
 
 
@@ -153,21 +171,38 @@ class AnchorDescriber:
 
     def __init__(self, vocabulary: Vocabulary | None = None) -> None:
         self.akaze: LocalFeatureExtractor = Akaze(FULL_SIDE_PX, OPTIONS.akaze_features)
-        self.xfeat: LocalFeatureExtractor = XFeat(OPTIONS.phone_features, OPTIONS.phone_side_px)
+        self.xfeat = XFeat(OPTIONS.phone_features, OPTIONS.phone_side_px)
         # A rotated image needs a larger canvas, up to its diagonal, which must not be shrunk.
-        self.rotated_xfeat: LocalFeatureExtractor = XFeat(OPTIONS.rotated_features, 2 * OPTIONS.phone_side_px)
-        self.monitor_xfeat: LocalFeatureExtractor = XFeat(OPTIONS.monitor_features, OPTIONS.monitor_side_px)
-        self.wide_xfeat: LocalFeatureExtractor = XFeat(OPTIONS.monitor_features, OPTIONS.wide_side_px)
+        self.rotated_xfeat = XFeat(OPTIONS.rotated_features, 2 * OPTIONS.phone_side_px)
+        self.monitor_xfeat = XFeat(OPTIONS.monitor_features, OPTIONS.monitor_side_px)
+        self.wide_xfeat = XFeat(OPTIONS.monitor_features, OPTIONS.wide_side_px)
         self.vocabulary = vocabulary or Vocabulary.open()
 
-    def describe(self, rgb: Rgb, camera: Camera) -> AnchorFeatures:
-        """Return all features of a monitoring camera's RGB image (height, width, 3)."""
+    def describe(
+        self, rgb: Rgb, camera: Camera, regions_px: Sequence[NDArray[np.float64]] = ()
+    ) -> AnchorFeatures:
+        """Return all features of a monitoring camera's RGB image (height, width, 3).
+
+        `regions_px` are the corners (n, 2) of its POIs' regions.
+        """
         gray = to_gray(rgb)
         akaze = self.akaze.extract(gray)
         scale = min(1.0, OPTIONS.monitor_side_px / max(gray.shape))
         xfeat = self.wide_xfeat if scale * camera.focal_px < OPTIONS.min_focal_px else self.monitor_xfeat
-        down = down_in_picture(gray, camera)
-        return AnchorFeatures(akaze=akaze, xfeat=xfeat.extract(gray), words=self.words_of(akaze), down=down)
+        features, dense = xfeat.extract_dense(gray)
+        return AnchorFeatures(
+            akaze=akaze,
+            xfeat=features,
+            words=self.words_of(akaze),
+            down=down_in_picture(gray, camera),
+            regions=_described_regions(regions_px, dense),
+        )
+
+    def describe_phone(self, gray: Gray, akaze: LocalFeatures, roll_deg: float) -> AnchorFeatures:
+        """Return all features of a phone's image (height, width), given its A-KAZE features; `roll_deg` is the
+        counter-clockwise rotation that makes it upright."""
+        xfeat, dense = self.upright_xfeat(gray, roll_deg)
+        return AnchorFeatures(akaze=akaze, xfeat=xfeat, words=NO_WORDS, dense=dense)
 
     def words_of(self, akaze: LocalFeatures) -> Words:
         """Return the visual words (n,) of A-KAZE features."""
@@ -178,17 +213,19 @@ class AnchorDescriber:
         images = [(one.words, np.asarray(one.akaze.descriptors, dtype=np.uint8)) for one in monitors]
         return InvertedFile(self.vocabulary, images).scores(np.asarray(akaze.descriptors, dtype=np.uint8))
 
-    def upright_xfeat(self, gray: Gray, roll_deg: float) -> LocalFeatures:
-        """Return the XFeat features of an image (height, width) after rotating it upright.
+    def upright_xfeat(self, gray: Gray, roll_deg: float) -> tuple[LocalFeatures, DenseDescriptors]:
+        """Return the XFeat features of an image (height, width), and its descriptors, after rotating it upright.
 
         `roll_deg` is the counter-clockwise rotation that makes it upright, as the network expects images. The
         keypoints are in pixels of the original image.
         """
         small, scale = _phone_sized(gray)
+        offset = 0.5 * scale - 0.5
+        resized = np.array([[scale, 0.0, offset], [0.0, scale, offset], [0.0, 0.0, 1.0]])
         if abs(roll_deg) < OPTIONS.min_roll_deg:
-            features = self.xfeat.extract(small)
+            features, dense = self.xfeat.extract_dense(small)
             points = (features.keypoints_px + 0.5) / scale - 0.5
-            return LocalFeatures(points.astype(np.float32), features.descriptors)
+            return LocalFeatures(points.astype(np.float32), features.descriptors), _after(dense, resized)
         height, width = small.shape
         rotation = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), roll_deg, 1.0)
         cos, sin = np.abs(rotation[0, :2])
@@ -196,13 +233,34 @@ class AnchorDescriber:
         rotation[:, 2] = rotation[:, 2] + 0.5 * (np.array(size, dtype=np.float64) - [width, height])
         # Grey instead of black outside the image makes fewer corners along its border.
         rotated = cv2.warpAffine(small, rotation, size, borderValue=128.0)
-        features = self.rotated_xfeat.extract(np.asarray(rotated, dtype=np.uint8))
+        features, dense = self.rotated_xfeat.extract_dense(np.asarray(rotated, dtype=np.uint8))
         back = cv2.invertAffineTransform(rotation)
         points = features.keypoints_px @ back[:, :2].T + back[:, 2]
         inside = (points > OPTIONS.border_px) & (points < np.array([width, height]) - 1 - OPTIONS.border_px)
         rows = np.flatnonzero(inside.all(axis=1))[: OPTIONS.phone_features]
         points = (points[rows] + 0.5) / scale - 0.5
-        return LocalFeatures(points.astype(np.float32), features.descriptors[rows])
+        kept = LocalFeatures(points.astype(np.float32), features.descriptors[rows])
+        return kept, _after(dense, np.vstack([rotation, [0.0, 0.0, 1.0]]) @ resized)
+
+
+def _after(dense: DenseDescriptors, change: NDArray[np.float64]) -> DenseDescriptors:
+    """Return the descriptors of an image whose pixels `change` (3, 3) leads to those that were described."""
+    first = np.vstack([dense.input_from_image, [0.0, 0.0, 1.0]])
+    return replace(dense, input_from_image=(first @ change)[:2])
+
+
+def _described_regions(
+    regions_px: Sequence[NDArray[np.float64]], dense: DenseDescriptors
+) -> RegionDescriptors | None:
+    """Return the descriptors of a grid of points over each region's bounding box, None without regions."""
+    steps = (np.arange(OPTIONS.region_points) + 0.5) / OPTIONS.region_points
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    points = [corners.min(axis=0) + grid * np.ptp(corners, axis=0) for corners in regions_px]
+    if not points:
+        return None
+    inside = np.concatenate(points)
+    inside = inside[dense.contains(inside)]
+    return RegionDescriptors(inside.astype(np.float32), dense.at(inside))
 
 
 def _phone_sized(gray: Gray) -> tuple[Gray, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec
 from app.engine.anchors.matching import PixelMatches
+from app.engine.anchors.poi_sweep import RegionDescriptors, SweptLength, sweep_region
 from app.engine.anchors.poi_triangulation import lengths_along_rays, reliable_sights_of
 from app.engine.anchors.relative_pose import instability_deg, known_verticals, phone_beside_monitor
 from app.engine.query.verification import coverage
@@ -18,6 +20,7 @@ from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
 from app.geometry.se3 import Pose, skew
 from app.limits import limit
+from app.vision.dense_descriptors import DenseDescriptors
 
 Array = NDArray[np.float64]
 
@@ -151,11 +154,14 @@ def fix_by_anchor(
     gravity_in_phone: Array | None,
     mounted: MountedCamera | None = None,
     down_in_monitor: Array | None = None,
+    dense: tuple[RegionDescriptors, DenseDescriptors] | None = None,
 ) -> AnchorFix | None:
     """Return the phone's fix by the matches, or None where they determine no relative pose or no scale.
 
     `mounted` is the pose of a calibrated camera: then only the scale rests on the POIs, together with the map's
     distances. `down_in_monitor` (3,) is the vertical of a camera that is not calibrated, where its frame shows it.
+    With `dense`, the monitoring frame's regions and the phone's image, the length of a POI with few matches is found by
+    a plane sweep.
     """
     cameras = monitor_camera, phone_camera
     verticals = known_verticals(down_in_monitor, gravity_in_phone)
@@ -169,7 +175,8 @@ def fix_by_anchor(
     monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
     rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
     lengths = lengths_along_rays(*rays, phone_from_monitor)
-    sights = reliable_sights_of(spec, monitor_camera, monitor_px, lengths)
+    sweep = None if dense is None else _sweep(dense, cameras, phone_from_monitor)
+    sights = reliable_sights_of(spec, monitor_camera, monitor_px, lengths, sweep)
     try:
         solution = _solution(
             spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
@@ -195,6 +202,21 @@ def fix_by_anchor(
         is_upright=found.verticals is not None,
     )
     return _fix(solution, evidence, phone_from_monitor, covariance, rays, mounted, matches.take(inliers))
+
+
+def _sweep(
+    dense: tuple[RegionDescriptors, DenseDescriptors],
+    cameras: tuple[Camera, Camera],
+    phone_from_monitor: Pose,
+) -> Callable[[Array, float], SweptLength | None]:
+    """Return the sweep of a region, by its middle and size."""
+    regions, phone = dense
+
+    def sweep(middle_px: Array, size_px: float) -> SweptLength | None:
+        inside = np.asarray((np.abs(regions.points_px - middle_px) <= 0.5 * size_px).all(axis=1))
+        return sweep_region(regions.take(inside), middle_px, size_px, phone, cameras, phone_from_monitor)
+
+    return sweep
 
 
 def _fix(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures
+from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live_anchor import LiveAnchor
 from app.engine.anchors.match_anchor import match_anchor
@@ -110,9 +110,7 @@ def locate_by_anchors(
     order = np.argsort(-alike, kind="stable")
     candidates = [live[int(row)] for row in order[: OPTIONS.candidates]]
     timer.lap("retrieve")
-    phone = AnchorFeatures(
-        akaze=akaze, xfeat=describer.upright_xfeat(gray, roll_deg(gravity)), words=NO_WORDS
-    )
+    phone = describer.describe_phone(gray, akaze, roll_deg(gravity))
     timer.lap("describe")
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
     fixes, matches = _fixes(candidates, phone, camera, down, timer)

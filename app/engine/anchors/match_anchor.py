@@ -24,6 +24,16 @@ def match_anchor(
     """Return the fix by an anchor, or None, and the number of matches; `gravity` (3,) is down in the phone's axes."""
     matches = match_akaze(monitor[0], phone[0]).with_more(match_xfeat(monitor[0], phone[0]))
     timer.lap("match")
-    fix = fix_by_anchor(spec, monitor[1], phone[1], matches, gravity, mounted, monitor[0].down)
+    regions, dense = monitor[0].regions, phone[0].dense
+    fix = fix_by_anchor(
+        spec,
+        monitor[1],
+        phone[1],
+        matches,
+        gravity,
+        mounted,
+        monitor[0].down,
+        None if regions is None or dense is None else (regions, dense),
+    )
     timer.lap("pose")
     return fix, len(matches)

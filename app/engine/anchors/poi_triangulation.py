@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
+from app.engine.anchors.poi_sweep import SweptLength
 from app.geometry.anchor_pose import PoiSight, common_scale
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
@@ -76,6 +78,11 @@ def region_in(poi: Poi, spec: AnchorSpec, camera: Camera) -> Array:
     return np.asarray((corners + 0.5) * scale - 0.5)
 
 
+def regions_in(spec: AnchorSpec, camera: Camera) -> list[Array]:
+    """Return the corners (n, 2) of each POI's region in a frame's pixels."""
+    return [region_in(poi, spec, camera) for poi in spec.pois]
+
+
 def inside_region(points_px: Array, corners: Array) -> NDArray[np.bool_]:
     """Return which points (n, 2) lie inside a polygon (m, 2), by the even-odd rule."""
     inside = np.zeros(len(points_px), dtype=bool)
@@ -116,11 +123,33 @@ def scale_by_pois(
 
 
 def reliable_sights_of(
-    spec: AnchorSpec, camera: Camera, monitor_px: Array, lengths: Array
+    spec: AnchorSpec,
+    camera: Camera,
+    monitor_px: Array,
+    lengths: Array,
+    sweep: Callable[[Array, float], SweptLength | None] | None = None,
 ) -> list[tuple[PoiSight, int]]:
-    """Return the reliably triangulated POIs of an anchor, each as `triangulate_poi` does."""
-    seen = (triangulate_poi(poi, spec, camera, monitor_px, lengths) for poi in spec.pois)
+    """Return the reliably triangulated POIs of an anchor, each as `triangulate_poi` does.
+
+    `sweep` gives the length to a region's middle (2,), by the region's size, where matches give none or an unreliable
+    one.
+    """
+    seen = []
+    for poi in spec.pois:
+        sight = triangulate_poi(poi, spec, camera, monitor_px, lengths)
+        if sweep is not None and (sight is None or sight[0].log_sigma > OPTIONS.max_log_scale_sigma):
+            sight = _swept(poi, spec, camera, sweep) or sight
+        seen.append(sight)
     return reliable([sight for sight in seen if sight is not None])
+
+
+def _swept(
+    poi: Poi, spec: AnchorSpec, camera: Camera, sweep: Callable[[Array, float], SweptLength | None]
+) -> tuple[PoiSight, int] | None:
+    """Return a POI by a sweep of its region, with no matches, or None."""
+    corners = region_in(poi, spec, camera)
+    found = sweep(centroid(corners), float(np.ptp(corners, axis=0).max()))
+    return None if found is None else (_sight(poi, spec, camera, found.length, found.log_sigma), 0)
 
 
 def reliable(sights: list[tuple[PoiSight, int]]) -> list[tuple[PoiSight, int]]:
@@ -152,8 +181,6 @@ def triangulate_poi(
     order = np.argsort(logs)
     center = float(logs[order][np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())])
     scatter = float(weights @ np.abs(logs - center) / weights.sum())
-    ray = homogeneous(camera.normalize(middle))[0]
-    height_offset = None if poi.height_m is None else poi.height_m - spec.height_m
     parts = (
         OPTIONS.base_log_sigma,
         OPTIONS.log_sigma_per_scatter * scatter,
@@ -161,12 +188,17 @@ def triangulate_poi(
         OPTIONS.log_sigma_per_size * distances.min() / size,
     )
     log_sigma = float(np.linalg.norm(parts))
-    sight = PoiSight(
+    return _sight(poi, spec, camera, float(np.exp(center)), log_sigma), count
+
+
+def _sight(poi: Poi, spec: AnchorSpec, camera: Camera, length: float, log_sigma: float) -> PoiSight:
+    """Return a POI at a length along the ray to its region's middle."""
+    ray = homogeneous(camera.normalize(centroid(region_in(poi, spec, camera))))[0]
+    return PoiSight(
         ray_in_monitor=ray / np.linalg.norm(ray),
         on_plan=np.array([poi.x, poi.y]),
         distance_m=poi.distance_m,
-        length=float(np.exp(center)),
+        length=length,
         log_sigma=log_sigma,
-        height_offset_m=height_offset,
+        height_offset_m=None if poi.height_m is None else poi.height_m - spec.height_m,
     )
-    return sight, count
