@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidInputError
-from app.geometry.se3 import Pose, quaternion_from_rotation, rotation_from_quaternion
+from app.geometry.se3 import Pose, quaternion_from_rotation, rotation_from_quaternion, rotation_from_vector
 from app.geometry.turns import camera_from_turned
 
 Array = NDArray[np.float64]
@@ -72,8 +72,9 @@ class PoseConvention:
     `axes` are the camera's (see above). `poses` is the direction of the transforms; `rotation_transposed` stands for
     camera positions beside rotations camera_from_world. `rotate_deg` (0, 90, 180, 270) is by how much the pictures
     were turned counter-clockwise from the camera that the poses are of. The pose of a picture is that of its time
-    plus `time_offset_s`. Positions have `position_scale` units per metre. Raises `InvalidInputError` for values
-    that can't be meant.
+    plus `time_offset_s`. Positions have `position_scale` units per metre. `mount_deg` is the rotation vector, in
+    degrees about the axes of the camera, of a camera that is mounted at an angle to the body whose poses are written.
+    Raises `InvalidInputError` for values that can't be meant.
     """
 
     axes: str = OWN_AXES
@@ -82,6 +83,7 @@ class PoseConvention:
     rotate_deg: int = 0
     time_offset_s: float = 0.0
     position_scale: float = 1.0
+    mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.axes not in ALL_AXES:
@@ -99,6 +101,8 @@ class PoseConvention:
             raise InvalidInputError("time_offset_s must be a number of seconds, at most an hour.")
         if not 1e-6 <= self.position_scale <= 1e6:
             raise InvalidInputError("position_scale must be a number above 0, in units per metre.")
+        if not np.linalg.norm(self.mount_deg) <= 180:
+            raise InvalidInputError("mount_deg must be a rotation vector [x, y, z] of at most 180 degrees.")
 
     @property
     def is_left_handed(self) -> bool:
@@ -117,13 +121,11 @@ class PoseConvention:
             rotations = rotations.transpose(0, 2, 1)
         if self.is_left_handed:
             rotations, positions = _MIRROR @ rotations, positions @ _MIRROR.T
-        turn = camera_from_turned(self.rotate_deg // 90).rotation
-        return PoseArrays(rotations @ _own_from_written(self.axes).T @ turn, positions)
+        return PoseArrays(rotations @ self._body_from_camera(), positions)
 
     def written(self, poses: PoseArrays) -> PoseArrays:
         """Return poses as this convention writes them: the inverse of `read`."""
-        turn = camera_from_turned(self.rotate_deg // 90).rotation
-        rotations, positions = poses.rotations @ turn.T @ _own_from_written(self.axes), poses.positions
+        rotations, positions = poses.rotations @ self._body_from_camera().T, poses.positions
         if self.is_left_handed:
             rotations, positions = _MIRROR @ rotations, positions @ _MIRROR.T
         if self.poses == "camera_from_world":
@@ -134,6 +136,10 @@ class PoseConvention:
         if self.quaternion == "wxyz":
             rotations = _reordered(rotations, (3, 0, 1, 2))
         return PoseArrays(rotations, positions * self.position_scale)
+
+    def _body_from_camera(self) -> Array:
+        turn = camera_from_turned(self.rotate_deg // 90).rotation
+        return _own_from_written(self.axes).T @ turn @ rotation_from_vector(np.radians(self.mount_deg))
 
     def direction_in_own(self, direction: tuple[float, float, float]) -> tuple[float, float, float]:
         """Return a direction of the files' frame, such as gravity, in the frame of the poses that are read."""

@@ -16,6 +16,7 @@ from app.engine.mapping.options import parse_build_options
 from app.engine.progress import Progress
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidScanError
+from app.geometry.se3 import rotation_from_vector
 from app.geometry.turns import turned_camera
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.importers.registry import open_scan
@@ -26,10 +27,17 @@ LATE_S = 0.2
 # Rows of a trajectory this near to each other meet any time within the importer's tolerance.
 DENSE_S = 0.04
 FOCAL_RATIO = 1.12
+# A bracket that was taken for straight, about an axis of no special direction.
+MOUNT_DEG = (3.0, -3.2, 2.4)
 DEPTH_SHIFT_PX = 24
 DISPARITY_SCALE = 2000.0
 # A picture of 16:9 that was squeezed to 4:3.
 STRETCH_RATIO = 4 / 3
+# Where another session's frame lies in the first one's.
+SESSION_TURN_DEG = (0.0, 5.0, 0.0)
+SESSION_STEP_M = (0.3, 0.1, -0.1)
+# Depth loses this part of its height and width on each side.
+CUT_PARTS = 16
 FEET_PER_M = 3.28084
 NOISE_RATIO = 0.015
 LOST_SHARE = 0.05
@@ -100,6 +108,11 @@ def _one_frame_late(copy: ScanCopy) -> ScanCopy:
 def _focal(copy: ScanCopy) -> ScanCopy:
     fx, fy, *rest = copy.camera.params
     return replace(copy, camera=replace(copy.camera, params=(fx * FOCAL_RATIO, fy * FOCAL_RATIO, *rest)))
+
+
+def _mounted(copy: ScanCopy) -> ScanCopy:
+    turned = copy.poses.rotations @ rotation_from_vector(np.radians(MOUNT_DEG)).T
+    return replace(copy, poses=PoseArrays(turned, copy.poses.positions))
 
 
 def _swapped_point(copy: ScanCopy) -> ScanCopy:
@@ -176,6 +189,28 @@ def _along_rays(copy: ScanCopy) -> ScanCopy:
     return replace(copy, depth=lambda raw: np.minimum(np.rint(raw * lengths), 65534).astype(np.uint16))
 
 
+def _of_two_sessions(copy: ScanCopy) -> ScanCopy:
+    later = copy.times_s > copy.scan.frames[2 * len(copy.scan.frames) // 3].timestamp_s
+    turned = rotation_from_vector(np.radians(SESSION_TURN_DEG))
+    rotations, positions = copy.poses.rotations.copy(), copy.poses.positions.copy()
+    rotations[later] = turned @ rotations[later]
+    positions[later] = positions[later] @ turned.T + np.array(SESSION_STEP_M)
+    return replace(copy, poses=PoseArrays(rotations, positions))
+
+
+def _half_in_millimetres(copy: ScanCopy) -> ScanCopy:
+    later = copy.times_s > copy.scan.frames[len(copy.scan.frames) // 2].timestamp_s
+    factors = np.where(later, 1000.0, 1.0)[:, None]
+    return replace(copy, poses=PoseArrays(copy.poses.rotations, copy.poses.positions * factors))
+
+
+def _cut_depth(raw: RawDepth) -> RawDepth:
+    height, width = raw.shape
+    rows, columns = height // CUT_PARTS, width // CUT_PARTS
+    kept = raw[rows : height - rows, columns : width - columns]
+    return np.asarray(cv2.resize(kept, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint16)
+
+
 MISTAKES = (
     Mistake("axes of OpenGL", ("camera_axes",), _written(axes="rub")),
     Mistake("axes of a ROS body", ("camera_axes",), _written(axes="flu")),
@@ -189,6 +224,7 @@ MISTAKES = (
     Mistake("poses 0.2 s late", ("time_offset",), _late(LATE_S)),
     Mistake("poses one frame late", ("time_offset",), _one_frame_late),
     Mistake("focal length 12 % off", ("focal_length",), _focal),
+    Mistake("camera mounted 5 degrees off", ("camera_mount",), _mounted),
     Mistake("cx and cy exchanged", ("turned_intrinsics", "principal_point"), _swapped_point),
     Mistake("gravity points up", ("gravity_up",), _gravity_up),
     Mistake(
@@ -201,6 +237,9 @@ MISTAKES = (
     Mistake("depth along the rays", ("depth_along_rays",), _along_rays),
     Mistake("fx a third too long", ("focal_length",), _one_focal_length),
     Mistake("depth of the frame before", ("depth_of_other_frames",), _depth_of_frame_before),
+    Mistake("poses of two sessions", ("poses_jump",), _of_two_sessions),
+    Mistake("half of the positions in millimetres", ("mixed_scale", "poses_jump"), _half_in_millimetres),
+    Mistake("depth cut and enlarged", ("depth_field",), lambda c: replace(c, depth=_cut_depth)),
     Mistake("depth alone mirrored", ("depth_turned",), _depth_turned(1, -1)),
     Mistake("depth alone upside down", ("depth_turned",), _depth_turned(-1, -1)),
     Mistake("disparity for depth", ("depth_is_disparity",), _disparity),

@@ -69,9 +69,10 @@ def test_the_choices_are_those_of_the_parser(model: type[BaseModel]) -> None:
 def test_an_option_of_each_kind_is_read() -> None:
     matrix = Pose.identity().matrix.tolist()
     options = BuildOptionsBody(
-        gravity=[0, 0, -1], world_from_scan=matrix, depth_shift_px=[1, -2], rotate_deg=90
+        gravity=[0, 0, -1], world_from_scan=matrix, depth_shift_px=[1, -2], rotate_deg=90, mount_deg=[1, 2, 3]
     )
     parsed = parse_build_options(options.model_dump(exclude_unset=True))
     assert parsed.gravity == (0, 0, -1)
     assert parsed.scan.depth_shift_px == (1, -2)
     assert parsed.scan.convention.rotate_deg == 90
+    assert parsed.scan.convention.mount_deg == (1, 2, 3)

@@ -33,6 +33,7 @@ def test_what_is_written_is_read_back(axes: str, poses: str, quaternion: str) ->
         quaternion=quaternion,  # type: ignore[arg-type]
         rotate_deg=90,
         position_scale=100.0,
+        mount_deg=(3.0, -4.0, 5.0),
     )
     right = some_poses()
     again = convention.read(convention.written(right))
@@ -63,7 +64,14 @@ def test_there_are_48_axes() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"axes": "rrf"}, {"axes": "up"}, {"rotate_deg": 45}, {"position_scale": 0.0}, {"time_offset_s": 1e9}],
+    [
+        {"axes": "rrf"},
+        {"axes": "up"},
+        {"rotate_deg": 45},
+        {"position_scale": 0.0},
+        {"time_offset_s": 1e9},
+        {"mount_deg": (0, 0, 400)},
+    ],
 )
 def test_what_cant_be_meant_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(InvalidInputError):

@@ -162,6 +162,11 @@ class BuildOptionsBody(BaseModel):
     rotate_deg: Literal[0, 90, 180, 270] = Field(
         0, description="By how much the pictures were turned counter-clockwise from the camera of the poses"
     )
+    mount_deg: list[float] | None = Field(
+        None,
+        description="[x, y, z]: rotation vector in degrees, about the camera's axes, of a camera that is mounted at an "
+        "angle to the body of the poses",
+    )
     time_offset_s: float = Field(
         0.0, description="The pose of a picture is that of its time plus this; at most an hour"
     )

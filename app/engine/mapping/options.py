@@ -42,8 +42,8 @@ MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "second_features", "store_images",
-    "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "time_offset_s",
-    "position_scale", "scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
+    "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "mount_deg",
+    "time_offset_s", "position_scale", "scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
 }  # fmt: skip
 
 
@@ -138,7 +138,18 @@ def _convention(values: Mapping[str, Any]) -> PoseConvention:
         rotate_deg=int(rotate) if rotate == int(rotate) else -1,
         time_offset_s=0.0 if offset_s is None else offset_s,
         position_scale=1.0 if scale is None else scale,
+        mount_deg=_mount(values.get("mount_deg")),
     )
+
+
+def _mount(value: object) -> tuple[float, float, float]:
+    if value is None:
+        return 0.0, 0.0, 0.0
+    given = value if isinstance(value, list | tuple) and len(value) == 3 else (None, None, None)
+    x, y, z = (_number(part, "mount_deg") for part in given)
+    if x is None or y is None or z is None:
+        raise InvalidInputError("mount_deg must be three numbers: the camera's rotation vector in degrees.")
+    return x, y, z
 
 
 def _shift(value: object) -> tuple[int, int]:

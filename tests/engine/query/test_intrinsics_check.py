@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from app.engine.query.hypothesis import Hypothesis
@@ -20,11 +21,13 @@ HERE = Pose.identity()
 rng = np.random.default_rng(8)
 
 
-def points_seen(camera: Camera, count: int, depths_m: tuple[float, float]) -> tuple[NDArray, NDArray]:
+def points_seen(
+    camera: Camera, count: int, depths_m: tuple[float, float], draw: np.random.Generator = rng
+) -> tuple[NDArray, NDArray]:
     """Return pixels (n, 2) with half a pixel of noise, and the points (n, 3) that a camera at `HERE` sees there."""
-    pixels = rng.uniform([0, 0], [camera.width - 1, camera.height - 1], (count, 2))
-    points = camera.unproject(pixels, rng.uniform(*depths_m, count))
-    return pixels + rng.normal(0.0, 0.5, pixels.shape), points
+    pixels = draw.uniform([0, 0], [camera.width - 1, camera.height - 1], (count, 2))
+    points = camera.unproject(pixels, draw.uniform(*depths_m, count))
+    return pixels + draw.normal(0.0, 0.5, pixels.shape), points
 
 
 def matches_of(*seen: tuple[NDArray, NDArray]) -> Matches:
@@ -102,3 +105,15 @@ def test_numbers_of_a_stretched_picture_are_never_sure() -> None:
     stretched = replace(CAMERA, params=(fx, 1.2 * fy, *rest))
     found = checked(matches_of(points_seen(stretched, 300, (1.0, 6.0))), stretched)
     assert (found.max_confidence, found.camera) == (OPTIONS.unverified_confidence, stretched)
+
+
+@pytest.mark.parametrize(
+    ("seed", "exact", "depths_m"), [(0, 150, (3.0, 3.6)), (3, 40, (3.0, 3.05)), (4, 40, (3.0, 3.05))]
+)
+def test_inexact_matches_favour_no_longer_lens(seed: int, exact: int, depths_m: tuple[float, float]) -> None:
+    draw = np.random.default_rng(seed)
+    few = points_seen(CAMERA, exact, depths_m, draw)
+    pixels, points = points_seen(CAMERA, 400, depths_m, draw)
+    # Were the limit an angle, larger errors in pixels would agree with each longer focal length: 2.2 and 1.19 times.
+    found = checked(matches_of(few, (pixels + draw.normal(0.0, 5.0, pixels.shape), points)))
+    assert (found.is_refined, found.camera) == (False, CAMERA)

@@ -35,6 +35,11 @@ class DepthRatioOptions:
     shared_ratio: float = limit(
         0.5, "Part of what is wrong with a pair's depth that all pairs share.", chosen="By hand: half of it."
     )
+    apart_log: float = limit(
+        0.35,
+        "A pair whose logarithm of the ratio differs by more than this from the usual one has another scale.",
+        chosen="By hand: a third, more than drift and sensors make.",
+    )
     pair_sigma: float = limit(
         0.02, "What a pair's own depth and poses leave in the logarithm of its ratio.", chosen="By hand."
     )
@@ -47,13 +52,15 @@ OPTIONS = DepthRatioOptions()
 class DepthRatio:
     """Triangulated over measured depth: the weighted median `ratio`, and `sigma` of its logarithm.
 
-    `depth_m` is the usual depth of the sensor.
+    `depth_m` is the usual depth of the sensor, `apart_share` the share of pairs that have another ratio, by more than
+    their own sigmas.
     """
 
     ratio: float
     sigma: float
     depth_m: float
     matches: int
+    apart_share: float = 0.0
 
 
 def measure_depth_ratio(evidence: Evidence, rays: Rays, poses: PoseArrays) -> DepthRatio | None:
@@ -81,6 +88,9 @@ def measure_depth_ratio(evidence: Evidence, rays: Rays, poses: PoseArrays) -> De
         sigma=_sigma(sigmas, scatter),
         depth_m=float(np.median(measured)),
         matches=len(logs),
+        apart_share=float(
+            np.mean(np.abs(medians[known] - log_ratio) > np.maximum(OPTIONS.apart_log, 3 * sigmas))
+        ),
     )
 
 

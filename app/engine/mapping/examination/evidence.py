@@ -34,6 +34,8 @@ Rows = NDArray[np.intp]
 DepthImage = NDArray[np.float32]
 # To the right, left, down and up of a match.
 ASIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
+# Farther from the middle of the picture, or nearer to it: by both sides, by width, by height.
+FIELDS = ((1.14, 1.14), (0.88, 0.88), (1.2, 1.0), (0.84, 1.0), (1.0, 1.2), (1.0, 0.84))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +87,8 @@ class Evidence:
 
     `first` and `second` (p,) are rows of the scan's frames. `pair` (m,) says of which pair a match is, `first_px`
     and `second_px` (m, 2) where it is in both pictures, `first_m` and `second_m` (m,) the sensor's depth there, 0 where
-    not known, `first_aside_m` and `second_aside_m` (m, 4) that beside it, in the directions of `ASIDE`. `noise_px`
+    not known, `first_aside_m` and `second_aside_m` (m, 10) that beside it, in the directions of `ASIDE`, then that at
+    positions multiplied by `FIELDS` about the middle of the picture. `noise_px`
     (p,) is the median error that a pair's matches leave under their own geometry and `motion_px` (p,) how far they move
     during `LIMITS.shutter_s`, both at the focal length of reference. `tried` counts the pairs that were compared.
     """
@@ -131,7 +134,7 @@ class Evidence:
         )
 
     def with_aside(self, direction: int) -> Evidence:
-        """Return the evidence with the depth beside the matches, in one direction of `ASIDE`, for theirs."""
+        """Return the evidence with the depth beside the matches, the n-th of `ASIDE` and `FIELDS`, for theirs."""
         return replace(
             self, first_m=self.first_aside_m[:, direction], second_m=self.second_aside_m[:, direction]
         )
@@ -197,17 +200,24 @@ class FrameMatcher:
         gray, depth_m = to_gray(frame_rgb(self.source, frame)), self.source.depth_m(frame)
         features = self._extractor.extract(gray)
         keypoints_px = features.keypoints_px.astype(np.float64)
-        beside = aside_px(self.source.camera) * np.array(ASIDE)
+        camera = self.source.camera
+        places = [keypoints_px + px for px in aside_px(camera) * np.array(ASIDE)]
+        places += [in_field(keypoints_px, camera, field) for field in FIELDS]
         found = _Seen(
             keypoints_px,
             to_unit_vectors(features.descriptors, self._extractor.binary),
             sample_depth(depth_m, keypoints_px).astype(np.float64),
-            np.stack([sample_depth(depth_m, keypoints_px + px) for px in beside], axis=1).astype(np.float64),
+            np.stack([sample_depth(depth_m, px) for px in places], axis=1).astype(np.float64),
             SmallPicture.of(gray, depth_m),
         )
         with self._lock:
             self._seen[row] = found
         return found
+
+    @property
+    def rows(self) -> list[int]:
+        """The frames whose features are known."""
+        return sorted(self._seen)
 
     def pictures(self, count: int) -> list[SmallPicture]:
         """Return small pictures of up to `count` of the frames that were compared, spread along the scan."""
@@ -272,23 +282,37 @@ def gather_evidence(frames: FrameMatcher, places: int, executor: Executor, progr
     return _packed(list(found.values()), source, tried)
 
 
+def compare_pairs(frames: FrameMatcher, pairs: Sequence[tuple[int, int]]) -> Evidence:
+    """Return the matches of pairs of frames, without those that share too little."""
+    found = [frames.pair(first, second) for first, second in pairs]
+    return _packed([pair for pair in found if pair is not None], frames.source, len(pairs))
+
+
 def aside_px(camera: Camera) -> float:
     """Return how far beside a match depth is sampled."""
     return OPTIONS.aside_ratio * max(camera.width, camera.height)
 
 
+def in_field(pixels: Array, camera: Camera, ratios: tuple[float, float]) -> Array:
+    """Return pixels (n, 2) whose distances from the middle of the picture are multiplied, to the side and down."""
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2
+    return np.asarray(middle + (pixels - middle) * np.array(ratios))
+
+
 def with_depth(
-    evidence: Evidence, depth_of: Callable[[int], DepthImage], moved_px: tuple[float, float] = (0.0, 0.0)
+    evidence: Evidence,
+    depth_of: Callable[[int], DepthImage],
+    sampled_at: Callable[[Array], Array] = lambda px: px,
 ) -> Evidence:
-    """Return the evidence with other depth images for the frames (rows), sampled `moved_px` beside the matches."""
+    """Return the evidence with other depth images for the frames (rows), sampled at positions (n, 2) in pixels that
+    `sampled_at` makes from those of the matches."""
     first_m, second_m = np.zeros(len(evidence.pair)), np.zeros(len(evidence.pair))
-    beside = np.array(moved_px)
     bounds = np.searchsorted(evidence.pair, np.arange(evidence.pairs + 1))
     depth = {int(row): depth_of(int(row)) for row in {*evidence.first, *evidence.second}}
     for pair in range(evidence.pairs):
         own = slice(bounds[pair], bounds[pair + 1])
-        first_m[own] = sample_depth(depth[int(evidence.first[pair])], evidence.first_px[own] + beside)
-        second_m[own] = sample_depth(depth[int(evidence.second[pair])], evidence.second_px[own] + beside)
+        first_m[own] = sample_depth(depth[int(evidence.first[pair])], sampled_at(evidence.first_px[own]))
+        second_m[own] = sample_depth(depth[int(evidence.second[pair])], sampled_at(evidence.second_px[own]))
     return replace(evidence, first_m=first_m, second_m=second_m)
 
 
@@ -325,7 +349,7 @@ def _packed(pairs: Sequence[_Pair], source: FrameSource, tried: int) -> Evidence
     counts = [len(pair.first_px) for pair in pairs]
     noise = np.array([pair.noise_px for pair in pairs])
     usual = float(np.nanmedian(noise)) if np.isfinite(noise).any() else LIMITS.min_noise_px
-    none = np.zeros((0, 2)), np.zeros(0), np.zeros((0, len(ASIDE)))
+    none = np.zeros((0, 2)), np.zeros(0), np.zeros((0, len(ASIDE) + len(FIELDS)))
     return Evidence(
         first=np.array([pair.first for pair in pairs], dtype=np.intp),
         second=np.array([pair.second for pair in pairs], dtype=np.intp),

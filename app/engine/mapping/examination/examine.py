@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.examination.agreement import Agreement, relative_poses
+from app.engine.mapping.examination.consistency import judge_consistency
 from app.engine.mapping.examination.depth_images import judge_depth_images
 from app.engine.mapping.examination.depth_layout import OPTIONS as LAYOUT
 from app.engine.mapping.examination.depth_layout import DepthLayout, judge_depth_layout, judge_rays
 from app.engine.mapping.examination.depth_ratio import DepthRatio, measure_depth_ratio
-from app.engine.mapping.examination.depth_shift import SmallPicture
 from app.engine.mapping.examination.evidence import Evidence, FrameMatcher, gather_evidence
 from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
 from app.engine.mapping.examination.scale_cause import Scales, judge_scale
@@ -95,7 +95,7 @@ def examine_scan(
 
     def judge(frames: FrameMatcher, places: int) -> Examination:
         evidence = gather_evidence(frames, places, executor, progress)
-        return _judge(evidence, frames.pictures(LAYOUT.frames), scan, options, gravity, asked)
+        return _judge(evidence, frames, scan, options, gravity, asked)
 
     found = judge(FrameMatcher(scan, OPTIONS.first_side_px), OPTIONS.first_places)
     if found.verdict != "confirmed":
@@ -108,7 +108,7 @@ def examine_scan(
 
 def _judge(
     evidence: Evidence,
-    pictures: Sequence[SmallPicture],
+    frames: FrameMatcher,
     scan: Scan,
     options: ScanOptions,
     gravity: tuple[float, float, float] | None,
@@ -129,7 +129,7 @@ def _judge(
         trajectory=scan.trajectory,
     )
     searched = search_remedies(start)
-    layout = judge_depth_layout(scan, searched.state, pictures)
+    layout = judge_depth_layout(scan, searched.state, frames.pictures(LAYOUT.frames))
     findings = [*still, *searched.findings, *layout.findings]
     ratio = None
     # What is measured through wrong depth or wrong poses says nothing of scale and gravity.
@@ -137,6 +137,9 @@ def _judge(
         if not layout.spoils_ratio:
             ratio, of_depth = _judge_depth(scan, options.convention, layout, searched.state)
             findings.extend(of_depth)
+        if not any(finding.severity == "wrong" for finding in findings):
+            moved = searched.state
+            findings.extend(judge_consistency(frames, layout.evidence, moved.camera, moved.poses))
         findings.extend(_judge_up(searched.state, options.convention, gravity, asked=asked))
     return _examined(evidence, searched.found, ratio, _or_flipped(findings))
 

@@ -38,6 +38,11 @@ class ScaleOptions:
         "Logarithm of the ratio from which it is wrong.",
         chosen="By hand: no sensor or tracking is so far off.",
     )
+    mixed_share: float = limit(
+        0.2,
+        "Share of pairs with another ratio from which a scan has several scales, which no one factor mends.",
+        chosen="By hand: false matches make less.",
+    )
     sigmas: float = limit(3.0, "And it must be this many of its own sigmas.", chosen="By hand.")
     known_log: float = limit(
         0.045,
@@ -73,6 +78,8 @@ class Scales:
 
 def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
     """Return what is wrong with the scale of depth or of positions, or None."""
+    if found.apart_share >= OPTIONS.mixed_share:
+        return _mixed(found)
     log = abs(float(np.log(found.ratio)))
     if log < max(OPTIONS.doubtful_log, OPTIONS.sigmas * found.sigma):
         return None
@@ -116,6 +123,16 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
         options=first,
         certain=clear if likely == "depth" else likely == "positions" and bool(unit),
         figures=figures,
+    )
+
+
+def _mixed(found: DepthRatio) -> Finding:
+    return Finding(
+        code="mixed_scale",
+        sentence=f"The scale changes within the scan: depth triangulated by the poses is {found.ratio:.3g} times the "
+        f"sensor's, but differs by over a third in {100 * found.apart_share:.0f} % of the places that were "
+        "compared. Are some of the positions or of the depth images in other units?",
+        figures={"depth_ratio": round(found.ratio, 4), "apart_share": round(found.apart_share, 3)},
     )
 
 

@@ -16,6 +16,7 @@ from app.engine.mapping.examination.camera_fit import (
     fit_principal_point,
     turned_intrinsics,
 )
+from app.engine.mapping.examination.camera_mount import fit_camera_mount, joined_deg
 from app.engine.mapping.examination.evidence import Evidence
 from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.readings import other_orders, other_readings
@@ -29,6 +30,8 @@ from app.limits import limit
 Array = NDArray[np.float64]
 # Fits of one camera, of which the one with the fewest numbers is taken.
 _CAMERA_CODES = {"focal_length", "turned_intrinsics", "principal_point"}
+# Cameras of few unknowns: a mount of three unknowns that fits as well says nothing against them.
+_SIMPLER_THAN_MOUNT = {"focal_length", "turned_intrinsics"}
 _MEASURED = (
     "By hand, between right scans and mistakes; checked by roomfix examine-mistakes "
     "(docs/figures/examine-mistakes.md)."
@@ -111,7 +114,10 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """A change of the state, with its score times a penalty for how rare or how free it is."""
+    """A change of the state, with its score times a penalty for how rare or how free it is.
+
+    `is_determined` is false where the matches leave its numbers open.
+    """
 
     code: str
     says: str
@@ -120,6 +126,7 @@ class Remedy:
     found: Agreement
     penalty: float = 1.0
     least_gain: float = 1.0
+    is_determined: bool = True
 
     @property
     def weighted(self) -> float:
@@ -151,6 +158,7 @@ def search_remedies(start: State, rounds: int = 3) -> Searched:
             other
             for other in remedies[1:]
             if not {best.code, other.code} <= _CAMERA_CODES
+            and not (other.code == "camera_mount" and best.code in _SIMPLER_THAN_MOUNT)
             and other.weighted < OPTIONS.contest_ratio * max(best.weighted, 0.02)
             and other.options != best.options
             and other.code != best.code
@@ -214,6 +222,7 @@ def _orders(state: State) -> Iterator[Remedy]:
 
 def _fits(state: State) -> Iterator[Remedy]:
     yield from _cameras(state)
+    yield from _mounts(state)
     yield from _time_offsets(state)
 
 
@@ -276,6 +285,29 @@ def _camera_option(camera: Camera) -> dict[str, Any]:
     }
 
 
+def _mounts(state: State) -> Iterator[Remedy]:
+    mount = fit_camera_mount(state.evidence, state.camera, state.poses)
+    if mount is None:
+        return
+    vector_deg = joined_deg(state.convention.mount_deg, mount.vector_deg)
+    changed = replace(
+        state,
+        poses=mount.applied(state.poses),
+        convention=replace(state.convention, mount_deg=vector_deg),
+    )
+    angle_deg = float(np.linalg.norm(mount.vector_deg))
+    yield Remedy(
+        code="camera_mount",
+        says=f"The camera is mounted at an angle of {angle_deg:.1f} degrees to the body whose poses the scan holds",
+        options={"mount_deg": list(vector_deg)},
+        state=changed,
+        found=changed.agreement(),
+        penalty=1.3,
+        least_gain=OPTIONS.fit_gain,
+        is_determined=mount.is_certain,
+    )
+
+
 def _time_offsets(state: State) -> Iterator[Remedy]:
     if len(state.times_s) < 3:
         return
@@ -327,7 +359,7 @@ def _finding(best: Remedy, contest: list[Remedy], before: Agreement) -> Finding:
         code=best.code,
         sentence=sentence,
         options=best.options,
-        certain=bool(best.options) and not contest,
+        certain=bool(best.options) and best.is_determined and not contest,
         figures={
             "error_px": round(before.error_px, 3),
             "mended_error_px": round(best.found.error_px, 3),

@@ -26,10 +26,19 @@ def each(change: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Callab
     return lambda depths: [np.ascontiguousarray(change(depth_m)) for depth_m in depths]
 
 
+def magnified(depth_m: NDArray[np.float64], wide: float, high: float) -> NDArray[np.float64]:
+    height, width = depth_m.shape
+    columns = (width - 1) / 2 * (1 - 1 / wide) + np.arange(width) / wide
+    rows = (height - 1) / 2 * (1 - 1 / high) + np.arange(height) / high
+    return depth_m[np.ix_(rows.round().astype(int), columns.round().astype(int))]
+
+
 MISTAKES: dict[str, tuple[str, str, Callable[[Depths], Depths]]] = {
     "late": ("depth_of_other_frames", "late or early", lambda depths: [depths[0], *depths[:-1]]),
     "mirrored": ("depth_turned", "left for right", each(lambda depth_m: depth_m[:, ::-1])),
     "upside down": ("depth_turned", "upside down", each(lambda depth_m: depth_m[::-1, ::-1])),
+    "narrow": ("depth_field", "field of view", each(lambda depth_m: magnified(depth_m, 1.15, 1.15))),
+    "squeezed": ("depth_field", "aspect ratio", each(lambda depth_m: magnified(depth_m, 1.0, 4 / 3))),
     "disparity": ("depth_is_disparity", "convert them", each(lambda depth_m: 2.0 / depth_m)),
 }
 
