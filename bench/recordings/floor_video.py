@@ -58,9 +58,9 @@ class FloorVideo:
     queries: tuple[DemoQuery, ...]
 
 
-def video_poses(frames: int = FRAMES) -> list[Pose]:
+def video_poses() -> list[Pose]:
     """Return world_from_camera of each frame: past the marker, and along the walk."""
-    steps = STEPS * frames
+    steps = STEPS * FRAMES
     walk = scan_poses(FLOOR_WALK, steps - MARKER_STEPS - TURN_STEPS, seed=2)
     first = walk[0]
     rng = seeded("marker hand", steps)
@@ -95,9 +95,9 @@ def render_floor_video(
     workers: int = 2,
     progress: Progress | None = None,
 ) -> FloorVideo:
-    """Render the frames into `directory/frames` and the pictures into `directory/queries`, or return at once when they
-    are there; raises `InvalidInputError` when the directory holds something else."""
-    poses = video_poses(frames)
+    """Render the first `frames` into `directory/frames` and the pictures into `directory/queries`, or return when
+    they are there; raises `InvalidInputError` when the directory holds something else."""
+    poses = video_poses()[:frames]
     folder = directory / "frames"
 
     def fill(partial: Path) -> None:

@@ -52,6 +52,7 @@ class WatchedProgress:
 
 def evaluate_video(
     folder: Annotated[Path, typer.Option(help="Where the rendered video is, or is made.")] = DEFAULT_DIR,
+    seconds: Annotated[float, typer.Option(min=10, help="Length of the video that is sent.")] = 240.0,
     figures_title: FiguresTitle = None,
 ) -> None:
     """Build a map of a plain video of a rendered storey, a marker at its start, and locate phone pictures in it."""
@@ -60,7 +61,10 @@ def evaluate_video(
     cap_threads()
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         video = render_floor_video(
-            folder, progress=lambda done, total: progress.report("render", done, total)
+            folder,
+            frames=round(seconds * FPS),
+            workers=1,
+            progress=lambda done, total: progress.report("render", done, total),
         )
         truth, queries = _scan_of(video), _queries_of(video)
         path = folder / "video.mp4"
