@@ -19,7 +19,7 @@ STRETCH_M = 10.0
 CHANGES_EVERY_M = 5.0
 # Rotation errors (rad) per metre beside each unit of the relative errors of length.
 RAD_PER_M = 0.2
-SEARCH_STEPS = 12
+SEARCH_STEPS = 5
 
 
 def with_drift(poses: Sequence[Pose], drift_ratio: float, seed: int = 0) -> list[Pose]:
