@@ -14,6 +14,8 @@ from app.geometry.reprojection import perturbed
 from app.geometry.se3 import Pose, skew, vector_from_rotation
 
 Array = NDArray[np.float64]
+# Rows and columns within a block.
+WITHIN = np.mgrid[:6, :6].reshape(2, -1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,7 @@ class _Blocks:
 
     def add(self, row: int, column: int, block: Array) -> None:
         """Add a block at a row and column of blocks."""
-        i, j = np.mgrid[:6, :6].reshape(2, -1)
+        i, j = WITHIN
         self._places.append(np.stack([6 * row + i, 6 * column + j]))
         self._values.append(block.ravel())
 

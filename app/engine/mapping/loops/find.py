@@ -18,7 +18,6 @@ from app.engine.progress import Progress, map_in_order
 from app.geometry.depth import sample_depth
 from app.importers.frames import Frame, Scan
 from app.vision.images import to_gray
-from app.vision.matching import to_unit_vectors
 
 FEATURES = "sift"
 
@@ -66,5 +65,4 @@ class Places:
         rgb = frame_rgb(self.scan, frame)
         features = extractor.extract(to_gray(rgb))
         depth_m = sample_depth(self.scan.depth_m(frame), features.keypoints_px).astype(np.float32)
-        unit = to_unit_vectors(features.descriptors, extractor.binary)
-        return Seen(features, unit, depth_m), self.models.global_descriptor.describe(rgb)
+        return Seen(features, depth_m), self.models.global_descriptor.describe(rgb)

@@ -13,7 +13,7 @@ from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 from app.limits import limit
 from app.vision.features import LocalFeatures
-from app.vision.matching import Unit, match_unit_vectors
+from app.vision.matching import match_unit_vectors, to_unit_vectors
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -54,16 +54,16 @@ OPTIONS = LoopOptions()
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a frame sees: features, their descriptors as unit vectors, and their depth (n,), 0 where it has none."""
+    """What a frame sees: features, and their depth (n,), 0 where it has none."""
 
     features: LocalFeatures
-    unit: Unit
     depth_m: NDArray[np.float32]
 
 
 def measure_motion(a: Seen, b: Seen, camera: Camera, binary: bool) -> Pose | None:
     """Return `a_from_b` of two frames, None where they don't see the same place by their own depth both ways."""
-    rows_a, rows_b, _ = match_unit_vectors(a.unit, b.unit, OPTIONS.ratio, binary)
+    unit_a, unit_b = (to_unit_vectors(each.features.descriptors, binary) for each in (a, b))
+    rows_a, rows_b, _ = match_unit_vectors(unit_a, unit_b, OPTIONS.ratio, binary)
     a_from_b = _pose_of(b, rows_b, a, rows_a, camera)
     b_from_a = None if a_from_b is None else _pose_of(a, rows_a, b, rows_b, camera)
     if a_from_b is None or b_from_a is None:

@@ -86,6 +86,8 @@ def optimized(path: Sequence[Pose], loops: Sequence[Loop]) -> list[Pose]:
     The weights of the loops are those of Cauchy's loss, by iterated reweighting, whose scale narrows from step to step.
     Source: Yang et al., "Graduated Non-Convexity for Robust Spatial Perception", 2020.
     """
+    if not loops:
+        return list(path)
     steps = [_step(row, a.inverse() @ b) for row, (a, b) in enumerate(pairwise(path))]
     known = [Known(0, path[0], np.full(6, 1e6))]
     whole = isotropic_weights(OPTIONS.loop_m, OPTIONS.loop_rad)
