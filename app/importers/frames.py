@@ -204,7 +204,9 @@ def metres(raw: NDArray[np.generic], depth: DepthFormat) -> NDArray[np.float32]:
 
 def _is_of_low_confidence(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return which pixels of a depth image (height, width) have low confidence by the image beside it."""
-    confidence = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    data = np.frombuffer(path.read_bytes(), np.uint8)
+    # OpenCV raises its own error for no bytes at all.
+    confidence = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     if confidence is None:
         raise InvalidScanError(f"{path.name} is not an image, so it can't hold the depth's confidence.")
     if confidence.ndim == 3:

@@ -10,8 +10,10 @@ from typing import Any
 
 from app.engine.mapping.examination.examine import examine_scan
 from app.engine.mapping.examination.outcome import Examination, Finding, RefusedScanError
+from app.engine.mapping.loops.close import ClosedLoops, close_loops
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.structure.estimate import EstimatedScan, estimate_poses
+from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.errors import InvalidScanError
 from app.importers.frames import Scan
@@ -36,24 +38,35 @@ class ExaminedScan:
     examination: Examination | None
     repairs: tuple[Finding, ...] = ()
     estimate: EstimatedScan | None = None
+    loops: ClosedLoops | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the scan."""
         estimated = () if self.estimate is None else self.estimate.warnings
-        return estimated if self.examination is None else self.examination.warnings
+        examined = estimated if self.examination is None else self.examination.warnings
+        return examined if self.loops is None else (*examined, *self.loops.warnings)
+
+    def with_loops_closed(self, models: VisionModels, executor: Executor, progress: Progress) -> ExaminedScan:
+        """Return the scan with the drift of its positions corrected, where loops of its own confirm that."""
+        if self.options.scan.motion is not None:
+            return self
+        closed = close_loops(self.scan, models, executor, progress)
+        return replace(self, scan=closed.scan, loops=closed)
 
     def repairs_report(self) -> dict[str, Any]:
         """Return the first lines of the build's report, none where nothing was repaired or estimated."""
         if self.estimate is not None:
             return {"structure": self.estimate.report}
+        loops = {} if self.loops is None else {"loops": self.loops.as_dict()}
         if not self.repairs:
-            return {}
+            return loops
         changed = {name: value for finding in self.repairs for name, value in finding.options.items()}
         told = " ".join(finding.sentence for finding in self.repairs)
         return {
             "repaired": f"The scan was read another way than its files and options say. {told}",
             "repairs": changed,
+            **loops,
         }
 
 
@@ -85,9 +98,10 @@ def read_scan(
             '"estimate" to have them estimated from the pictures.'
         )
     scan = open_scan(root, parsed.format, given)
-    return examined_scan(
+    examined = examined_scan(
         root, scan, options, resources.executor, progress, up_is_known=up_is_known, scratch=scratch
     )
+    return examined.with_loops_closed(resources.models, resources.executor, progress)
 
 
 def examined_scan(

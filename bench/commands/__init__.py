@@ -12,6 +12,8 @@ COMMANDS = {
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-formats": "bench.formats.command:evaluate_formats_command",
     "evaluate-unposed": "bench.unposed.command:evaluate_unposed_command",
+    "evaluate-video": "bench.unposed.floor_video:evaluate_video",
+    "evaluate-drift": "bench.drift.command:evaluate_drift",
     "evaluate-extend": "bench.commands.evaluate_extend:evaluate_extend",
     "evaluate-phones": "bench.commands.evaluate_phones:evaluate_phones",
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",

@@ -18,9 +18,10 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from bench.recordings.cache import write_whole
 from bench.render.noise import seeded
-from bench.render.raycast import render
+from bench.render.raycast import FINE, Quality, render
 from bench.render.scene import Scene, demo_scene, loaded_scene
 from bench.render.sensor import JPEG_QUALITY, ColourSensor, colour_picture, depth_picture
+from bench.render.sheet import MarkerSheet, with_sheet
 
 Progress = Callable[[int, int], None]
 
@@ -29,7 +30,8 @@ SCENE_FOLDER = ".scene"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameJob:
-    """One frame to make: where it is seen from, the files to write (depth maybe none), the noise's seed."""
+    """One frame to make: where it is seen from, the files to write (depth maybe none), the noise's seed, and a printed
+    sheet that is in view."""
 
     camera: Camera
     world_from_camera: Pose
@@ -37,6 +39,8 @@ class FrameJob:
     depth_path: Path | None
     seed: tuple[str, int]
     sensor: ColourSensor
+    quality: Quality = FINE
+    sheet: MarkerSheet | None = None
 
     @property
     def is_done(self) -> bool:
@@ -46,7 +50,9 @@ class FrameJob:
 
 def make_frame(scene: Scene, job: FrameJob) -> None:
     """Render one frame, pass it through the sensor and write it."""
-    rgb, depth_m = render(scene, job.camera, job.world_from_camera)
+    rgb, depth_m = render(scene, job.camera, job.world_from_camera, job.quality)
+    if job.sheet is not None:
+        rgb = with_sheet(rgb, depth_m, job.camera, job.world_from_camera, job.sheet)
     rng = seeded(*job.seed)
     if job.depth_path is not None:
         measured = depth_picture(rng, depth_m, job.camera)

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.table import Table
 
 from app.commands.console import progress_bars
@@ -24,12 +25,21 @@ from bench.evaluation.dataset import split_scan
 from bench.figures.shown import FiguresTitle, Shown
 from bench.formats.evaluate import FormatQueries
 from bench.unposed.evaluate import Sent, UnposedResult, evaluate_unposed
-from bench.unposed.inputs import measured_distance, write_depth_frames, write_photos, write_video
+from bench.unposed.inputs import (
+    measured_distance,
+    photo_name,
+    plan_places,
+    write_depth_frames,
+    write_photos,
+    write_video,
+)
 
 VIDEO = "video, one known distance"
 PHOTOS = "photos, no scale"
+PHOTOS_DISTANCE = "photos, one known distance"
+PHOTOS_PLAN = "photos, places on the plan"
 DEPTH = "colour and depth, no poses"
-KINDS = (VIDEO, PHOTOS, DEPTH)
+KINDS = (VIDEO, PHOTOS, PHOTOS_DISTANCE, PHOTOS_PLAN, DEPTH)
 
 
 def evaluate_unposed_command(
@@ -57,7 +67,7 @@ def evaluate_unposed_command(
         models = open_models(Settings())
         for kind in only or KINDS:
             with tempfile.TemporaryDirectory(prefix="roomfix-unposed-") as folder:
-                sent = _sent(kind, split.database, values, photos_every, Path(folder))
+                sent = _sent(kind, split.database, values, down, photos_every, Path(folder))
                 rows.append(
                     evaluate_unposed(
                         sent, split.database, down, asked, models, executor, progress, Path(folder)
@@ -69,9 +79,17 @@ def evaluate_unposed_command(
     shown.write("evaluate-unposed", figures_title)
 
 
-def _sent(kind: str, scan: Scan, values: dict[str, Any], photos_every: int, folder: Path) -> Sent:
-    if kind == PHOTOS:
-        return Sent(name=kind, path=write_photos(scan, photos_every, folder / "photos"), options={})
+def _sent(
+    kind: str,
+    scan: Scan,
+    values: dict[str, Any],
+    down: NDArray[np.float64] | None,
+    photos_every: int,
+    folder: Path,
+) -> Sent:
+    if kind in (PHOTOS, PHOTOS_DISTANCE, PHOTOS_PLAN):
+        scale = _photos_scale(kind, scan, down, photos_every)
+        return Sent(name=kind, path=write_photos(scan, photos_every, folder / "photos"), options=scale)
     if kind == VIDEO:
         distance = measured_distance(scan, len(scan.frames) // 2)
         path = write_video(scan, folder / "video.mp4")
@@ -79,6 +97,19 @@ def _sent(kind: str, scan: Scan, values: dict[str, Any], photos_every: int, fold
     kept = {name: value for name, value in values.items() if name in ("camera", "depth_scale")}
     path = write_depth_frames(scan, folder / "depth")
     return Sent(name=kind, path=path, options={**kept, "format": "tum", "poses": "estimate"}, is_rigid=True)
+
+
+def _photos_scale(
+    kind: str, scan: Scan, down: NDArray[np.float64] | None, photos_every: int
+) -> dict[str, Any]:
+    if kind == PHOTOS_DISTANCE:
+        number = len(scan.frames) // 2 // photos_every * photos_every
+        return {"scale": measured_distance(scan, number).in_frame(photo_name(number))}
+    if kind == PHOTOS_PLAN:
+        if down is None:
+            raise InvalidInputError("Places on the plan need to know which way is down: give gravity.")
+        return {"scale": plan_places(scan, photos_every, down)}
+    return {}
 
 
 def _structure_table(results: list[UnposedResult]) -> Table:

@@ -11,14 +11,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.geometry.alignment import world_from_scan_by_gravity
 from app.geometry.depth import sample_depth
 from app.importers.frames import Frame, Scan
-from app.vision.images import decode_image
+from app.vision.images import Rgb, decode_image
 from bench.formats.frames import write_files
 
 Array = NDArray[np.float64]
 FPS = 15.0
 CODEC = "mp4v"
+JPEG_QUALITY = 92
+# Plan places are stated to a centimetre, at this number of photos.
+PLACES = 5
+PLACE_DIGITS = 2
 # A distance that somebody would measure is between two corners on even surfaces.
 CORNERS = 100
 CORNER_QUALITY = 0.03
@@ -40,17 +45,21 @@ class MeasuredDistance:
     @property
     def option(self) -> dict[str, Any]:
         """The option `scale` that states it."""
+        return self.in_frame(self.number / FPS)
+
+    def in_frame(self, frame: float | str) -> dict[str, Any]:
+        """Return the option `scale` that states it of a second of a video, or of a photo's name."""
         return {
             "distance_m": round(self.distance_m, 4),
-            "frame": self.number / FPS,
+            "frame": frame,
             "pixels": self.pixels.round(2).tolist(),
         }
 
 
-def write_video(scan: Scan, target: Path) -> Path:
+def write_video(scan: Scan, target: Path, fps: float = FPS) -> Path:
     """Write the frames of a scan as a plain mp4 and return it."""
     size = scan.camera.width, scan.camera.height
-    writer = cv2.VideoWriter(str(target), cv2.VideoWriter.fourcc(*CODEC), FPS, size)
+    writer = cv2.VideoWriter(str(target), cv2.VideoWriter.fourcc(*CODEC), fps, size)
     for frame in scan.frames:
         writer.write(cv2.cvtColor(decode_image(scan.color_bytes(frame)), cv2.COLOR_RGB2BGR))
     writer.release()
@@ -58,15 +67,47 @@ def write_video(scan: Scan, target: Path) -> Path:
 
 
 def write_photos(scan: Scan, every: int, folder: Path) -> Path:
-    """Write every n-th frame of a scan as a photo, named by its number, and return the folder."""
+    """Write every n-th frame of a scan as a JPEG, named by its number, and return the folder."""
     return write_files(
         folder,
         {
-            f"{number:06d}{frame.color.suffix}": scan.color_bytes(frame)
+            photo_name(number): _jpeg(decode_image(scan.color_bytes(frame)))
             for number, frame in enumerate(scan.frames)
             if number % every == 0
         },
     )
+
+
+def photo_name(number: int) -> str:
+    """Return the name of the photo of a frame."""
+    return f"{number:06d}.jpg"
+
+
+def _jpeg(rgb: Rgb) -> bytes:
+    flags = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
+
+
+def plan_places(scan: Scan, every: int, down: Array) -> dict[str, Any]:
+    """Return the option `scale` that states where the camera stood at some of the photos, on a plan below them.
+
+    The photos are those furthest from each other, one after the other; `down` (3,) is in the frame of the poses.
+    """
+    upright = world_from_scan_by_gravity(down)
+    numbers = list(range(0, len(scan.frames), every))
+    stood = np.array(
+        [upright.apply(scan.frames[k].scan_from_camera.translation[None])[0, :2] for k in numbers]
+    )
+    chosen = [0]
+    while len(chosen) < min(PLACES, len(numbers)):
+        apart = np.linalg.norm(stood[:, None] - stood[chosen], axis=2).min(axis=1)
+        chosen.append(int(apart.argmax()))
+    return {
+        "correspondences": [
+            {"frame": photo_name(numbers[row]), "plan": stood[row].round(PLACE_DIGITS).tolist()}
+            for row in chosen
+        ]
+    }
 
 
 def write_depth_frames(scan: Scan, folder: Path) -> Path:

@@ -134,7 +134,7 @@ def test_scales_that_are_none(site: Server, scale: str) -> None:
 ENTITIES = '<!DOCTYPE svg [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
 HOSTILE = {
     "a huge page": (pdf(ROOM, width_pt=1e6, height_pt=1e6), "pixels, the limit is 400,000,000"),
-    "a PDF that is cut off": (pdf(ROOM)[:200], "PDF can't be read"),
+    "a PDF that is cut off": (pdf(ROOM)[:200], r"PDF can't be read: [^.]+\.$"),
     "a PDF of nothing": (b"%PDF-1.7\n", "PDF can't be read"),
     "a picture outside": (svg('<image href="file:///etc/hostname" width="9" height="9"/>'), "refers to"),
     "a picture on the net": (

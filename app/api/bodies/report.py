@@ -98,6 +98,18 @@ class EstimatedPoses(OpenBody):
     up: SourcedFigures = Field(description="Source vertical_edges, camera_axes or none")
 
 
+class LoopFigures(BaseModel):
+    """Places that the scan passes twice, and the drift that they show."""
+
+    compared: int = Field(description="Pairs of frames that were compared")
+    found: int = Field(description="Those that see the same place")
+    held_back: int = Field(description="Those that judge the correction and are not used by it")
+    before_m: float | None = Field(description="Their median error by the scan's poses")
+    after_m: float | None = Field(description="The same after the correction by the others")
+    applied: bool = Field(description="Whether the poses were corrected")
+    moved_m: float = Field(description="By how far a frame was moved at most")
+
+
 class FittedThresholds(BaseModel):
     """As `keyframes.position_m` and `keyframes.attitude_rad` of a build take them."""
 
@@ -180,6 +192,7 @@ class BuildReport(OpenBody):
     structure: EstimatedPoses | None = Field(
         None, description="How poses were estimated from pictures that had none"
     )
+    loops: LoopFigures | None = None
     self_check: SelfCheckFigures | None = None
     lens: dict[str, float] | None = None
     calibration: FittedKeyframes | None = None

@@ -207,7 +207,8 @@ def _reader(file: BinaryIO, archive_bytes: int, limits: ArchiveLimits) -> Archiv
     # Before POSIX a tar file had no magic number; what is none fails on its checksum.
     if head[257:262] != b"ustar" and not _has_tar_checksum(head):
         raise InvalidScanError(
-            "The upload is not an archive: send a zip, tar, tar.gz, tar.xz or tar.bz2 file."
+            "The upload is not an archive, nor a recording or video that is read: send a zip, tar, tar.gz, tar.xz or "
+            "tar.bz2 file, or a .bag, .mcap, .db3, .db, .sens, .mp4, .mov, .mkv, .avi or .webm file as it is."
         )
     return _TarReader(file, archive_bytes, limits)
 

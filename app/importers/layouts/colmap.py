@@ -140,7 +140,7 @@ def _read_model(model: Path) -> tuple[dict[int, Camera], list[_Image]]:
         try:
             with (model / "cameras.bin").open("rb") as cameras, (model / "images.bin").open("rb") as images:
                 return _binary_cameras(cameras), _binary_images(images)
-        except (struct.error, UnicodeDecodeError, IndexError):
+        except (struct.error, ValueError, OverflowError, IndexError):
             raise InvalidScanError(
                 "The COLMAP model is damaged: cameras.bin or images.bin ends too early."
             ) from None

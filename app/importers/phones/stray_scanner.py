@@ -130,7 +130,8 @@ def _notes(table: list[_Row], video: Video, kept: int, has_depth: bool) -> tuple
 
 
 def _rows(path: Path) -> list[_Row]:
-    reader = csv.reader(io.StringIO(read_text(path)))
+    # The reader of CSV files ends lines by itself, and raises its own error for a carriage return within one.
+    reader = csv.reader(io.StringIO(read_text(path), newline=None))
     header = [name.strip().lower() for name in next(reader, [])]
     missing = [name for name in _COLUMNS if name not in header]
     if missing:

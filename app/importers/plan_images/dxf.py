@@ -35,7 +35,7 @@ def draw_dxf(data: bytes, order: DrawOrder) -> tuple[Image.Image, Drawn]:
     try:
         document, _ = recover.read(io.BytesIO(data))
     except (DXFError, OSError, ValueError, IndexError, KeyError, AttributeError, TypeError) as error:
-        raise InvalidImageError(f"The DXF can't be read: {error}.") from None
+        raise InvalidImageError(f"The DXF can't be read: {str(error).rstrip('.')}.") from None
     meter = _unit_m(document, order)
     entities = list(_bounded(disassemble.recursive_decompose(document.modelspace())))
     coarse = [points * meter for points in _polylines(entities, 1.0 / meter)]

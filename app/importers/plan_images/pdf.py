@@ -28,5 +28,5 @@ def draw_page(data: bytes, order: DrawOrder) -> Image.Image:
         image: Image.Image = bitmap.to_pil()
     except pypdfium2.PdfiumError as error:
         reason = "it needs a password" if "assword" in str(error) else str(error)
-        raise InvalidImageError(f"The PDF can't be read: {reason}.") from None
+        raise InvalidImageError(f"The PDF can't be read: {reason.rstrip('.')}.") from None
     return image if image.mode in ("L", "RGB") else image.convert("RGB")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.engine.mapping.frame_images import frame_rgb
 from app.errors import InvalidScanError
 from app.importers.archives.archive import extract_archive
 from app.importers.frames import Scan
@@ -140,17 +142,43 @@ def test_floats_in_a_database_of_rtabmap(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_damaged_file_is_one_clear_sentence(tmp_path: Path, name: str) -> None:
-    """Each file that lists or holds all frames, cut in half: a sentence, never another error."""
+    """A file of each kind, cut in half, emptied, and of other bytes: a sentence, never another error, and frames that
+    are left can be read."""
     written = WRITERS[name](tiny_scan(), tmp_path / "scan")
-    images = {".jpg", ".png", ".depth", ".conf"}
-    files = [written] if written.is_file() else [p for p in written.rglob("*") if p.is_file()]
-    for path in [p for p in files if p.suffix not in images][:8]:
+    for number, path in enumerate(_of_each_kind(written)):
         whole = path.read_bytes()
-        path.write_bytes(whole[: len(whole) // 2])
-        try:
-            open_scan(folder_of(written, tmp_path / f"cut-{path.name}"))
-        except InvalidScanError as error:
-            sentence = str(error)
-            assert sentence.endswith(".")
-            assert len(sentence) > 20
+        for kind, data in _damaged(whole).items():
+            path.write_bytes(data)
+            said = _sentence_of(written, tmp_path / f"{kind}-{number}")
+            assert said is None or re.fullmatch(r"[^\n]{21,}\.", said), said
         path.write_bytes(whole)
+
+
+def _sentence_of(written: Path, unpacked: Path) -> str | None:
+    try:
+        _read_all(open_scan(folder_of(written, unpacked)))
+    except InvalidScanError as error:
+        return str(error)
+    return None
+
+
+def _of_each_kind(written: Path) -> list[Path]:
+    """Return the first file of each folder and suffix, and all that lie beside pictures."""
+    files = [written] if written.is_file() else sorted(path for path in written.rglob("*") if path.is_file())
+    pictures = {".jpg", ".png", ".depth", ".conf"}
+    first = {
+        (path.parent, path.suffix if path.suffix in pictures else path.name): path for path in files[::-1]
+    }
+    return [path for path in list(first.values())[::-1][:8] if path.stat().st_size]
+
+
+def _damaged(whole: bytes) -> dict[str, bytes]:
+    other = np.random.default_rng(1).bytes(3000)
+    return {"half": whole[: len(whole) // 2], "empty": b"", "other": other}
+
+
+def _read_all(scan: Scan) -> None:
+    for frame in scan.frames:
+        frame_rgb(scan, frame)
+        if scan.has_depth:
+            scan.depth_m(frame)

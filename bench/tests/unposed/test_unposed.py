@@ -13,7 +13,14 @@ from app.importers.phones.video import open_video
 from app.importers.registry import open_unposed
 from bench.unposed.command import KINDS
 from bench.unposed.evaluate import true_pose_of
-from bench.unposed.inputs import FPS, measured_distance, write_depth_frames, write_photos, write_video
+from bench.unposed.inputs import (
+    FPS,
+    measured_distance,
+    plan_places,
+    write_depth_frames,
+    write_photos,
+    write_video,
+)
 from tests.scenes import CAMERA, DEPTH_SCALE, Room, encode, pose_at
 
 COUNT = 4
@@ -39,8 +46,8 @@ def test_a_video_has_all_frames(scan: Scan, tmp_path: Path) -> None:
 
 def test_photos_are_named_by_their_frame(scan: Scan, tmp_path: Path) -> None:
     folder = write_photos(scan, 2, tmp_path / "photos")
-    assert sorted(path.name for path in folder.iterdir()) == ["000000.png", "000002.png"]
-    assert true_pose_of("000002.png", 7.0, scan) == scan.frames[2].scan_from_camera
+    assert sorted(path.name for path in folder.iterdir()) == ["000000.jpg", "000002.jpg"]
+    assert true_pose_of("000002.jpg", 7.0, scan) == scan.frames[2].scan_from_camera
 
 
 def test_frames_with_depth_have_no_poses(scan: Scan, tmp_path: Path) -> None:
@@ -69,4 +76,12 @@ def test_the_distance_is_that_of_the_depth(scan: Scan) -> None:
 
 
 def test_all_rows_have_a_name() -> None:
-    assert len(set(KINDS)) == 3
+    assert len(set(KINDS)) == 5
+
+
+def test_places_on_the_plan_are_where_the_photos_were_taken(scan: Scan) -> None:
+    found = plan_places(scan, 1, np.array([0.0, 0.0, -1.0]))["correspondences"]
+    assert {place["frame"] for place in found} == {f"{k:06d}.jpg" for k in range(COUNT)}
+    for place in found:
+        x, y, _ = scan.frames[int(place["frame"][:6])].scan_from_camera.translation
+        assert place["plan"] == pytest.approx([x, y], abs=0.005 + 1e-9)

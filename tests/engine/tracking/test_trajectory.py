@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from app.engine.query.placed import Accuracy
-from app.engine.tracking.trajectory import Anchored, _relative_error, corrected_path, largest_change_m
+from app.engine.tracking.trajectory import Anchored, corrected_path, largest_change_m
+from app.geometry.graphs.pose_graph import relative_error
 from app.geometry.reprojection import perturbed
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m, rotation_from_vector
 from tests.scenes import pose_at
@@ -67,16 +68,16 @@ def test_a_fix_that_is_not_sure_corrects_little() -> None:
 def test_the_derivatives_are_those_of_the_error() -> None:
     a, b = TRUTH[3], TRUTH[9]
     motion = perturbed(a.inverse() @ b, [0.001, -0.002, 0.001, 0.01, 0.02, -0.01])
-    _, by_a, by_b = _relative_error(a, b, motion)
+    _, by_a, by_b = relative_error(a, b, motion)
     for column in range(6):
         step = 1e-6 * np.eye(6)[column]
         of_a = (
-            _relative_error(perturbed(a, step), b, motion)[0]
-            - _relative_error(perturbed(a, -step), b, motion)[0]
+            relative_error(perturbed(a, step), b, motion)[0]
+            - relative_error(perturbed(a, -step), b, motion)[0]
         )
         of_b = (
-            _relative_error(a, perturbed(b, step), motion)[0]
-            - _relative_error(a, perturbed(b, -step), motion)[0]
+            relative_error(a, perturbed(b, step), motion)[0]
+            - relative_error(a, perturbed(b, -step), motion)[0]
         )
         # That of the turn holds for small errors.
         np.testing.assert_allclose(by_a[:, column], of_a / 2e-6, atol=5e-3)

@@ -1,0 +1,130 @@
+"""A walk of four minutes through the upper floor, filmed, that begins at a printed marker, and phone pictures near it.
+
+`python -m bench.recordings.floor_video DIRECTORY` renders it; one that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from app.geometry.se3 import Pose
+from bench.recordings.cache import make_directory
+from bench.recordings.queries import DemoQuery, render_queries_near
+from bench.recordings.scan import SCAN_CAMERA
+from bench.recordings.trajectory import SCAN_HEIGHT_M, Walk, camera_pose, scan_poses, stops_of
+from bench.render.frames import FrameJob, Progress, make_frames
+from bench.render.noise import seeded
+from bench.render.raycast import FAST
+from bench.render.scene import SCENE_VERSION
+from bench.render.sensor import ColourSensor
+from bench.render.sheet import MarkerSheet
+from bench.venue.layout import FLOOR_HEIGHT_M
+
+FPS = 5.0
+FRAMES = 1200
+# The hand's motion is made at this number of steps a frame.
+STEPS = 2
+QUERIES = 60
+# Filmed at the marker first: sideways past it, then turning away.
+MARKER_STEPS = 50
+TURN_STEPS = 20
+MARKER_SIDE_M = 0.17
+# On the west wall of the lobby, whose inner face is at x = 21.1; a little before it, over what hangs there.
+MARKER_AT = (21.15, 15.0, FLOOR_HEIGHT_M + 1.45)
+START = (22.5, 14.3)
+END_OF_MARKER = (22.5, 15.7)
+
+# From the lobby down both look-alike corridors and back, once round the west half, and back to the lobby.
+FLOOR_STOPS = (
+    "22.5,15.7 22.8,11.0 22.8,6.8 26.0,6.2 32.0,6.1 40.6,6.2,190 32.0,6.3 26.0,6.2 22.8,7.6 22.6,12.0 22.8,18.0 "
+    "26.0,20.0 32.0,19.9 40.6,20.0,190 32.0,20.1 26.0,20.0 22.8,18.4 22.6,12.0 19.0,12.0 13.0,9.0 13.0,6.6 "
+    "12.6,4.6,150 10.8,4.0 8.4,4.2 6.6,3.6 6.4,7.4 5.0,11.2,-120 5.0,14.0 4.6,22.0,150 8.8,21.5 11.2,21.5 12.4,20.0 "
+    "17.6,20.4,120 15.5,18.4 15.5,16.0 16.4,11.0 19.0,12.0 22.4,12.0 22.6,14.6"
+)
+FLOOR_WALK: tuple[Walk, ...] = (Walk(1, stops_of(FLOOR_STOPS)),)
+
+
+@dataclass(frozen=True, slots=True)
+class FloorVideo:
+    """The frames of the video, their true poses, and the phone pictures."""
+
+    frames: tuple[Path, ...]
+    world_from_camera: tuple[Pose, ...]
+    queries: tuple[DemoQuery, ...]
+
+
+def video_poses() -> list[Pose]:
+    """Return world_from_camera of each frame: past the marker, and along the walk."""
+    steps = STEPS * FRAMES
+    walk = scan_poses(FLOOR_WALK, steps - MARKER_STEPS - TURN_STEPS, seed=2)
+    first = walk[0]
+    rng = seeded("marker hand", steps)
+    hand = gaussian_filter1d(rng.standard_normal((MARKER_STEPS + TURN_STEPS, 3)), 4, axis=0, mode="wrap")
+    ahead = first.rotation[:, 2]
+    to_walk = np.arctan2(ahead[1], ahead[0])
+    turn = (to_walk - np.pi + np.pi) % (2 * np.pi) - np.pi
+    found = []
+    for k, (bob, pitch, yaw) in enumerate(hand):
+        along = np.clip(k / MARKER_STEPS, 0, 1)
+        x, y = (1 - along) * np.array(START) + along * np.array(END_OF_MARKER)
+        part = np.clip((k - MARKER_STEPS) / TURN_STEPS, 0, 1)
+        # The arm swings round the body, as in the turns of the walk.
+        end = first.translation[:2] - np.array(END_OF_MARKER)
+        heading = np.pi + part * turn + np.radians(2.0 * yaw)
+        place = np.array([x + part * end[0], y + part * end[1], FLOOR_HEIGHT_M + SCAN_HEIGHT_M + 0.02 * bob])
+        found.append(camera_pose(place, float(heading), float(np.radians(-4 + 3.0 * pitch)), 0.0))
+    return [*found, *walk][::STEPS]
+
+
+def marker_sheet() -> MarkerSheet:
+    """Return the sheet on the lobby's wall; a viewer who looks west sees north to the right."""
+    rotation = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+    return MarkerSheet(number=0, side_m=MARKER_SIDE_M, world_from_sheet=Pose(rotation, np.array(MARKER_AT)))
+
+
+def render_floor_video(
+    directory: Path,
+    *,
+    frames: int = FRAMES,
+    queries: int = QUERIES,
+    workers: int = 2,
+    progress: Progress | None = None,
+) -> FloorVideo:
+    """Render the first `frames` into `directory/frames` and the pictures into `directory/queries`, or return when
+    they are there; raises `InvalidInputError` when the directory holds something else."""
+    poses = video_poses()[:frames]
+    folder = directory / "frames"
+
+    def fill(partial: Path) -> None:
+        jobs = [
+            FrameJob(
+                camera=SCAN_CAMERA,
+                world_from_camera=pose,
+                colour_path=partial / f"{k:06d}.jpg",
+                depth_path=None,
+                seed=("floor video", k),
+                sensor=ColourSensor(),
+                quality=FAST,
+                sheet=marker_sheet(),
+            )
+            for k, pose in enumerate(poses)
+        ]
+        make_frames(partial, jobs, workers, progress)
+
+    make_directory(folder, {"video": "upper", "frames": frames, "version": SCENE_VERSION}, fill)
+    asked = render_queries_near(
+        poses, directory / "queries", queries, region="upper video", workers=workers, progress=progress
+    )
+    files = tuple(folder / f"{k:06d}.jpg" for k in range(frames))
+    return FloorVideo(files, tuple(poses), tuple(asked))
+
+
+if __name__ == "__main__":
+    render_floor_video(
+        Path(sys.argv[1]), workers=1, progress=lambda done, total: print(f"{done} of {total}", flush=True)
+    )

@@ -1,0 +1,160 @@
+"""`roomfix evaluate-video`: a map of a plain video of four minutes through a rendered storey, and what it takes."""
+
+from __future__ import annotations
+
+import resource
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from app.commands.console import progress_bars
+from app.engine.progress import Progress
+from app.importers.frames import DepthFormat, Frame, Scan
+from app.services.resources import cap_threads, open_models
+from app.settings import Settings
+from bench.figures.shown import FiguresTitle, Shown
+from bench.formats.evaluate import FormatQueries
+from bench.unposed.evaluate import Sent, UnposedResult, evaluate_unposed
+from bench.unposed.inputs import write_video
+
+if TYPE_CHECKING:
+    from bench.recordings.floor_video import FloorVideo
+
+DEFAULT_DIR = Path(".roomfix/floor-video")
+KB_PER_GB = 1e6
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(slots=True)
+class WatchedProgress:
+    """Passes reports on, and notes the longest time without one, and in which stage that was."""
+
+    inner: Progress
+    stage: str = "start"
+    longest_s: float = 0.0
+    longest_in: str = "start"
+    _last: float = field(default_factory=time.perf_counter)
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Note a report."""
+        now = time.perf_counter()
+        if now - self._last > self.longest_s:
+            self.longest_s, self.longest_in = now - self._last, self.stage
+        self._last, self.stage = now, stage
+        self.inner.report(stage, done, total)
+
+
+def evaluate_video(
+    folder: Annotated[Path, typer.Option(help="Where the rendered video is, or is made.")] = DEFAULT_DIR,
+    seconds: Annotated[float, typer.Option(min=10, help="Length of the video that is sent.")] = 240.0,
+    figures_title: FiguresTitle = None,
+) -> None:
+    """Build a map of a plain video of a rendered storey, a marker at its start, and locate phone pictures in it."""
+    from bench.recordings.floor_video import FPS, MARKER_SIDE_M, render_floor_video
+
+    cap_threads()
+    with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
+        video = render_floor_video(
+            folder,
+            frames=round(seconds * FPS),
+            workers=1,
+            progress=lambda done, total: progress.report("render", done, total),
+        )
+        truth, queries = _scan_of(video), _queries_of(video)
+        path = folder / "video.mp4"
+        if not path.is_file():
+            write_video(truth, path, FPS)
+        sent = Sent(
+            name="video, marker at the start",
+            path=path,
+            options={"format": "video", "scale": {"marker_m": MARKER_SIDE_M}},
+            is_rigid=True,
+        )
+        watched = WatchedProgress(progress)
+        models = open_models(Settings())
+        result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, folder)
+    shown = Shown()
+    shown.table(_map_table(result, watched, len(truth.frames) / FPS))
+    shown.table(_answer_table(result))
+    shown.write("evaluate-video", figures_title)
+
+
+def _scan_of(video: FloorVideo) -> Scan:
+    from bench.recordings.floor_video import FPS
+    from bench.recordings.scan import SCAN_CAMERA
+
+    frames = tuple(
+        Frame(path.name, number / FPS, path, path, pose)
+        for number, (path, pose) in enumerate(zip(video.frames, video.world_from_camera, strict=True))
+    )
+    return Scan(
+        camera=SCAN_CAMERA, frames=frames, discarded={}, depth=DepthFormat(scale=1000.0), has_depth=False
+    )
+
+
+def _queries_of(video: FloorVideo) -> FormatQueries:
+    frames = tuple(Frame(q.name, 0.0, q.path, q.path, q.world_from_camera) for q in video.queries)
+    scan = Scan(
+        camera=video.queries[0].camera,
+        frames=frames,
+        discarded={},
+        depth=DepthFormat(scale=1000.0),
+        has_depth=False,
+    )
+    return FormatQueries(scan, frames)
+
+
+def _map_table(result: UnposedResult, watched: WatchedProgress, length_s: float) -> Table:
+    columns = (
+        "video s",
+        "pictures",
+        "chosen",
+        "connected",
+        "other parts",
+        "focal px",
+        "scale %",
+        "trajectory cm",
+        "up deg",
+        "build s",
+        "peak GB",
+        "longest s without a report",
+    )
+    report = result.report
+    table = Table(*columns, title="The map, after one rigid alignment")
+    table.add_row(
+        f"{length_s:.0f}",
+        *(str(report[name]) for name in ("pictures", "chosen", "connected")),
+        ", ".join(str(part["frames"]) for part in report["other_parts"]) or "none",
+        f"{result.camera.focal_px:.1f}",
+        "no scale" if result.scale_error is None else f"{100 * result.scale_error:+.2f}",
+        f"{result.trajectory_cm:.1f}",
+        "not found" if result.up_error_deg is None else f"{result.up_error_deg:.1f}",
+        f"{result.build_s:.0f}",
+        f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KB_PER_GB:.1f}",
+        f"{watched.longest_s:.0f} ({watched.longest_in})",
+    )
+    return table
+
+
+def _answer_table(result: UnposedResult) -> Table:
+    summary = result.summary
+    cells = {
+        "keyframes": result.keyframes,
+        "pictures": summary.queries,
+        "located %": summary.located_percent,
+        "within 25 cm %": summary.within_25cm_percent,
+        "median cm": summary.median_cm or "none",
+        "p90 cm": summary.p90_cm or "none",
+        "median deg": summary.median_deg or "none",
+        "wrong by over 0.5 m %": summary.gross_percent,
+        "over 1 m %": summary.over_1m_percent,
+    }
+    table = Table(*cells, title="Phone pictures near the walk, by the map's own scale")
+    table.add_row(*(str(value) for value in cells.values()))
+    return table
