@@ -51,7 +51,11 @@ def _needs_picture(schema: dict[str, Any]) -> None:
     """Say in a schema of version 2 that there is a camera reading."""
     schema["required"] = ["cameraReadings"]
     listed = schema["properties"]["cameraReadings"]
-    schema["properties"]["cameraReadings"] = {**listed.pop("anyOf")[0], "title": listed["title"], "minItems": 1}
+    schema["properties"]["cameraReadings"] = {
+        **listed.pop("anyOf")[0],
+        "title": listed["title"],
+        "minItems": 1,
+    }
 
 
 Degrees = Annotated[float, Field(allow_inf_nan=False)]
