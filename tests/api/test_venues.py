@@ -49,6 +49,13 @@ def test_venues_come_change_and_go(empty: Server) -> None:
     assert client.get("/venues/b-2.x_Y").json() == created.json()
 
 
+def test_an_id_that_is_none_is_described_in_words(empty: Server) -> None:
+    refused = empty.client.post("/venues", json={"id": "Mein Büro", "name": "Büro"})
+    assert assert_problem(refused, 422, "invalid_request").startswith(
+        "id: An id has 1 to 64 letters from A to Z"
+    )
+
+
 def test_the_address_of_imports_is_no_venues(empty: Server) -> None:
     created = empty.client.post("/venues", json={"id": "import", "name": "Imports"})
     assert "/venues/import is the address where venues are imported" in assert_problem(

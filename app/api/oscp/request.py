@@ -60,7 +60,7 @@ def _needs_picture(schema: dict[str, Any]) -> None:
 
 Degrees = Annotated[float, Field(allow_inf_nan=False)]
 # The protocol says milliseconds since 1970; clients of version 1 send ISO 8601 too.
-Timestamp = float | str | None
+Timestamp = int | float | str | None
 
 
 class CameraParameters(BaseModel):
