@@ -41,7 +41,13 @@ REQUEST: dict[str, Any] = {
 ONE_PICTURE: dict[str, Any] = {
     "contains": {
         "type": "object",
-        "properties": {"reading": {"type": "object", "required": ["imageBytes"]}},
+        "properties": {
+            "reading": {
+                "type": "object",
+                "properties": {"imageBytes": {"type": "string"}},
+                "required": ["imageBytes"],
+            }
+        },
         "required": ["reading"],
     }
 }
