@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+# As browsers write it in the header `Origin`; of apps in a web view too, such as capacitor://localhost.
+ORIGIN = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://[^/?#\s\"']+")
 
 
 class Settings(BaseSettings):
@@ -105,6 +109,17 @@ class Settings(BaseSettings):
         le=100,
         description="Largest standard deviation of an answer's position in metres; default: see docs/limits.md.",
     )
+
+    @field_validator("cors_origins")
+    @classmethod
+    def _are_origins(cls, text: str) -> str:
+        for origin in filter(None, (part.strip() for part in text.split(","))):
+            if origin != "*" and not ORIGIN.fullmatch(origin):
+                raise ValueError(
+                    f"{origin} is no origin: write scheme://host or scheme://host:port, without a slash after it and "
+                    "without quotes, separated by commas"
+                )
+        return text
 
     @property
     def allowed_origins(self) -> tuple[str, ...]:

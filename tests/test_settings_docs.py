@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from app.commands.console import settings_from
+from app.errors import InvalidInputError
 from app.settings import Settings
 
 PAGE = (Path(__file__).parents[1] / "docs" / "settings.md").read_text(encoding="utf-8")
@@ -30,3 +32,12 @@ def test_no_row_is_of_a_setting_that_is_gone() -> None:
     named = {re.findall(r"`ROOMFIX_(\w+)`", row)[0].lower() for row in ROWS}
     assert named == set(Settings.model_fields)
     assert len(ROWS) == len(Settings.model_fields)
+
+
+def test_a_setting_that_can_not_be_used_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROOMFIX_PORT", "http")
+    monkeypatch.setenv("ROOMFIX_CORS_ORIGINS", "https://app.example/")
+    with pytest.raises(InvalidInputError) as refused:
+        settings_from()
+    assert "ROOMFIX_PORT: Input should be a valid integer" in str(refused.value)
+    assert "ROOMFIX_CORS_ORIGINS: https://app.example/ is no origin" in str(refused.value)

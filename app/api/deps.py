@@ -19,6 +19,9 @@ from app.services.wiring import Services
 from app.storage.keys import Scope
 
 ID_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+ID_IN_WORDS = (
+    "An id has 1 to 64 letters from A to Z, digits, '_', '.' or '-', and begins with a letter or digit"
+)
 # Where a request's scope holds who calls, and the headers that its answer gets.
 CALLER = "roomfix.caller"
 EXTRA_HEADERS = "roomfix.headers"

@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from app import errors
+from app.api.deps import ID_IN_WORDS, ID_PATTERN
 from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
@@ -165,4 +166,7 @@ def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None
 
 def _field(entry: Any) -> dict[str, str]:
     place = ".".join(str(part) for part in entry["loc"] if part != "body")
-    return {"field": place or "body", "message": str(entry["msg"])}
+    message = str(entry["msg"])
+    if entry["type"] == "string_pattern_mismatch" and entry["ctx"]["pattern"] == ID_PATTERN:
+        message = ID_IN_WORDS
+    return {"field": place or "body", "message": message}

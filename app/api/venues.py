@@ -7,6 +7,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from starlette.routing import Match
+from starlette.types import Scope
 
 from app.api.bodies.earth import ORIGIN, OriginBody
 from app.api.bodies.geojson import MEDIA_TYPE, VENUE_EXAMPLE, GeoJsonResponse, VenueFeatureCollection
@@ -20,6 +22,7 @@ from app.api.schemas import problems
 from app.services.plans.earth_geojson import digest_of, venue_geojson
 from app.storage.sweep import discard_blobs, venue_blobs
 from app.storage.venues import (
+    RESERVED_IDS,
     Venue,
     create_venue,
     delete_venue,
@@ -29,7 +32,19 @@ from app.storage.venues import (
     rename_venue,
 )
 
-router = APIRouter(prefix="/venues", tags=["venues"], route_class=ContractRoute)
+
+class VenueRoute(ContractRoute):
+    """A route of a venue's own address: a reserved id there is the address of another route."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Return whether the route serves a request."""
+        match, found = super().matches(scope)
+        if found.get("path_params", {}).get("venue") in RESERVED_IDS:
+            return Match.NONE, {}
+        return match, found
+
+
+router = APIRouter(prefix="/venues", tags=["venues"], route_class=VenueRoute)
 Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters)]
 
 
@@ -40,7 +55,7 @@ class NewVenue(RequestBody):
         json_schema_extra={"example": {"id": "museum", "name": "City museum", "origin": ORIGIN}}
     )
 
-    id: str = Field(pattern=ID_PATTERN)
+    id: str = Field(pattern=ID_PATTERN, json_schema_extra={"not": {"enum": list(RESERVED_IDS)}})
     name: Name
     origin: OriginBody | None = Field(None, description="Where on Earth it lies")
 
@@ -49,7 +64,10 @@ class VenueChange(RequestBody):
     """What can be changed of a venue; what is left out stays as it is."""
 
     model_config = ConfigDict(
-        json_schema_extra={"example": {"name": "City museum, new wing", "origin": ORIGIN}}
+        json_schema_extra={
+            "example": {"name": "City museum, new wing", "origin": ORIGIN},
+            "minProperties": 1,
+        }
     )
 
     name: Name = ""

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from numpy.typing import NDArray
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -33,8 +35,20 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print JSON instead of a 
 
 
 def settings_from(**given: Any) -> Settings:
-    """Return the settings, with the options that were given in place of the environment's."""
-    return Settings(**{name: value for name, value in given.items() if value is not None})
+    """Return the settings, with the options that were given in place of the environment's.
+
+    Raises `InvalidInputError` that names each setting that can't be used.
+    """
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        raise InvalidInputError(" ".join(map(_setting_in_words, error.errors()))) from None
+
+
+def _setting_in_words(error: ErrorDetails) -> str:
+    # Without the value, which may be a key.
+    name = "_".join(map(str, error["loc"])).upper()
+    return f"ROOMFIX_{name}: {error['msg'].removeprefix('Value error, ')}."
 
 
 class BarProgress:

@@ -16,14 +16,14 @@ from app.services.resources import Resources
 
 def export_plan(
     venue: Annotated[str, typer.Argument(help="The venue.")],
+    output: Annotated[Path, typer.Option(help="The zip to write.")],
     origin: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="longitude,latitude[,rotation_deg] of (0, 0) on the lowest floor's plan; rotation is how far east "
-            "lies counter-clockwise from plan x."
+            "lies counter-clockwise from plan x. Without it the venue's own origin."
         ),
-    ],
-    output: Annotated[Path, typer.Option(help="The zip to write.")],
+    ] = None,
     format_name: Annotated[str, typer.Option("--format", help="imdf.")] = "imdf",
     category: Annotated[str, typer.Option(help="IMDF's category of the venue.")] = "businesscampus",
     address: Annotated[str, typer.Option(help="Street and number.")] = "unknown",
@@ -40,7 +40,8 @@ def export_plan(
     )
     resources = Resources.open(settings_from(data_dir=data_dir))
     try:
-        counts = export_imdf(resources, venue, frame_of(origin), output, details)
+        frame = None if origin is None else frame_of(origin)
+        counts = export_imdf(resources, venue, frame, output, details)
     finally:
         resources.close()
     shown = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

@@ -11,10 +11,13 @@ from sqlalchemy.exc import IntegrityError
 
 from app.engine.floors.earth import Earth, VenueOrigin
 from app.engine.floors.floor import Floor
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, InvalidInputError, NotFoundError
 from app.storage.db import as_utc, now
 from app.storage.floors import get_floor
 from app.storage.tables import venues
+
+# Ids that no venue may have, since their address `/venues/{id}` is that of something else.
+RESERVED_IDS = ("import",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +31,18 @@ class Venue:
     origin: VenueOrigin | None = None
 
 
+def check_id(venue_id: str) -> None:
+    """Raise `InvalidInputError` for an id that no venue may have."""
+    if venue_id in RESERVED_IDS:
+        raise InvalidInputError(
+            f"No venue may have the id {venue_id!r}: /venues/{venue_id} is the address where venues are imported. "
+            "Choose another id."
+        )
+
+
 def create_venue(connection: Connection, venue_id: str, name: str) -> Venue:
-    """Add a venue; raises `ConflictError` when the id is taken."""
+    """Add a venue; raises `ConflictError` when the id is taken, `InvalidInputError` when it is reserved."""
+    check_id(venue_id)
     venue = Venue(venue_id, name, now(), None)
     try:
         connection.execute(insert(venues).values(id=venue.id, name=venue.name, created_at=venue.created_at))

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from app.settings import Settings
 from tests.scenes import CAMERA_TEXT, View, encode, scan_files, zipped
 from tests.server import QUICK, Server, assert_problem, running
 
@@ -44,6 +46,19 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         )
         assert answer.status_code == 200, answer.text
         yield server
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["https://app.example/", '["https://app.example"]', "app.example", "https://a.example https://b.example"],
+)
+def test_origins_that_no_page_has_are_refused_when_the_server_starts(text: str) -> None:
+    with pytest.raises(ValidationError, match="is no origin: write scheme://host"):
+        Settings(_env_file=None, cors_origins=text)
+    found = Settings(
+        _env_file=None, cors_origins="capacitor://localhost, http://[::1]:8000,*"
+    ).allowed_origins
+    assert found == ("capacitor://localhost", "http://[::1]:8000", "*")
 
 
 @pytest.mark.parametrize("path", ["plan", "features"])

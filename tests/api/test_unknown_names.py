@@ -229,3 +229,32 @@ def test_the_name_that_is_most_alike_is_meant() -> None:
     assert probably_meant("fx", known) is None
     assert probably_meant("trajectory", known) is None
     assert probably_meant("", known) is None
+
+
+def test_a_name_that_is_given_too_was_not_meant(server: Server) -> None:
+    pose = {"position": POSITION, "rotation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    form = {"venue": "v", "axes": "arkit", "device_pose": json.dumps(pose)}
+    answer = server.client.post("/locate", data=form, files={"image": b"no picture"})
+    assert assert_problem(answer, 422) == (
+        "device_pose.rotation: this field is not known; there are position, quaternion"
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("/locate", "-F image=@FILE), or the picture alone"),
+        ("/database/build", "-F archive=@FILE)."),
+        ("/venues/v/floors/0/plan", "-F image=@FILE), or the picture alone"),
+    ],
+)
+def test_a_form_that_can_hold_no_file_says_which_can(server: Server, path: str, said: str) -> None:
+    """`curl -d` and `--data-binary` send such a form unless they are told otherwise."""
+    method = "PUT" if path.endswith("plan") else "POST"
+    for content in (b"image=photo.jpg", b"\xff\xd8\xff\xe0JFIF"):
+        answer = server.client.request(
+            method, path, content=content, headers={"Content-Type": "application/x-www-form-urlencoded"}
+        )
+        detail = assert_problem(answer, 422, "invalid_input")
+        assert said in detail
+        assert "send multipart/form-data" in detail

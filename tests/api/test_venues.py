@@ -49,6 +49,26 @@ def test_venues_come_change_and_go(empty: Server) -> None:
     assert client.get("/venues/b-2.x_Y").json() == created.json()
 
 
+def test_an_id_that_is_none_is_described_in_words(empty: Server) -> None:
+    refused = empty.client.post("/venues", json={"id": "Mein Büro", "name": "Büro"})
+    assert assert_problem(refused, 422, "invalid_request").startswith(
+        "id: An id has 1 to 64 letters from A to Z"
+    )
+
+
+def test_the_address_of_imports_is_no_venues(empty: Server) -> None:
+    created = empty.client.post("/venues", json={"id": "import", "name": "Imports"})
+    assert "/venues/import is the address where venues are imported" in assert_problem(
+        created, 422, "invalid_input"
+    )
+    for method in ("GET", "PATCH", "DELETE"):
+        refused = empty.client.request(method, "/venues/import")
+        assert_problem(refused, 405, "method_not_allowed")
+        assert refused.headers["allow"] == "POST"
+    assert empty.client.put("/venues/imports").headers["allow"] == "DELETE, GET, PATCH"
+    assert empty.client.post("/venues", json={"id": "imports", "name": "Imports"}).status_code == 201
+
+
 @pytest.mark.parametrize(
     "body",
     [

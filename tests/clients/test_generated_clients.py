@@ -25,6 +25,14 @@ MODULES = Path(os.environ.get("ROOMFIX_TEST_NODE_MODULES", CLIENTS / "typescript
 # A folder in which `pip install --target` has put openapi-python-client, which wants other versions than the server.
 GENERATOR = Path(os.environ.get("ROOMFIX_TEST_PYTHON_GENERATOR", CLIENTS / "python" / ".generator"))
 
+IMPORT_ALL = """
+import importlib, pathlib
+found = [path for path in pathlib.Path("client/api").rglob("*.py") if path.name != "__init__.py"]
+assert len(found) > 40
+for path in found:
+    importlib.import_module(".".join(path.with_suffix("").parts))
+"""
+
 
 def needs(path: Path, package: str) -> pytest.MarkDecorator:
     return pytest.mark.skipif(not path.exists(), reason=f"{package} is not installed; .ci/run says how")
@@ -114,4 +122,5 @@ def test_openapi_python_client_leaves_nothing_out(folder: Path, document: dict[s
         assert answers, module
         for status, value in answers:
             assert status == "204" or not value.startswith(("cast(Any", "response.json()")), module
+    run(folder, sys.executable, "-c", IMPORT_ALL, PYTHONPATH=str(GENERATOR))
     shutil.rmtree(folder / "client")

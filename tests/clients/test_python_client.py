@@ -112,6 +112,25 @@ def test_a_bad_frame_of_a_stream_is_answered_and_the_stream_goes_on(site: Site) 
     assert (good["tracking"], good["axes"], good["received"]) == ("tracking", "arkit", 2)
 
 
+def test_a_stream_ends_with_its_frames_however_late_they_end(site: Site) -> None:
+    async def frames(error: Exception | None) -> Any:
+        yield Frame(site.folder / "photo.jpg")
+        # The answer is there before the camera says that this was all.
+        await asyncio.sleep(2.0)
+        if error is not None:
+            raise error
+
+    async def ask(error: Exception | None) -> list[Any]:
+        async with AsyncRoomfix(site.url, site.names["KEY"]) as server:
+            session = await server.create_session("museum", camera=site.names["CAMERA"])
+            stream = server.stream(session["session"], frames(error))
+            return [answer["received"] async for answer in stream]
+
+    assert asyncio.run(asyncio.wait_for(ask(None), 30)) == [1]
+    with pytest.raises(RuntimeError, match="lens cap"):
+        asyncio.run(asyncio.wait_for(ask(RuntimeError("lens cap")), 30))
+
+
 def test_a_build_that_fails_is_an_error(site: Site, tmp_path: Path) -> None:
     (tmp_path / "scan.zip").write_bytes(b"no archive")
     with Roomfix(site.url, site.names["ADMIN_KEY"]) as server:

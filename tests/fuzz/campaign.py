@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import subprocess
 import sys
+import time
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +19,7 @@ import httpx
 import numpy as np
 
 from tests.api.key_rows import ANCHOR, CAMERA, FLOOR, VENUE
-from tests.live_server import serving
+from tests.live_server import ROOT, serving
 
 ADMIN_KEY = "the-key-of-the-settings-0123456789"
 CONFIG = Path(__file__).with_name("schemathesis.toml")
@@ -28,6 +32,7 @@ class Target:
     url: str
     log: Path
     keys: dict[str, str | None]
+    build: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +66,20 @@ def target(folder: Path) -> Iterator[Target]:
             for scope in ("locate", "anchor"):
                 made = client.post("/keys", json={"name": scope, "scope": scope})
                 keys[scope] = made.json()["text"]
-        yield Target(server.url, server.log, keys)
+            build = ended_build(client)
+        yield Target(server.url, server.log, keys, build)
+
+
+def ended_build(client: httpx.Client) -> str:
+    """Return the id of a build that has failed, since its archive holds no scan."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        archive.writestr("rgb.txt", "no scan")
+    sent = client.post("/database/build", data={"venue": VENUE}, files={"archive": data.getvalue()})
+    build = str(sent.raise_for_status().json()["build"])
+    while client.get(f"/database/builds/{build}").json()["state"] != "failed":
+        time.sleep(0.2)
+    return build
 
 
 def attack(
@@ -69,16 +87,19 @@ def attack(
 ) -> Outcome:
     """Make `cases` requests per operation in each of the phases, with all checks on every answer."""
     report = folder / f"{key.replace(' ', '-')}.json"
+    config = folder / CONFIG.name
+    config.write_text(CONFIG.read_text(encoding="utf-8").replace("BUILD", target.build), encoding="utf-8")
     text = target.keys[key]
     command = [
         str(Path(sys.executable).with_name("schemathesis")),
-        *("--config-file", str(CONFIG), "run", f"{target.url}/openapi.json", "--checks", "all"),
+        *("--config-file", str(config), "run", f"{target.url}/openapi.json", "--checks", "all"),
         *("--max-examples", str(cases), "--phases", phases, "--no-color"),
         *("--report", "json", "--report-json-path", str(report)),
         *(() if seed is None else ("--seed", str(seed))),
         *(() if text is None else ("--header", f"Authorization: Bearer {text}")),
     ]
-    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
     assert report.is_file(), ran.stdout + ran.stderr
     found: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
     failures = {f"{group['code']} {group['title']}": group["operations"] for group in found["failures"]}

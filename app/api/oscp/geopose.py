@@ -145,7 +145,9 @@ def _image(picture: Picture) -> bytes:
     try:
         data = base64.b64decode("".join(picture.imageBytes.split()), validate=True)
     except (binascii.Error, ValueError):
-        raise InvalidInputError("imageBytes is not base64.") from None
+        raise InvalidInputError(
+            "imageBytes must be base64 alone, without a prefix such as data:image/jpeg;base64, before it."
+        ) from None
     kind = picture.imageFormat.upper()
     if kind == "DEPTH":
         raise InvalidInputError("A depth image alone can't be located: send a picture.")

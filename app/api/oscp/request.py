@@ -37,9 +37,36 @@ REQUEST: dict[str, Any] = {
     "priorPoses": [],
 }
 
+# A request without a picture is refused in words of its own; the schema says that it holds one.
+ONE_PICTURE: dict[str, Any] = {
+    "contains": {
+        "type": "object",
+        "properties": {
+            "reading": {
+                "type": "object",
+                "properties": {"imageBytes": {"type": "string"}},
+                "required": ["imageBytes"],
+            }
+        },
+        "required": ["reading"],
+    }
+}
+
+
+def _needs_picture(schema: dict[str, Any]) -> None:
+    """Say in a schema of version 2 that there is a camera reading."""
+    schema["required"] = ["cameraReadings"]
+    listed = schema["properties"]["cameraReadings"]
+    schema["properties"]["cameraReadings"] = {
+        **listed.pop("anyOf")[0],
+        "title": listed["title"],
+        "minItems": 1,
+    }
+
+
 Degrees = Annotated[float, Field(allow_inf_nan=False)]
 # The protocol says milliseconds since 1970; clients of version 1 send ISO 8601 too.
-Timestamp = float | str | None
+Timestamp = int | float | str | None
 
 
 class CameraParameters(BaseModel):
@@ -54,7 +81,9 @@ class CameraParameters(BaseModel):
 class ImageOrientation(BaseModel):
     """How the sensor lies in the device."""
 
-    mirrored: bool = False
+    mirrored: bool = Field(
+        False, description="A mirrored picture can't be located", json_schema_extra={"const": False}
+    )
     rotation: float = Field(0.0, description="Not used: the pose is that of the picture as it is sent")
 
 
@@ -99,6 +128,8 @@ class GeolocationReading(Geolocation):
 class SensorReadings(BaseModel):
     """The readings of version 2, by kind."""
 
+    model_config = ConfigDict(json_schema_extra=_needs_picture)
+
     cameraReadings: list[CameraReading] | None = None
     geolocationReadings: list[GeolocationReading] | None = None
 
@@ -128,7 +159,7 @@ class GeoPoseRequest(BaseModel):
     timestamp: Timestamp = None
     type: str = "geopose"
     sensors: list[Sensor] = []
-    sensorReadings: SensorReadings | list[SensorReading]
+    sensorReadings: SensorReadings | Annotated[list[SensorReading], Field(json_schema_extra=ONE_PICTURE)]
     priorPoses: list[GeoPoseResponse] | None = None
 
     @property

@@ -38,7 +38,7 @@ class GeoPoseResponse(BaseModel):
     model_config = ConfigDict(json_schema_extra={"example": RESPONSE})
 
     id: str = Field(description="That of the request")
-    timestamp: float | str | None = Field(None, description="Of the answer: milliseconds since 1970")
+    timestamp: int | float | str | None = Field(None, description="Of the answer: milliseconds since 1970")
     type: str = "geopose"
     accuracy: GeoPoseAccuracy | None = None
     geopose: BasicQuaternion

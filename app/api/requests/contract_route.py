@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,8 +27,10 @@ from app.api.requests.form_request import (
 )
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
+from app.errors import InvalidInputError
 
-FORM_MEDIA_TYPES = ("multipart/form-data", "application/x-www-form-urlencoded")
+URLENCODED = "application/x-www-form-urlencoded"
+FORM_MEDIA_TYPES = ("multipart/form-data", URLENCODED)
 GEOJSON_MEDIA_TYPE = "application/geo+json"
 
 
@@ -104,6 +106,8 @@ def summary_of(endpoint: Callable[..., Any]) -> str:
 async def refuse_unknown_names(request: Request) -> None:
     """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant."""
     declared = request.scope["route"].declared
+    if declared.files and declared.media_types == FORM_MEDIA_TYPES:
+        refuse_form_without_files(declared, request)
     # A picture that is the body itself has the fields of its form in the query.
     is_raw_form = takes_picture(declared) and is_raw(request.headers)
     errors = [] if is_raw_form else _query_errors(declared, request)
@@ -117,6 +121,16 @@ async def refuse_unknown_names(request: Request) -> None:
         if form is not None:
             await form.close()
         raise RequestValidationError(errors)
+
+
+def refuse_form_without_files(declared: DeclaredNames, request: Request) -> None:
+    """Raise `InvalidInputError` for the one kind of form that can't hold a file; it is what `curl -d` sends."""
+    if media_type(request.headers) == URLENCODED:
+        name = "archive" if "archive" in declared.files else min(declared.files)
+        raw = ", or the picture alone with its own Content-Type" if takes_picture(declared) else ""
+        raise InvalidInputError(
+            f"A form of {URLENCODED} can't hold a file: send multipart/form-data (curl: -F {name}=@FILE){raw}."
+        )
 
 
 def takes_picture(declared: DeclaredNames) -> bool:
@@ -208,13 +222,13 @@ def _keys(body: bytes) -> list[str]:
 
 
 def _errors(
-    place: str, kind: str, given: Iterable[str], known: Mapping[str, Known], others: Mapping[str, Known]
+    place: str, kind: str, given: Collection[str], known: Mapping[str, Known], others: Mapping[str, Known]
 ) -> list[dict[str, Any]]:
     return [
         {
             "type": "unknown_name",
             "loc": (place, shown(name)),
-            "msg": refusal(name, known, others, kind),
+            "msg": refusal(name, known, others, kind, given),
             "input": None,
         }
         for name in unknown_names(given, known)

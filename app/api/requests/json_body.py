@@ -32,7 +32,9 @@ class RequestBody(BaseModel):
         }
         errors = [
             InitErrorDetails(
-                type=PydanticCustomError("unknown_name", "{message}", {"message": refusal(name, known, {})}),
+                type=PydanticCustomError(
+                    "unknown_name", "{message}", {"message": refusal(name, known, {}, given=values)}
+                ),
                 loc=(shown(name),),
                 input=None,
             )

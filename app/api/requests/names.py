@@ -77,12 +77,20 @@ def probably_meant(name: str, known: Mapping[str, Known]) -> str | None:
     return next((entry.written for entry in known.values() if word.search(entry.description)), None)
 
 
-def refusal(name: str, known: Mapping[str, Known], others: Mapping[str, Known], kind: str = "field") -> str:
+def refusal(
+    name: str,
+    known: Mapping[str, Known],
+    others: Mapping[str, Known],
+    kind: str = "field",
+    given: Iterable[object] = (),
+) -> str:
     """Return what is said of an unknown name.
 
-    `known` are the names that could stand in its place, `others` those that belong elsewhere in the request.
+    `known` are the names that could stand in its place, `others` those that belong elsewhere in the request; those that
+    are `given` too were not meant.
     """
-    meant = probably_meant(name, {**others, **known})
+    left = {key: entry for key, entry in {**others, **known}.items() if key not in set(given)}
+    meant = probably_meant(name, left)
     if meant is not None:
         return f"this {kind} is not known; did you mean {meant}?"
     if not known:
@@ -96,7 +104,7 @@ def refuse_unknown_keys(values: object, known: Mapping[str, Known], place: str =
         return
     for name in unknown_names(values, known):
         path = f"{place}.{shown(name)}" if place else shown(name)
-        raise InvalidInputError(f"{path}: {refusal(name, known, {})}")
+        raise InvalidInputError(f"{path}: {refusal(name, known, {}, given=values)}")
 
 
 def _plain(name: str) -> str:

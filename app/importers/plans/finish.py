@@ -126,10 +126,11 @@ def _add_landmarks(sketch: Sketch) -> None:
         if _place_in(sketch, room, reach_m=0.0) is None:
             point = _middle(room, sketch.lines)
             name = room.name or MODE_WORDS[room.mode or "stairs"]
-            sketch.places.append(Place(x=point.x, y=point.y, name=name))
+            sketch.places.append(Place(x=point.x, y=point.y, name=name, category=room.category))
     for door in sketch.doors:
         if door.is_entrance or (door.name and shared_rooms(sketch.rooms, door) == 1):
-            sketch.places.append(Place(x=door.x, y=door.y, name=door.name or "Entrance"))
+            name = door.name or "Entrance"
+            sketch.places.append(Place(x=door.x, y=door.y, name=name, category="entrance"))
 
 
 def _middle(room: Room, lines: Sequence[Line]) -> shapely.Point:
@@ -211,8 +212,9 @@ def _add_place(sketch: Sketch, point: Points, word: str) -> None:
     if any(np.hypot(place.x - x, place.y - y) <= OPTIONS.same_point_m for place in sketch.places):
         return
     around = [room for room in sketch.rooms if room.name and room.polygon.intersects(shapely.Point(x, y))]
-    name = min(around, key=lambda room: room.polygon.area).name if around else None
-    sketch.places.append(Place(x=x, y=y, name=name or word))
+    room = min(around, key=lambda room: room.polygon.area, default=None)
+    name, category = (word, None) if room is None else (room.name or word, room.category)
+    sketch.places.append(Place(x=x, y=y, name=name, category=category))
 
 
 def _loose_ends(lines: Sequence[Points], places: Points) -> Iterator[Points]:
@@ -231,7 +233,9 @@ class _LandmarkIds:
 
     def __init__(self, sketch: Sketch) -> None:
         taken = {place.id for place in sketch.places if place.id is not None}
-        self.by_place = [place.id or free_id(slug(place.name), taken) for place in sketch.places]
+        self.by_place = [
+            place.id or free_id(slug(place.name, place.category), taken) for place in sketch.places
+        ]
         self._sketch = sketch
 
     def point_in(self, room_id: str) -> tuple[str, tuple[float, float]] | None:
@@ -243,9 +247,16 @@ class _LandmarkIds:
         return self.by_place[self._sketch.places.index(place)], (place.x, place.y)
 
 
-def slug(name: str) -> str:
-    """Return a name as an id."""
-    return re.sub(r"[^a-z0-9]+", "-", transliterated(name).lower()).strip("-") or "place"
+def slug(name: str, category: str | None = None) -> str:
+    """Return an id for a name: its Latin letters and digits, after the category where its letters are others."""
+    words = _words(name)
+    if not re.search("[a-z]", words) and (not words or any(map(str.isalpha, name))):
+        words = "-".join(filter(None, (_words(category or ""), words)))
+    return words or "place"
+
+
+def _words(text: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", transliterated(text).lower()).strip("-")
 
 
 def geojson_feature(kind: str, geometry: Any, /, **properties: object) -> GeoJson:

@@ -81,13 +81,15 @@ class Door:
 
 @dataclass(slots=True, kw_only=True)
 class Place:
-    """A named point in plan metres; an id is made from the name where there is none."""
+    """A named point in plan metres; an id is made from the name where there is none, with the category where the name
+    has no Latin letters."""
 
     x: float
     y: float
     name: str
     id: str | None = None
     kind: str = "landmark"
+    category: str | None = None
     properties: GeoJson = field(default_factory=dict)
 
 

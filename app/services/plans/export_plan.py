@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.floors.earth import Earth
 from app.engine.floors.floor import Floor
 from app.errors import InvalidInputError
-from app.importers.plans.frame import Frame
+from app.importers.plans.frame import Frame, frame_from_json
 from app.importers.plans.imdf.names import EXTENSION, VERSION
 from app.services.plans.imdf_features import ImdfWriter, PlacedFloor
 from app.services.resources import Resources
 from app.storage.floors import get_features, list_floors
-from app.storage.venues import get_venue
+from app.storage.venues import earth_of, get_venue
 
 # An archive holds each of these files, empty where there is nothing of its type.
 FILES = ("address", "venue", "building", "footprint", "level", "unit", "amenity", "opening", "relationship")
@@ -36,23 +37,26 @@ class ImdfDetails:
 
 
 def export_imdf(
-    resources: Resources, venue_id: str, frame: Frame, output: Path, details: ImdfDetails
+    resources: Resources, venue_id: str, frame: Frame | None, output: Path, details: ImdfDetails
 ) -> dict[str, int]:
     """Write the archive and return how many features of each type it holds.
 
-    `frame` is where (0, 0) of the lowest floor's plan lies; other floors lie above it by their `plan_from_world`, or
-    at the same plan coordinates where that is not known. Raises `NotFoundError` and `InvalidInputError`.
+    `frame` is where (0, 0) of the lowest floor's plan lies, None for the venue's own origin; other floors lie above it
+    by their `plan_from_world`, or at the same plan coordinates where that is not known. Raises `NotFoundError`, and
+    `InvalidInputError` for a venue that has no origin either.
     """
     with resources.database.read() as connection:
         venue = get_venue(connection, venue_id)
         floors = list_floors(connection, venue_id)
+        earth = earth_of(connection, venue_id, floors)
         collections = [get_features(connection, venue_id, floor.id).collection for floor in floors]
     if not floors:
         raise InvalidInputError(f"Venue {venue_id!r} has no floor to export.")
     if len({floor.level for floor in floors}) != len(floors):
         raise InvalidInputError("Two floors have the same level; IMDF tells floors apart by it.")
+    lowest_frame = frame or _own_frame(earth, floors[0])
     placed = [
-        PlacedFloor(floor, _frame_of(floor, floors[0], frame), collection)
+        PlacedFloor(floor, _frame_of(floor, floors[0], lowest_frame), collection)
         for floor, collection in zip(floors, collections, strict=True)
     ]
     types = ImdfWriter(venue_id, venue.name, details.language).write(
@@ -60,6 +64,16 @@ def export_imdf(
     )
     _write_zip(output, types, details.language)
     return {kind: len(types[kind]) for kind in FILES}
+
+
+def _own_frame(earth: Earth | None, lowest: Floor) -> Frame:
+    """Return the frame of the lowest floor's plan by the venue's origin; raises `InvalidInputError`."""
+    frame = None if earth is None else frame_from_json(earth.plan_origin(lowest))
+    if frame is None:
+        raise InvalidInputError(
+            "The venue has no place on Earth: give --origin longitude,latitude[,rotation_deg], or set its origin."
+        )
+    return frame
 
 
 def _frame_of(floor: Floor, lowest: Floor, frame: Frame) -> Frame:

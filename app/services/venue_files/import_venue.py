@@ -40,7 +40,7 @@ from app.storage.floors import get_floor, put_floor, set_features, set_plan_imag
 from app.storage.map_files import MapFiles
 from app.storage.maps import KeyframeImages, MapVersion, add_map
 from app.storage.sweep import discard_blobs
-from app.storage.venues import Venue, create_venue, get_venue, place_venue, set_active_map
+from app.storage.venues import Venue, check_id, create_venue, get_venue, place_venue, set_active_map
 from app.vision.images import decode_image
 
 # Raises for statistics of a map that can't be shown.
@@ -85,6 +85,7 @@ def import_venue(
     archive = members(file)
     manifest = _read_manifest(archive)
     venue_id = as_id or manifest.id
+    check_id(venue_id)
     _check_contents(manifest, check_statistics)
     with resources.database.read() as connection:
         _refuse_taken(connection, venue_id)

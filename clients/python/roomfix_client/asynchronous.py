@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 from collections.abc import AsyncIterable, AsyncIterator, Mapping
 from os import PathLike
 from types import TracebackType
@@ -74,7 +75,8 @@ class AsyncRoomfix:
     async def stream(self, session: str, frames: AsyncIterable[Frame]) -> AsyncIterator[TrackedFrame]:
         """Send frames as they come and yield the answers; of frames that wait the server answers the newest.
 
-        An answer to a frame that could not be used has `detail` and no `tracking`. Needs the extra `stream`.
+        An answer to a frame that could not be used has `detail` and no `tracking`. It ends when the last frame is
+        answered; what `frames` raises it raises too. Needs the extra `stream`.
         """
         from websockets.asyncio.client import connect
         from websockets.typing import Subprotocol
@@ -83,25 +85,33 @@ class AsyncRoomfix:
         async with connect(
             calls.stream_url(self._url, session), subprotocols=offered, max_size=None
         ) as socket:
-            sent = 0
-            is_sent_all = asyncio.Event()
+            sent = answered = 0
+            is_over = asyncio.Event()
 
             async def send() -> None:
                 nonlocal sent
-                async for frame in frames:
-                    if frame.fields:
-                        await socket.send(json.dumps(dict(frame.fields)))
-                    sent += 1
-                    await socket.send(calls.picture_bytes(frame.picture))
-                is_sent_all.set()
+                try:
+                    async for frame in frames:
+                        if frame.fields:
+                            await socket.send(json.dumps(dict(frame.fields)))
+                        sent += 1
+                        await socket.send(calls.picture_bytes(frame.picture))
+                finally:
+                    is_over.set()
+                    # The loop below would wait for answers that never come.
+                    if answered == sent or sys.exception() is not None:
+                        await socket.close()
 
             sending = asyncio.create_task(send())
             try:
                 async for text in socket:
                     answer = json.loads(text)
+                    answered = answer.get("received", answered)
                     yield cast(TrackedFrame, answer)
-                    if is_sent_all.is_set() and answer.get("received") == sent:
-                        return
+                    if is_over.is_set() and answered == sent:
+                        break
+                if is_over.is_set():
+                    await sending
             finally:
                 sending.cancel()
 

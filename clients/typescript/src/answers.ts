@@ -203,6 +203,23 @@ export interface Build {
   finished_at: string | null;
 }
 
+/** A venue that the key may use; `map_version` is null before its first build. */
+export interface Venue {
+  id: string;
+  name: string;
+  created_at: string;
+  map_version: number | null;
+  origin: Origin | null;
+}
+
+/** A short-lived token for a phone; `key` is the id of the key that made it. */
+export interface CreatedToken {
+  token: string;
+  key: string;
+  venue: string;
+  expires_at: string;
+}
+
 /** What became of a monitoring camera's frame. */
 export interface PushedFrame {
   frame: string;

@@ -1,6 +1,17 @@
 // A client of a Roomfix server for browsers and Node.
 
-import type { Axes, Build, LocateResult, Pose, Problem, PushedFrame, Session, TrackedFrame } from "./answers.js";
+import type {
+  Axes,
+  Build,
+  CreatedToken,
+  LocateResult,
+  Pose,
+  Problem,
+  PushedFrame,
+  Session,
+  TrackedFrame,
+  Venue,
+} from "./answers.js";
 
 export * from "./answers.js";
 
@@ -69,6 +80,16 @@ export class Roomfix {
   /** Locate a picture. */
   locate(picture: Blob, fields: LocateFields = {}): Promise<LocateResult> {
     return this.call("POST", "/locate", () => form(picture, fields));
+  }
+
+  /** Return the venues that the key may use. */
+  venues(): Promise<Venue[]> {
+    return this.call("GET", "/venues");
+  }
+
+  /** Make a short-lived token for a phone, on your own server: a page or app gets the token, never the key. */
+  createToken(venue: string, expiresInS = 3600): Promise<CreatedToken> {
+    return this.call("POST", "/tokens", () => JSON.stringify({ venue, expires_in_s: expiresInS }));
   }
 
   /** Start a session. */

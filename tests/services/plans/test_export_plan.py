@@ -9,20 +9,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 from typer.testing import CliRunner
 
 from app.cli import app as cli
 from app.commands.export_plan import frame_of
+from app.engine.floors.earth import VenueOrigin
 from app.errors import InvalidInputError, NotFoundError
 from app.importers.plans.imdf import names
 from app.services.floor_features import store_features
+from app.services.plans.earth_geojson import venue_geojson
 from app.services.plans.export_plan import ImdfDetails, export_imdf
 from app.services.resources import Resources
 from app.settings import Settings
 from app.storage.floors import put_floor
-from app.storage.venues import create_venue
+from app.storage.venues import create_venue, place_venue
 from tests.services.plans.venues import (
     SOMEWHERE,
     assert_same_features,
@@ -253,3 +256,27 @@ def test_the_command_writes_the_archive(resources: Resources, tmp_path: Path) ->
     assert shown.exit_code == 0, shown.output
     assert "3 level, 4 unit, 4 amenity, 7 relationship" in " ".join(shown.output.split())
     assert contents(target)["venue.geojson"]["features"][0]["properties"]["name"] == {"en": "Kaufhaus 百貨"}
+
+
+def test_without_an_origin_of_its_own_the_archive_lies_where_the_venue_does(
+    resources: Resources, tmp_path: Path
+) -> None:
+    make_venue(resources)
+    target = tmp_path / "own.zip"
+    with pytest.raises(InvalidInputError, match="no place on Earth: give --origin"):
+        export_imdf(resources, "shop", None, target, ImdfDetails())
+    assert not target.exists()
+    origin = VenueOrigin(latitude=47.37, longitude=8.55, height_m=0.0, heading_deg=30.0)
+    with resources.database.write() as connection:
+        place_venue(connection, "shop", origin)
+    export_imdf(resources, "shop", None, target, ImdfDetails())
+    given = tmp_path / "given.zip"
+    export_imdf(resources, "shop", frame_of("8.55,47.37,30"), given, ImdfDetails())
+    own = contents(target)
+    assert {**own, "manifest.json": None} == {**contents(given), "manifest.json": None}
+    # Where a plan point lies by the archive is where it lies by the API.
+    on_earth = venue_geojson(resources, "shop")["features"]
+    door = next(one for one in on_earth if one["id"] == "door")["geometry"]["coordinates"]
+    amenities = own["amenity.geojson"]["features"]
+    written = next(one for one in amenities if one["properties"]["name"] == {"en": "Door"})
+    assert np.abs(np.subtract(written["geometry"]["coordinates"], door)).max() < 1e-9

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from app.cli import app as cli
 from app.engine.navigation.search import Limits
 from app.engine.navigation.survey import survey
-from app.errors import InvalidInputError, NoRouteError
+from app.errors import InvalidInputError, NoRouteError, OffNetworkError
 from app.importers.plans.registry import read_indoor_map
 from app.services.floor_features import FeatureLibrary, stored_features
 from app.services.plans.import_plan import import_indoor_map
@@ -21,9 +21,16 @@ from app.services.routes import RouteService
 from app.settings import Settings
 from app.storage.floors import list_floors, put_floor
 from app.storage.venues import create_venue, list_venues
+from tests.importers.plans.campus_imdf import campus
 from tests.importers.plans.imdf_maps import features, write_imdf
 from tests.importers.plans.wrld_maps import files, path, room, write
-from tests.services.plans.venues import assert_same_features, assert_same_routes, round_trip
+from tests.services.plans.venues import (
+    assert_same_features,
+    assert_same_routes,
+    features_of,
+    floors_of,
+    round_trip,
+)
 
 REAL_BUILDING = Path(__file__).parents[4] / "shared" / "data" / "westport_house"
 
@@ -128,3 +135,29 @@ def test_a_real_building_comes_back_the_same_from_imdf(resources: Resources, tmp
     round_trip(resources, "westport", tmp_path, "again")
     assert assert_same_features(resources, "westport", "again") == 132
     assert assert_same_routes(resources, "westport", "again") == 300
+
+
+def test_a_campus_as_a_university_writes_it_comes_back_the_same(resources: Resources, tmp_path: Path) -> None:
+    folder = write_imdf(tmp_path / "campus", campus())
+    (folder / "manifest.json").unlink()
+    read = read_indoor_map(folder)
+    assert read.left_out == {"attraction": 1, "detail": 1, "enviroment.amenity": 1, "enviroment.area": 1}
+    assert read.name == "Политехнический университет"
+    import_indoor_map(resources, "campus", read)
+    assert [(one[0], one[1], one[2]) for one in floors_of(resources, "campus")] == [
+        ("1", "Этаж 1", 0),
+        ("3", "Этаж 3", 2),
+    ]
+    landmarks = [own for kind, own in features_of(resources, "campus", "1") if kind == "landmark"]
+    assert landmarks == [
+        "stairs", "restroom-female", "classroom-101", "classroom-102", "auditorium-105", "lobby",
+    ]  # fmt: skip
+    route = routes_of(resources).route("campus", "classroom-101", "auditorium-305")
+    assert "stairs" in route.modes
+    assert route.distance_m > 40
+    # The tower has one room and nothing that joins it.
+    with pytest.raises(OffNetworkError):
+        routes_of(resources).route("campus", "classroom-101", "lobby")
+    round_trip(resources, "campus", tmp_path, "again")
+    assert assert_same_features(resources, "campus", "again") == 39
+    assert assert_same_routes(resources, "campus", "again") == 45

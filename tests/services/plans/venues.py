@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from app.engine.navigation.model import Route
-from app.errors import NoRouteError
+from app.errors import NoRouteError, OffNetworkError
 from app.importers.plans.frame import Frame
 from app.importers.plans.registry import read_indoor_map
 from app.services.floor_features import FeatureLibrary, stored_features
@@ -94,7 +94,7 @@ def all_routes(resources: Resources, venue: str, every: int) -> dict[tuple[str, 
     for a, b in islice(combinations(sorted(names), 2), 0, None, every):
         try:
             found[a, b] = service.route(venue, a, b)
-        except NoRouteError:
+        except (NoRouteError, OffNetworkError):
             found[a, b] = None
     return found
 

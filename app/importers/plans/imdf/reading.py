@@ -219,6 +219,7 @@ class _Reader:
                 name=name,
                 id=str(kept["id"]) if "id" in kept else None,
                 kind="poi" if kept.get("kind") == "poi" else "landmark",
+                category=category,
                 properties=kept or {"category": category},
             )
         )

@@ -233,7 +233,8 @@ class _Reader:
         point = shape if isinstance(shape, shapely.Point) else shape.representative_point()
         properties = {} if kind is None else {"category": kind}
         for level in levels:
-            self._sketches[level].places.append(Place(x=point.x, y=point.y, name=name, properties=properties))
+            place = Place(x=point.x, y=point.y, name=name, category=kind, properties=properties)
+            self._sketches[level].places.append(place)
         return True
 
     def _read_door(self, element: Element, levels: Iterable[float], point: shapely.Point) -> None:

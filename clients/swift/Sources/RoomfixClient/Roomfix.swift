@@ -1,4 +1,7 @@
 import Foundation
+#if canImport(FoundationNetworking)
+import FoundationNetworking
+#endif
 
 /// Axes of gravity and poses, in request and answer.
 public enum Axes: String {

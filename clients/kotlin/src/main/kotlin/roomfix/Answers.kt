@@ -25,7 +25,7 @@ data class Plan(
     val y: Double,
     val headingDeg: Double,
     val area: String?,
-    val nearestLandmark: String?,
+    val nearestLandmark: String?
 )
 
 /** Where the camera is, or the reason why that can't be said; `accuracyM` is one sigma of the position. */
@@ -38,7 +38,7 @@ data class LocateResult(
     val accuracyM: Double?,
     val confidence: Double,
     val sessionFromWorld: Pose?,
-    val hints: List<String>,
+    val hints: List<String>
 )
 
 /** What the server refused: its status, a stable code, and a sentence that says what to change. */
@@ -53,7 +53,7 @@ internal fun locateResultOf(json: JSONObject) = LocateResult(
     accuracyM = json.optJSONObject("accuracy")?.getDouble("position_m"),
     confidence = json.getDouble("confidence"),
     sessionFromWorld = json.optJSONObject("session_from_world")?.let(::poseOf),
-    hints = json.getJSONArray("hints").texts(),
+    hints = json.getJSONArray("hints").texts()
 )
 
 private fun poseOf(json: JSONObject): Pose {
@@ -61,7 +61,7 @@ private fun poseOf(json: JSONObject): Pose {
     val q = json.getJSONObject("quaternion")
     return Pose(
         Position(p.getDouble("x"), p.getDouble("y"), p.getDouble("z")),
-        Quaternion(q.getDouble("x"), q.getDouble("y"), q.getDouble("z"), q.getDouble("w")),
+        Quaternion(q.getDouble("x"), q.getDouble("y"), q.getDouble("z"), q.getDouble("w"))
     )
 }
 
@@ -70,7 +70,7 @@ private fun planOf(json: JSONObject) = Plan(
     json.getDouble("y"),
     json.getDouble("heading_deg"),
     json.text("area"),
-    json.text("nearest_landmark"),
+    json.text("nearest_landmark")
 )
 
 private fun JSONObject.text(name: String): String? = if (isNull(name)) null else getString(name)

@@ -32,7 +32,7 @@ class ContentPlacer(private val server: Roomfix, private val venue: String) {
             camera = (k.focalLength + k.principalPoint).map { it.toDouble() },
             gravity = Position(down[0], down[1], down[2]),
             axes = "arcore",
-            devicePose = poseOf(camera.pose),
+            devicePose = poseOf(camera.pose)
         )
         return Shot(jpeg, hints)
     }
@@ -46,7 +46,7 @@ class ContentPlacer(private val server: Roomfix, private val venue: String) {
 
     private fun poseOf(pose: ArPose) = Pose(
         Position(pose.tx().toDouble(), pose.ty().toDouble(), pose.tz().toDouble()),
-        Quaternion(pose.qx().toDouble(), pose.qy().toDouble(), pose.qz().toDouble(), pose.qw().toDouble()),
+        Quaternion(pose.qx().toDouble(), pose.qy().toDouble(), pose.qz().toDouble(), pose.qw().toDouble())
     )
 
     private fun arPoseOf(pose: Pose): ArPose {
@@ -54,7 +54,7 @@ class ContentPlacer(private val server: Roomfix, private val venue: String) {
         val q = pose.quaternion
         return ArPose(
             floatArrayOf(p.x.toFloat(), p.y.toFloat(), p.z.toFloat()),
-            floatArrayOf(q.x.toFloat(), q.y.toFloat(), q.z.toFloat(), q.w.toFloat()),
+            floatArrayOf(q.x.toFloat(), q.y.toFloat(), q.z.toFloat(), q.w.toFloat())
         )
     }
 

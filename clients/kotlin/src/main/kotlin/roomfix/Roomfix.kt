@@ -17,7 +17,7 @@ data class Hints(
     val camera: List<Double>? = null,
     val gravity: Position? = null,
     val axes: String = "arcore",
-    val devicePose: Pose? = null,
+    val devicePose: Pose? = null
 ) {
     internal fun fields(): Map<String, String> {
         val fields = mutableMapOf("axes" to axes)
