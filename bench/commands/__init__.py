@@ -31,4 +31,5 @@ COMMANDS = {
     "trace-query": "bench.commands.trace_query:trace_query",
     "large-maps": "bench.large_maps.command:large_maps",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
+    "upload-bench": "bench.uploads.command:upload_bench",
 }

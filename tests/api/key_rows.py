@@ -58,6 +58,10 @@ BODIES: dict[str, dict[str, Any]] = {
     "POST /tokens": {"json": {"venue": VENUE}},
     "POST /venues": {"json": {"id": "further", "name": "Further"}},
     "PUT /anchors/{camera}": {"json": ANCHOR},
+    "POST /uploads": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Length": "10"}},
+    "HEAD /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
+    "PATCH /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Offset": "0"}},
+    "DELETE /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
 }
 
 
@@ -148,7 +152,7 @@ class Callers:
         key = self.make("locate", VENUE).key.id
         return {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "key": key,
-            "version": "1", "keyframe": "0",
+            "version": "1", "keyframe": "0", "upload": self.state.services.uploads.create(10, VENUE).id,
         }  # fmt: skip
 
     def call(self, call: str, column: str) -> tuple[int, str]:
@@ -164,5 +168,7 @@ class Callers:
                     return 101, ""
             except WebSocketDenialResponse as refused:
                 return refused.status_code, refused.text
-        answer = self.client.request(method, path, headers=headers, **BODIES.get(call, {}))
+        arguments = dict(BODIES.get(call, {}))
+        headers |= arguments.pop("headers", {})
+        answer = self.client.request(method, path, headers=headers, **arguments)
         return answer.status_code, answer.text
