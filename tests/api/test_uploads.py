@@ -5,28 +5,20 @@ from __future__ import annotations
 import base64
 import os
 import shutil
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-import uvicorn
 
-from app.commands.connections import connection_options
 from app.commands.uploads.client import begin_upload, send_file
 from app.errors import InvalidInputError, RoomfixError, StorageFullError, UploadLockedError
-from app.jobs.runner import NoRunner
-from app.main import create_app
-from app.settings import Settings
 from app.storage import uploads as upload_store
 from app.storage.uploads import UploadFolder
 from bench.uploads.cutting_proxy import cutting_proxy
-from tests.ports import free_port
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
-from tests.server import Server, assert_problem, running, wait_for
+from tests.server import Server, assert_problem, listening, running
 
 TUS = {"Tus-Resumable": "1.0.0"}
 PART = {**TUS, "Content-Type": "application/offset+octet-stream"}
@@ -179,25 +171,11 @@ def test_an_upload_belongs_to_its_venue(tmp_path: Path) -> None:
         assert not any("/uploads" in act for act in acts)
 
 
-@contextmanager
-def listening(data_dir: Path) -> Iterator[str]:
-    """Serve on a port of loopback, in this process."""
-    port = free_port()
-    app = create_app(Settings(_env_file=None, data_dir=data_dir, open=True), NoRunner())
-    server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="error", **connection_options()))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    wait_for(lambda: server.started)
-    yield f"http://127.0.0.1:{port}"
-    server.should_exit = True
-    thread.join()
-
-
 def test_a_file_arrives_whole_over_a_connection_that_breaks(tmp_path: Path) -> None:
     """By the client of `roomfix upload`; `roomfix upload-bench` does it with 2 GB, and measures memory and disk."""
     file, pauses = tmp_path / "scan.zip", []
     file.write_bytes(os.urandom(4_000_000))
-    with listening(tmp_path / "data") as url, cutting_proxy(url, 4_000_000, 6) as proxy:
+    with listening(tmp_path / "data") as (url, _), cutting_proxy(url, 4_000_000, 6) as proxy:
         with httpx.Client(base_url=proxy.url) as client:
             upload = begin_upload(client, 4_000_000, "museum")
             sent = send_file(client, upload, file, pause=pauses.append)
