@@ -31,6 +31,7 @@ from app.storage.db import hold_blobs, now
 from app.storage.floors import get_floor
 from app.storage.sweep import discard_blobs
 from app.storage.venues import get_venue
+from app.vision.faces.blur import with_blurred_faces
 from app.vision.images import Rgb, decode_image
 
 # A region with fewer features can't be recognised.
@@ -117,6 +118,8 @@ class AnchorService:
         camera = frame_camera(spec, rgb.shape[1], rgb.shape[0])
         features = self._with_lengths(anchor, camera, self._describer.describe(rgb, camera))
         visible = visible_pois(spec, camera, features)
+        if spec.store_images and resources.settings.blur_anchor_faces:
+            image = with_blurred_faces(image, resources.models.faces) or image
         blob = resources.blobs.put(image) if spec.store_images else None
         count = len(features.akaze) + len(features.xfeat)
         frame = AnchorFrameRow(

@@ -42,7 +42,9 @@ def submit_build(
     `InvalidScanError` for an empty archive. A submission with the `idempotency_key` of an earlier one of the venue is
     that build; `ConflictError` if scan or options differ. What is wrong inside the archive fails the build.
     """
-    parse_build_options(options)
+    if parse_build_options(options).blur_faces:
+        # Refused now where it can't be done, not at the end of the build.
+        _ = resources.models.faces
     plain = _plain(options)
     with resources.database.read() as connection:
         get_venue(connection, venue)
