@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Lock
 from typing import Any, TypeVar
 
+from app.engine.stage_timer import NotWantedError
 from app.errors import BusyError
 
 Result = TypeVar("Result")
@@ -20,7 +21,7 @@ FULL = "The server is busy: all workers are occupied and the queue is full."
 
 
 class ClientGoneError(Exception):
-    """Nobody waits for the answer any more; the work was not begun."""
+    """Nobody waits for the answer any more; the work was not begun, or given up."""
 
 
 class BoundedExecutor:
@@ -45,8 +46,8 @@ class BoundedExecutor:
     async def run(self, function: Callable[[], Result]) -> Result:
         """Run a call on a worker thread; raises `BusyError` at once when the queue is full.
 
-        A call that still waits when the client of the request has gone is taken out of the queue, and this raises
-        `ClientGoneError`; one that runs is run to its end.
+        A call that still waits when the client of the request has gone is taken out of the queue; one that runs is
+        given up between two stages where it can be. This raises `ClientGoneError` then.
         """
         with self._lock:
             self.check_room()
@@ -69,7 +70,10 @@ class BoundedExecutor:
                 leaving.cancel()
             if gone.is_set() and future.cancel():
                 raise ClientGoneError
-        return await result
+        try:
+            return await result
+        except NotWantedError:
+            raise ClientGoneError from None
 
     def _release(self, _: Future[Any]) -> None:
         with self._lock:

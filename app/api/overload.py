@@ -11,12 +11,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.api.deps import AppState
 from app.api.errors import problem_of
 from app.api.executor import CLIENT_GONE, ClientGoneError
+from app.engine.stage_timer import IS_WANTED
 from app.errors import BusyError
 
 # The calls that are answered by the bounded executor and carry an image.
 COMPUTED = re.compile(r"/locate|/sessions/[^/]+/frames|/anchors/[^/]+/(frames|calibrate)")
 
 
+# Those that leave nothing behind, so that they can be given up at any moment.
+STATELESS = {"/locate"}
 # As proxies log it; nobody receives it.
 CLIENT_CLOSED_REQUEST = 499
 
@@ -44,13 +47,14 @@ class OverloadMiddleware:
             await problem_of(error)(scope, receive, send)
             return
         watched = WatchedRequest(receive)
-        token = CLIENT_GONE.set(watched.gone)
+        CLIENT_GONE.set(watched.gone)
+        if scope["path"] in STATELESS:
+            IS_WANTED.set(lambda: not watched.gone.is_set())
         try:
             await self._app(scope, watched.receive, send)
         except ClientGoneError:
             await Response(status_code=CLIENT_CLOSED_REQUEST)(scope, receive, send)
         finally:
-            CLIENT_GONE.reset(token)
             watched.close()
 
 
