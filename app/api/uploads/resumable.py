@@ -35,9 +35,7 @@ class UploadRoute(ContractRoute):
 
 
 def speaks_tus(
-    tus_resumable: Annotated[
-        str, Header(description=f"The protocol's version: {TUS_VERSION}", examples=[TUS_VERSION])
-    ],
+    tus_resumable: Annotated[str, Header(description="The protocol's version", examples=[TUS_VERSION])],
 ) -> None:
     """Raise `UnknownProtocolError` for another version of the protocol."""
     if tus_resumable != TUS_VERSION:
