@@ -11,7 +11,7 @@ help:  ## Show the targets
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Roomfix needs Python 3.11 or later; set PYTHON=python3.x") if sys.version_info < (3, 11) else None'
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,postgresql,scans,sfm,surf]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[bench,dev,faces,postgresql,scans,sfm,surf]'
 	touch $(STAMP)
 
 run: $(STAMP)  ## Build the demonstration venue, serve it on 127.0.0.1:8000, and phones by https with a QR code

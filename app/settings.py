@@ -76,6 +76,12 @@ class Settings(BaseSettings):
     )
     descriptor_width: int = Field(320, ge=32, le=2048, description="Input width of the global descriptor.")
     descriptor_height: int = Field(240, ge=32, le=2048, description="Input height of the global descriptor.")
+    face_model: Path | None = Field(
+        None, description="ONNX file of YuNet that finds faces to blur; default: the package roomfix[faces]."
+    )
+    blur_anchor_faces: bool = Field(
+        False, description="Blur faces in the pictures of monitoring cameras that are kept."
+    )
     session_timeout_s: float = Field(
         3600.0, gt=0, description="Seconds without a frame after which a session expires."
     )
@@ -135,6 +141,11 @@ class Settings(BaseSettings):
     def scratch_dir(self) -> Path:
         """Where archives are unpacked and maps are packed before they are stored."""
         return self.data_dir / "scratch"
+
+    @property
+    def uploads_dir(self) -> Path:
+        """Where uploads are until they are whole."""
+        return self.data_dir / "uploads"
 
     @property
     def cache_dir(self) -> Path:

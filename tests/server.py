@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,16 +16,20 @@ from typing import Any
 
 import httpx
 import numpy as np
+import uvicorn
+from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from sqlalchemy import create_engine, select
 
+from app.commands.connections import connection_options
 from app.geometry.se3 import Pose
-from app.jobs.runner import BuildRunner
+from app.jobs.runner import BuildRunner, NoRunner
 from app.main import create_app
 from app.settings import Settings
 from app.storage.db import Database
 from app.storage.tables import metadata
 from tests.built_maps import publish
+from tests.ports import free_port
 from tests.scenes import CAMERA_TEXT
 
 # Options of a build that is done soon, since nothing is refined or registered.
@@ -149,6 +154,22 @@ def running(data_dir: Path, runner: BuildRunner | None = None, **values: Any) ->
         path.write_bytes(_migrated())
     with TestClient(create_app(settings, runner), base_url="http://127.0.0.1") as client:
         yield Server(client, data_dir)
+
+
+@contextmanager
+def listening(data_dir: Path, **values: Any) -> Iterator[tuple[str, FastAPI]]:
+    """Serve on a port of loopback, open and without a worker, in a thread of this process; give its URL and the app."""
+    port = free_port()
+    app = create_app(Settings(_env_file=None, data_dir=data_dir, open=True, **values), NoRunner())
+    server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="error", **connection_options()))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        wait_for(lambda: server.started)
+        yield f"http://127.0.0.1:{port}", app
+    finally:
+        server.should_exit = True
+        thread.join()
 
 
 @cache

@@ -9,10 +9,19 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Lock
 from typing import Any, TypeVar
 
+from app.engine.stage_timer import NotWantedError
 from app.errors import BusyError
 
 Result = TypeVar("Result")
+# Set by the middleware of computed calls: is set when the client has closed its connection.
+CLIENT_GONE: contextvars.ContextVar[asyncio.Event | None] = contextvars.ContextVar(
+    "client_gone", default=None
+)
 FULL = "The server is busy: all workers are occupied and the queue is full."
+
+
+class ClientGoneError(Exception):
+    """Nobody waits for the answer any more; the work was not begun, or given up."""
 
 
 class BoundedExecutor:
@@ -35,7 +44,11 @@ class BoundedExecutor:
             raise BusyError(FULL)
 
     async def run(self, function: Callable[[], Result]) -> Result:
-        """Run a call on a worker thread; raises `BusyError` at once when the queue is full."""
+        """Run a call on a worker thread; raises `BusyError` at once when the queue is full.
+
+        A call that still waits when the client of the request has gone is taken out of the queue; one that runs is
+        given up between two stages where it can be. This raises `ClientGoneError` then.
+        """
         with self._lock:
             self.check_room()
             self._pending += 1
@@ -44,7 +57,23 @@ class BoundedExecutor:
         # Counted down when the work ends or is cancelled while it waits: a client that goes away doesn't free the
         # thread that works for it.
         future.add_done_callback(self._release)
-        return await asyncio.wrap_future(future)
+        result = asyncio.wrap_future(future)
+        gone = CLIENT_GONE.get()
+        if gone is not None:
+            leaving = asyncio.ensure_future(gone.wait())
+            try:
+                await asyncio.wait((result, leaving), return_when=asyncio.FIRST_COMPLETED)
+            except asyncio.CancelledError:
+                result.cancel()
+                raise
+            finally:
+                leaving.cancel()
+            if gone.is_set() and future.cancel():
+                raise ClientGoneError
+        try:
+            return await result
+        except NotWantedError:
+            raise ClientGoneError from None
 
     def _release(self, _: Future[Any]) -> None:
         with self._lock:

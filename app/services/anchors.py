@@ -31,6 +31,7 @@ from app.storage.db import hold_blobs, now
 from app.storage.floors import get_floor
 from app.storage.sweep import discard_blobs
 from app.storage.venues import get_venue
+from app.vision.faces.blur import with_blurred_faces
 from app.vision.images import Rgb, decode_image
 
 # A region with fewer features can't be recognised.
@@ -118,6 +119,8 @@ class AnchorService:
         described = self._describer.describe(rgb, camera, regions_in(spec, camera))
         features = self._with_lengths(anchor, camera, described)
         visible = visible_pois(spec, camera, features)
+        if spec.store_images and resources.settings.blur_anchor_faces:
+            image = with_blurred_faces(image, resources.models.faces) or image
         blob = resources.blobs.put(image) if spec.store_images else None
         count = len(features.akaze) + len(features.xfeat)
         frame = AnchorFrameRow(

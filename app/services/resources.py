@@ -55,7 +55,7 @@ class Resources:
 def open_models(settings: Settings) -> VisionModels:
     """Return the models that the settings name."""
     size = settings.descriptor_width, settings.descriptor_height
-    return VisionModels(settings.descriptor_model, size)
+    return VisionModels(settings.descriptor_model, size, face_model=settings.face_model)
 
 
 def cap_threads() -> None:

@@ -16,6 +16,7 @@ from app.services.map_views.views import MapViews
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.sessions import SessionService
+from app.storage.uploads import UploadFolder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +32,7 @@ class Services:
     locate: LocateService
     sessions: SessionService
     keys: KeyService
+    uploads: UploadFolder
 
 
 def wire_services(resources: Resources, tracking: TrackerSettings | None = None) -> Services:
@@ -47,6 +49,7 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
         routes=routes,
         anchors=AnchorService(resources, maps, describer),
         locate=LocateService(resources, maps, features, locator),
+        uploads=UploadFolder(resources.settings.uploads_dir, resources.settings.max_archive_bytes),
         keys=KeyService(resources.database, resources.settings.admin_key),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),
     )

@@ -33,4 +33,6 @@ COMMANDS = {
     "trace-query": "bench.commands.trace_query:trace_query",
     "large-maps": "bench.large_maps.command:large_maps",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
+    "overload": "bench.overload.command:overload",
+    "upload-bench": "bench.uploads.command:upload_bench",
 }

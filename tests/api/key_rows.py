@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from fastapi.testclient import TestClient
 from starlette.testclient import WebSocketDenialResponse
 
 from app.api.deps import AppState
+from app.errors import NotFoundError
 from app.services.keys.caller import OPEN
 from app.services.keys.key_service import NewKey
 from app.storage import builds
@@ -58,6 +60,10 @@ BODIES: dict[str, dict[str, Any]] = {
     "POST /tokens": {"json": {"venue": VENUE}},
     "POST /venues": {"json": {"id": "further", "name": "Further"}},
     "PUT /anchors/{camera}": {"json": ANCHOR},
+    "POST /uploads": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Length": "10"}},
+    "HEAD /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
+    "PATCH /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Offset": "0"}},
+    "DELETE /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
 }
 
 
@@ -96,6 +102,7 @@ class Callers:
         assert isinstance(server.client, TestClient)
         self.client = server.client
         self.state: AppState = server.client.app.state.roomfix  # type: ignore[attr-defined]
+        self._upload: str | None = None
         self._admin = {"Authorization": f"Bearer {admin_key}"}
 
     def key(self, column: str) -> str | None:
@@ -148,8 +155,16 @@ class Callers:
         key = self.make("locate", VENUE).key.id
         return {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "key": key,
-            "version": "1", "keyframe": "0",
+            "version": "1", "keyframe": "0", "upload": self._begun_upload(),
         }  # fmt: skip
+
+    def _begun_upload(self) -> str:
+        uploads = self.state.services.uploads
+        if self._upload is not None:
+            with suppress(NotFoundError):
+                return uploads.get(self._upload).id
+        self._upload = uploads.create(10, VENUE).id
+        return self._upload
 
     def call(self, call: str, column: str) -> tuple[int, str]:
         """Make a call with a column's key and return status and body; 101 for a WebSocket that was opened."""
@@ -164,5 +179,7 @@ class Callers:
                     return 101, ""
             except WebSocketDenialResponse as refused:
                 return refused.status_code, refused.text
-        answer = self.client.request(method, path, headers=headers, **BODIES.get(call, {}))
+        arguments = dict(BODIES.get(call, {}))
+        headers |= arguments.pop("headers", {})
+        answer = self.client.request(method, path, headers=headers, **arguments)
         return answer.status_code, answer.text

@@ -70,8 +70,10 @@ def test_every_call_but_health_asks_for_the_key(locked: Server) -> None:
                     headers=headers,
                     json={"id": "x", "name": "x"},
                 )
-                assert_problem(answer, 401, "unauthenticated")
+                assert answer.status_code == 401
                 assert answer.headers["www-authenticate"] == "Bearer"
+                if method != "HEAD":
+                    assert_problem(answer, 401, "unauthenticated")
 
 
 def test_the_right_key_opens(locked: Server) -> None:

@@ -1,6 +1,7 @@
-"""Kills at random moments of builds and edits: nothing acknowledged is lost, each build is done once, and it serves.
+"""Kills at random moments: nothing acknowledged is lost, each build is done once, and it serves.
 
-`FAULTS` in the environment is the number of kills; `make faults` sets a large one. Every moment comes from a seed.
+Clients build, edit, push frames of anchors and walk sessions meanwhile. `FAULTS` in the environment is the number of
+kills; `make faults` sets a large one. Every moment comes from a seed.
 """
 
 from __future__ import annotations
@@ -27,11 +28,26 @@ from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import _is_ready, children
 from tests.ports import free_port
 from tests.postgres import is_installed, postgres
-from tests.scenes import View, scan_files, zipped
+from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
 from tests.server import ENDED, POLL_S, Server, pose_errors, wait_for
 
 KILLS = int(os.environ.get("FAULTS", "3"))
 VENUE = "v"
+FLOOR = {"name": "Ground", "level": 0, "z_min_m": -1, "z_max_m": 3}
+ANCHOR = {
+    "floor": "0",
+    "position": {"x": 1, "y": 1},
+    "height_m": 2,
+    "camera": CAMERA_TEXT,
+    "pois": [
+        {
+            "id": "sign",
+            "region_px": [[10, 10], [60, 10], [60, 60], [10, 60]],
+            "position": {"x": 3, "y": 1},
+            "distance_m": 2.5,
+        }
+    ],
+}
 # Servers and their addresses.
 Processes = list[tuple[subprocess.Popen[bytes], str]]
 # From the start of the work until the kill.
@@ -44,15 +60,20 @@ class Acknowledged:
 
     builds: set[str] = field(default_factory=set)
     names: dict[str, str] = field(default_factory=dict)
-    sessions: set[str] = field(default_factory=set)
+    # Session -> frames that were answered.
+    sessions: dict[str, int] = field(default_factory=dict)
+    # Anchor -> its heading, which each change makes larger.
+    headings_deg: dict[str, float] = field(default_factory=dict)
+    # Anchor -> when its newest frame was received.
+    frames: dict[str, str] = field(default_factory=dict)
 
 
 class Client(threading.Thread):
-    """Edits, builds and opens sessions until the servers are gone."""
+    """Edits, builds, pushes frames of anchors and walks sessions until the servers are gone."""
 
-    def __init__(self, url: str, kept: Acknowledged, scan: bytes, seed: int) -> None:
+    def __init__(self, url: str, kept: Acknowledged, scan: bytes, picture: bytes, seed: int) -> None:
         super().__init__(daemon=True)
-        self._url, self._kept, self._scan, self._seed = url, kept, scan, seed
+        self._url, self._kept, self._scan, self._picture, self._seed = url, kept, scan, picture, seed
 
     def run(self) -> None:
         """Call until a call fails for want of a server."""
@@ -63,6 +84,8 @@ class Client(threading.Thread):
                 self._kept.builds.add(answer.json()["build"])
             for number in range(1000):
                 self._edit(client, f"s{self._seed}-{number % 5}", f"name {number}")
+                self._change_anchor(client, f"a{self._seed % 10}-{number % 2}")
+                self._walk(client)
 
     def _edit(self, client: httpx.Client, venue: str, name: str) -> None:
         # A name that was sent and not acknowledged may be there or not.
@@ -73,9 +96,26 @@ class Client(threading.Thread):
             answer = client.patch(f"/venues/{venue}", json={"name": name})
         if answer.is_success:
             self._kept.names[venue] = name
-        answer = client.post("/sessions", json={"venue": VENUE})
+
+    def _change_anchor(self, client: httpx.Client, anchor: str) -> None:
+        heading_deg = self._kept.headings_deg.get(anchor, 0.0) + 0.25
+        answer = client.put(f"/anchors/{anchor}", json={**ANCHOR, "venue": VENUE, "heading_deg": heading_deg})
         if answer.is_success:
-            self._kept.sessions.add(answer.json()["session"])
+            self._kept.headings_deg[anchor] = heading_deg
+        answer = client.post(f"/anchors/{anchor}/frames", files={"image": self._picture})
+        if answer.is_success:
+            self._kept.frames[anchor] = answer.json()["received_at"]
+
+    def _walk(self, client: httpx.Client) -> None:
+        answer = client.post("/sessions", json={"venue": VENUE, "camera": CAMERA_TEXT})
+        if not answer.is_success:
+            return
+        session = answer.json()["session"]
+        self._kept.sessions[session] = 0
+        for _ in range(2):
+            answer = client.post(f"/sessions/{session}/frames", files={"image": self._picture})
+            if answer.is_success:
+                self._kept.sessions[session] = answer.json()["frame"]
 
 
 @contextmanager
@@ -140,8 +180,16 @@ def check(server: Server, kept: Acknowledged, database: Database, view: View) ->
     assert len({each["map_version"] for each in done}) == len(done)
     names = {venue["id"]: venue["name"] for venue in server.client.get("/venues").json()}
     assert {venue: names.get(venue) for venue in kept.names} == kept.names
-    sessions = {session: server.client.get(f"/sessions/{session}").status_code for session in kept.sessions}
-    assert {session: status for session, status in sessions.items() if status != 200} == {}
+    for session, frames in kept.sessions.items():
+        answer = server.client.get(f"/sessions/{session}")
+        assert answer.status_code == 200
+        assert answer.json()["frames"] >= frames
+    anchors = {anchor["id"]: anchor for anchor in server.client.get("/anchors").json()}
+    # A change that was sent and not acknowledged may be there or not.
+    for anchor, heading_deg in kept.headings_deg.items():
+        assert anchors[anchor]["heading_deg"] in (heading_deg, heading_deg + 0.25)
+    for anchor, received_at in kept.frames.items():
+        assert anchors[anchor]["frame"]["received_at"] >= received_at
     if versions:
         result = server.locate(view.jpeg(), venue=VENUE)
         assert result["map_version"] == versions[0]
@@ -177,10 +225,13 @@ def run_kills(folder: Path, database_url: str | None, servers: int, scan: bytes,
                 server = Server(client, folder)
                 if kill == 0:
                     server.add_venue(VENUE)
+                    client.put(f"/venues/{VENUE}/floors/0", json=FLOOR)
                 check(server, kept, database, view)
             if kill == KILLS:
                 break
-            clients = [Client(url, kept, scan, 10 * kill + i) for i, (_, url) in enumerate(processes)]
+            clients = [
+                Client(url, kept, scan, view.jpeg(), 10 * kill + i) for i, (_, url) in enumerate(processes)
+            ]
             for each in clients:
                 each.start()
             time.sleep(rng.uniform(0.0, MOST_S))

@@ -137,6 +137,7 @@ class BuildOptionsBody(BaseModel):
     store_images: bool = Field(
         True, description="Keep the pictures of keyframes; without them a keyframe takes at most 100 kB"
     )
+    blur_faces: bool = Field(False, description="Blur the faces in the keyframes' pictures that are kept")
     max_features_per_keyframe: int | None = Field(
         None, description="Number of features to keep of each keyframe, 50 or more"
     )

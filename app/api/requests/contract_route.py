@@ -63,10 +63,12 @@ class ContractRoute(APIRoute):
     doesn't declare.
 
     `scopes` is what a key needs; a route without `require` or `public` among its dependencies asks for admin.
-    `body_kind` is what the body holds, where that is not seen from what the route declares.
+    `body_kind` is what the body holds, where that is not seen from what the route declares; `is_noted` whether what
+    administrators do by it is in the audit log.
     """
 
     body_kind: Kind | None = None
+    is_noted: bool = True
 
     def __init__(
         self,
@@ -90,7 +92,7 @@ class ContractRoute(APIRoute):
             await admit(request, self.scopes)
             request.scope[BODY].expect(self.body_kind or self.declared.body_kind)
             response = await handle(FormRequest(request.scope, request.receive, self.declared.files))
-            if "admin" in self.scopes:
+            if "admin" in self.scopes and self.is_noted:
                 await log_act(request, response)
             return response
 

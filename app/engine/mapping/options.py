@@ -42,7 +42,7 @@ MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "second_features", "store_images",
-    "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "mount_deg",
+    "blur_faces", "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "mount_deg",
     "time_offset_s", "position_scale", "scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
 }  # fmt: skip
 
@@ -68,6 +68,7 @@ class BuildOptions:
     refine_depth: bool = True
     second_features: bool = False
     store_images: bool = True
+    blur_faces: bool = False
     max_features_per_keyframe: int | None = None
     repair: bool = False
     force: bool = False
@@ -96,6 +97,7 @@ def parse_build_options(values: object) -> BuildOptions:
         refine_depth=_flag(values, "refine_depth", True),
         second_features=_flag(values, "second_features", False),
         store_images=_flag(values, "store_images", True),
+        blur_faces=_flag(values, "blur_faces", False),
         max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),
         repair=_flag(values, "repair", False),
         force=_flag(values, "force", False),

@@ -6,6 +6,7 @@ from pathlib import Path
 from threading import Lock
 
 from app.errors import ConflictError
+from app.vision.faces.detector import FaceDetector, open_face_detector
 from app.vision.features import LocalFeatureExtractor
 from app.vision.global_descriptor import DEFAULT_MODEL, GlobalDescriptor
 from app.vision.learned.lighterglue import LighterGlue
@@ -16,11 +17,17 @@ class VisionModels:
     """Opens each model at its first use; safe to share between threads."""
 
     def __init__(
-        self, descriptor_path: Path | None = None, input_size: tuple[int, int] = (320, 240), threads: int = 1
+        self,
+        descriptor_path: Path | None = None,
+        input_size: tuple[int, int] = (320, 240),
+        threads: int = 1,
+        face_model: Path | None = None,
     ) -> None:
         self._descriptor_path = descriptor_path or DEFAULT_MODEL
         self._input_size = input_size
         self._threads = threads
+        self._face_model = face_model
+        self._faces: FaceDetector | None = None
         self._lock = Lock()
         self._extractors: dict[str, LocalFeatureExtractor] = {}
         self._descriptor: GlobalDescriptor | None = None
@@ -48,6 +55,14 @@ class VisionModels:
             if self._lighterglue is None:
                 self._lighterglue = LighterGlue(self._threads)
             return self._lighterglue
+
+    @property
+    def faces(self) -> FaceDetector:
+        """The detector of faces; raises `InvalidInputError` where there is none."""
+        with self._lock:
+            if self._faces is None:
+                self._faces = open_face_detector(self._face_model)
+            return self._faces
 
     @property
     def descriptor_path(self) -> Path:

@@ -30,6 +30,7 @@ from app.storage.floors import list_floors
 from app.storage.map_files import file_checksum
 from app.storage.maps import KeyframeImages, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
+from app.vision.faces.blur import with_blurred_faces
 
 log = logging.getLogger("roomfix.builds")
 
@@ -255,8 +256,12 @@ def _store_images(
     if not options.store_images:
         return []
 
+    faces = resources.models.faces if options.blur_faces else None
+
     def store(frame: Frame) -> KeyframeImages:
-        images = KeyframeImages(resources.blobs.put_file(frame.color), resources.blobs.put_file(frame.depth))
+        changed = None if faces is None else with_blurred_faces(frame.color.read_bytes(), faces)
+        color = resources.blobs.put_file(frame.color) if changed is None else resources.blobs.put(changed)
+        images = KeyframeImages(color, resources.blobs.put_file(frame.depth))
         written.update((images.color_blob, images.depth_blob))
         return images
 
