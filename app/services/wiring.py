@@ -13,6 +13,7 @@ from app.services.keys.key_service import KeyService
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.map_views.views import MapViews
+from app.services.recordings.service import RecordingService
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.sessions import SessionService
@@ -31,6 +32,7 @@ class Services:
     locate: LocateService
     sessions: SessionService
     keys: KeyService
+    recordings: RecordingService
 
 
 def wire_services(resources: Resources, tracking: TrackerSettings | None = None) -> Services:
@@ -48,5 +50,6 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
         anchors=AnchorService(resources, maps, describer),
         locate=LocateService(resources, maps, features, locator),
         keys=KeyService(resources.database, resources.settings.admin_key),
+        recordings=RecordingService(resources),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),
     )

@@ -20,6 +20,7 @@ from tests import scenes
 from tests.built_maps import publish
 from tests.plans import collection, landmark, link
 from tests.server import wait_for
+from tests.web.camera_file import CUT_ERRORS, flags_for, write_walk
 from tests.web.live import KEY, Server, Tab, chromium, live_server, watched_tab
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -28,8 +29,6 @@ METERS_PER_PIXEL, ORIGIN_PX = 0.02, (20.0, 170.0)
 WALK = [scenes.pose_at(1.5 + 0.012 * k, 1.35 + 0.006 * k, 1.52, -30 + 1.3 * k, 0.0) for k in range(70)]
 # The walk comes back to where it began, since the file starts again when it is over.
 POSES = [*WALK, *WALK[::-1]]
-CAMERA_FLAGS = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
-ORIGIN_ERRORS = ("401", "ERR_CONNECTION_REFUSED", "WebSocket connection", "ERR_CONNECTION_RESET", "ERR_EMPTY")
 
 
 @pytest.fixture(scope="module")
@@ -70,17 +69,14 @@ def pictures() -> list[np.ndarray]:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk as a YUV4MPEG2 file."""
     path = tmp_path_factory.mktemp("camera") / "walk.y4m"
-    with path.open("wb") as file:
-        file.write(f"YUV4MPEG2 W{scenes.CAMERA.width} H{scenes.CAMERA.height} F{FPS}:1 C420jpeg\n".encode())
-        for rgb in (*pictures(), *pictures()[::-1]):
-            file.write(b"FRAME\n" + cv2.cvtColor(rgb, cv2.COLOR_RGB2YUV_I420).tobytes())
-    return path
+    there_and_back = (*pictures(), *pictures()[::-1])
+    return write_walk(path, there_and_back, scenes.CAMERA.width, scenes.CAMERA.height, FPS)
 
 
 @pytest.fixture(scope="module")
 def camera_browser(driver: Any, walk: Path) -> Iterator[Any]:
     """A browser whose camera shows the walk."""
-    with chromium(driver, *CAMERA_FLAGS, f"--use-file-for-fake-video-capture={walk}") as browser:
+    with chromium(driver, *flags_for(walk)) as browser:
         yield browser
 
 
@@ -88,7 +84,7 @@ def camera_browser(driver: Any, walk: Path) -> Iterator[Any]:
 def phone(camera_browser: Any) -> Iterator[Tab]:
     """A tab as wide as a phone."""
     with watched_tab(
-        camera_browser, ORIGIN_ERRORS, viewport={"width": 390, "height": 780}, locale="en-US"
+        camera_browser, CUT_ERRORS, viewport={"width": 390, "height": 780}, locale="en-US"
     ) as tab:
         yield tab
 
@@ -359,7 +355,7 @@ def test_nothing_is_cut_off_or_scrolls_sideways(
 ) -> None:
     width, height = size
     viewport = {"width": width, "height": height}
-    with watched_tab(camera_browser, ORIGIN_ERRORS, viewport=viewport, locale="de-DE") as tab:
+    with watched_tab(camera_browser, CUT_ERRORS, viewport=viewport, locale="de-DE") as tab:
         go(server, tab)
         page = tab.page
         button = page.get_by_role("button", name="Zeig mir, wo ich bin")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests import scenes
+from tests.plans import collection, landmark
 from tests.server import wait_for
 from tests.web.live import KEY, Server, Tab, live_server, watched_tab
 
@@ -294,6 +295,41 @@ def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:
     features = server.client.get("/venues/house/floors/0/features").json()["features"]
     assert len(features) == before + 1
     assert features[-1]["properties"]["name"] == "Bench"
+
+
+def test_a_way_between_floors_is_drawn_changed_and_leads(server: Server, studio: Tab, tmp_path: Path) -> None:
+    page, client = studio.page, server.client
+    floor = {"name": "Upper floor", "level": 1, "z_min_m": 3.5, "z_max_m": 6.5}
+    client.put("/venues/house/floors/1", json=floor).raise_for_status()
+    visit(page, "Draw")
+    page.reload()
+    playwright.expect(page.locator("#board-svg image")).to_have_count(1)
+    page.get_by_role("button", name="Stairs or lift").click()
+    playwright.expect(page.locator("#draw-words")).to_contain_text("Draw a landmark on another floor first")
+    above = collection(
+        landmark("gallery", 3.0, 3.0, name="Gallery"), landmark("hatch", 1.0, 1.0, name="Hatch")
+    )
+    client.put("/venues/house/floors/1/features", json=above).raise_for_status()
+    page.reload()
+    playwright.expect(page.locator("#feature-list li")).to_have_count(5)
+    page.get_by_role("button", name="Stairs or lift").click()
+    # Snaps to the landmark that is drawn there.
+    click(page, 3.52, 3.98)
+    playwright.expect(page.get_by_label("The way is")).to_be_focused()
+    page.get_by_label("The way is").select_option("lift")
+    playwright.expect(page.get_by_label("and arrives there at")).to_have_value("gallery")
+    page.get_by_label("and arrives there at").select_option("Hatch")
+    page.get_by_role("button", name="Undo").click()
+    playwright.expect(page.get_by_label("and arrives there at")).to_have_value("gallery")
+    playwright.expect(page.locator("#board")).to_contain_text("lift to Upper floor")
+    page.screenshot(path=tmp_path / "floors.png")
+    page.get_by_role("button", name="Save", exact=True).click()
+    playwright.expect(page.locator("#board-error")).to_contain_text("Saved.")
+    features = client.get("/venues/house/floors/0/features").json()["features"]
+    (way,) = [each for each in features if each["properties"].get("to_floor") == "1"]
+    assert (way["properties"]["mode"], way["properties"]["to"]) == ("lift", "gallery")
+    route = client.get("/venues/house/route", params={"from": "0:1.5,1.5", "to": "gallery"}).json()
+    assert [step["mode"] for step in route["steps"] if step["to_floor"] == "1"] == ["lift"]
 
 
 def test_a_camera_is_placed_by_clicks(server: Server, studio: Tab) -> None:

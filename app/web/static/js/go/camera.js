@@ -2,6 +2,7 @@
 
 import { path, request, requestJson } from "../api.js";
 import { gravity, watchOrientation } from "./gravity.js";
+import { focalFor } from "./known-camera.js";
 import { say } from "./words.js";
 
 const MAX_SIDE_PX = 640;
@@ -38,9 +39,7 @@ export class Camera {
 
   /** Return the present picture: `{blob, hints, size}`. `scale` below 1 makes it smaller than usual. */
   async take() {
-    const { videoWidth, videoHeight } = this.video;
-    const shrink = (this.scale * MAX_SIDE_PX) / Math.max(videoWidth, videoHeight);
-    const [width, height] = [videoWidth, videoHeight].map((side) => Math.round(side * Math.min(1, shrink)));
+    const [width, height] = this.pictureSize();
     Object.assign(this.canvas, { width, height });
     const hints = { timestamp: performance.now() / 1000 };
     const down = gravity();
@@ -48,6 +47,20 @@ export class Camera {
     this.canvas.getContext("2d", { alpha: false }).drawImage(this.video, 0, 0, width, height);
     const blob = await new Promise((resolve) => this.canvas.toBlob(resolve, "image/jpeg", JPEG_QUALITY));
     return { blob, hints, size: [width, height] };
+  }
+
+  /** Return the camera as a session takes it, from the focal length that is remembered; null where none is. */
+  get intrinsics() {
+    const [width, height] = this.pictureSize();
+    const focalPx = focalFor(width, height);
+    const params = [focalPx, (width - 1) / 2, (height - 1) / 2];
+    return focalPx && { model: "SIMPLE_PINHOLE", width, height, params };
+  }
+
+  pictureSize() {
+    const { videoWidth, videoHeight } = this.video;
+    const shrink = (this.scale * MAX_SIDE_PX) / Math.max(videoWidth, videoHeight);
+    return [videoWidth, videoHeight].map((side) => Math.round(side * Math.min(1, shrink)));
   }
 
   close() {

@@ -1,31 +1,38 @@
 // The phone page: from the camera's frames to a dot on the plan and words that lead.
 
 import { path, requestJson, storedKey } from "../api.js";
-import { byId, el, guarded } from "../dom.js";
+import { byId, guarded } from "../dom.js";
+import { setUpAwake } from "./awake.js";
 import { setUpKey } from "./key.js";
+import { CameraLearner } from "./known-camera.js";
+import { showLanguages } from "./languages.js";
 import { Camera, SimulatedCamera } from "./camera.js";
 import { Guide } from "./guide.js";
 import { Plan } from "./plan.js";
 import { Search } from "./search.js";
 import { SessionStream } from "./stream.js";
 import { Voice } from "./voice.js";
-import { chooseLanguage, knows, language, loadWords, rememberLanguage, say } from "./words.js";
+import { knows, language, loadWords, say } from "./words.js";
 
 const venue = decodeURIComponent(location.pathname.replace(/\/$/, "").split("/").at(-1));
 // The token of a QR code stands in the fragment, which no server's log ever has.
 const fragment = new URLSearchParams(location.hash.slice(1));
 const token = fragment.get("token");
 let stream = null;
-let wakeLock = null;
 let guide = null;
 let search = null;
+const stayAwake = setUpAwake(() => !byId("tools").hidden);
 
 async function start() {
   if (token) {
     storedKey.set(token);
     history.replaceState(null, "", location.pathname + location.search);
   }
-  showLanguages(await loadWords());
+  showLanguages(await loadWords(), async (tag) => {
+    translate();
+    guide.refresh();
+    await stream?.change({ language: tag }).catch((error) => guide.problem(error.message));
+  });
   setUpKey();
   const plan = new Plan(venue);
   const voice = new Voice(byId("voice"));
@@ -35,7 +42,6 @@ async function start() {
   byId("cancel").addEventListener("click", () => lead(null));
   byId("start-camera").addEventListener("click", (event) => begin(event.target, new Camera(byId("camera"))));
   byId("start-simulated").addEventListener("click", (event) => begin(event.target, new SimulatedCamera(venue)));
-  document.addEventListener("visibilitychange", () => stayAwake());
   translate();
   try {
     const found = await requestJson(path("venues", venue));
@@ -63,9 +69,13 @@ async function begin(button, camera) {
   byId("tools").hidden = false;
   guide.begin(camera);
   await stayAwake();
-  const wishes = { language: language(), destination: guide.destination?.id ?? null };
+  const wishes = { language: language(), destination: guide.destination?.id ?? null, camera: camera.intrinsics };
+  const learn = new CameraLearner(wishes.camera);
   stream = new SessionStream(venue, camera, wishes, {
-    answer: (body) => guide.answer(body),
+    answer: (body) => {
+      guide.answer(body);
+      if (learn.answer(body)) stream?.change({ camera: null }).catch(() => {});
+    },
     state: (state) => {
       guide.connection(state);
       if (state === "replaced") end(camera);
@@ -90,32 +100,6 @@ async function lead(place) {
   guide.lead(place);
   byId("cancel").hidden = place === null;
   await stream?.change({ destination: place?.id ?? null }).catch((error) => guide.problem(error.message));
-}
-
-/** Keep the screen on while the page leads; browsers take the lock away whenever the page is hidden. */
-async function stayAwake() {
-  if (document.hidden) return;
-  try {
-    if (byId("tools").hidden) await wakeLock?.release();
-    else wakeLock = await navigator.wakeLock?.request("screen");
-  } catch {
-    // Refused, as when the battery is low: the screen goes dark as usual.
-  }
-}
-
-function showLanguages(available) {
-  const select = byId("language");
-  const names = new Intl.DisplayNames(["en"], { type: "language" });
-  const own = (tag) => new Intl.DisplayNames([tag], { type: "language" }).of(tag) ?? names.of(tag);
-  select.replaceChildren(...available.map((tag) => el("option", { value: tag, lang: tag }, own(tag))));
-  select.value = language();
-  select.addEventListener("change", async () => {
-    await chooseLanguage(select.value);
-    rememberLanguage(select.value);
-    translate();
-    guide.refresh();
-    await stream?.change({ language: select.value }).catch((error) => guide.problem(error.message));
-  });
 }
 
 function translate() {

@@ -11,7 +11,7 @@ import { Floors } from "./floors.js";
 import { setUpPhoto } from "./photo.js";
 import { PlanTool } from "./plan.js";
 import { Scans } from "./scans.js";
-import { setUpShare, showShare } from "./share.js";
+import { chooseRecording, setUpShare, showShare } from "./share.js";
 import { showSteps } from "./steps.js";
 
 // View -> [title, words, panel] of those that use the board; the others have a section of their own.
@@ -94,6 +94,10 @@ setUpKey();
 setUpVenues();
 setUpPhoto();
 setUpShare();
+byId("film-scan").addEventListener("click", () => {
+  chooseRecording();
+  location.hash = "#share";
+});
 onVenueChange(venueChanged);
 addEventListener("hashchange", () => {
   if (location.hash === "#content") return;
