@@ -42,7 +42,7 @@ from app.api.oscp import geopose as oscp_geopose
 from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect, recordings
-from app.api.stream import asyncapi
+from app.api.stream import asyncapi, shared_phones
 from app.api.venue_files import transfer
 from app.geometry.estimators.chosen import ESTIMATORS
 from app.jobs.embedded import EmbeddedRunner
@@ -130,7 +130,7 @@ def create_app(
         locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
         map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
         anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
-        transfer.router, asyncapi.router, recordings.router,
+        transfer.router, asyncapi.router, recordings.router, shared_phones.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)

@@ -17,6 +17,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    false,
 )
 
 metadata = MetaData(
@@ -158,6 +159,8 @@ sessions = Table(
     Column("language", String(35)),
     Column("memory", JSON, nullable=False),
     Column("frames", Integer, nullable=False),
+    # Whether its phone agreed to be shown to those who run the venue.
+    Column("share", Boolean, nullable=False, server_default=false()),
     Column("created_at", DateTime(timezone=True), nullable=False),
     Column("active_at", DateTime(timezone=True), nullable=False, index=True),
 )

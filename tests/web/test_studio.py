@@ -376,7 +376,9 @@ def test_a_camera_is_placed_by_clicks(server: Server, studio: Tab) -> None:
     assert np.allclose([u0, v0, u1, v1], expected, atol=3)
 
 
-def test_a_refused_scan_is_explained_and_repaired_by_a_button(server: Server, studio: Tab) -> None:
+def test_a_refused_scan_is_explained_and_repaired_by_a_button(
+    server: Server, studio: Tab, tmp_path: Path
+) -> None:
     page = studio.page
     visit(page, "Scan")
     room = scenes.Room()
@@ -394,6 +396,16 @@ def test_a_refused_scan_is_explained_and_repaired_by_a_button(server: Server, st
     playwright.expect(report).to_contain_text("The scan was refused", timeout=60_000)
     report.get_by_role("button", name="Repair and build again").click()
     playwright.expect(report).to_contain_text("Repaired:", timeout=60_000)
+
+    # Two versions of the same room differ by little but their keyframes.
+    page.get_by_role("button", name="Compare", exact=True).click()
+    compared = page.locator("#compare-result")
+    playwright.expect(compared.locator("figcaption")).to_contain_text("% of the ground is in both")
+    keyframes = [map_["statistics"]["keyframes"] for map_ in server.client.get("/venues/house/maps").json()]
+    playwright.expect(compared.locator("tbody tr").first).to_have_text(
+        re.compile(rf"Keyframes\s*{keyframes[1]}\s*{keyframes[0]}")
+    )
+    page.screenshot(path=tmp_path / "compare.png", full_page=True)
 
     # The version before can serve again, and the newer one be deleted.
     newest = server.client.get("/venues/house/maps").json()[0]["version"]

@@ -51,6 +51,9 @@ async function start() {
     guide.hasMap = found.map_version !== null;
     // The pictures of the map are for those who run the venue, or anybody on an open server: no visitor sees them.
     byId("start-simulated").hidden = !guide.hasMap || storedKey.get() !== null;
+    // A visitor's token may not record, so only those who come without one are offered it.
+    byId("record-link").hidden = storedKey.get() !== null;
+    byId("record-link").href = `../record/${encodeURIComponent(venue)}`;
     if (fragment.has("simulated") && guide.hasMap) byId("start-simulated").click();
   } catch (error) {
     byId("start-camera").disabled = true;
@@ -69,7 +72,7 @@ async function begin(button, camera) {
   byId("tools").hidden = false;
   guide.begin(camera);
   await stayAwake();
-  const wishes = { language: language(), destination: guide.destination?.id ?? null, camera: camera.intrinsics };
+  const wishes = { language: language(), destination: guide.destination?.id ?? null, camera: camera.intrinsics, share: byId("share").checked };
   const learn = new CameraLearner(wishes.camera);
   stream = new SessionStream(venue, camera, wishes, {
     answer: (body) => {
@@ -105,7 +108,7 @@ async function lead(place) {
 function translate() {
   const texts = {
     "start-words": "start.words", "start-camera": "start", "start-simulated": "start.simulated",
-    "start-privacy": "start.privacy", search: "search", cancel: "cancel", "search-title": "search.title",
+    "start-privacy": "start.privacy", "share-words": "start.share", "record-link": "record", search: "search", cancel: "cancel", "search-title": "search.title",
     "query-label": "search.query", "search-close": "search.close", "language-words": "language",
     "key-title": "key.title", "key-label": "key", "key-use": "key.use", "key-cancel": "key.cancel",
   };

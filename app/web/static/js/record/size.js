@@ -1,6 +1,6 @@
 // How large the place is: by the printed marker, by a distance that is marked in a picture, or by the phone's height.
 
-import { byId, svg } from "../dom.js";
+import { byId, showError, svg } from "../dom.js";
 import { say } from "../go/words.js";
 
 const KINDS = ["marker", "distance", "height", "none"];
@@ -127,6 +127,7 @@ export class Size {
   mark(at) {
     const point = at.map((value, i) => Number(Math.min(Math.max(value, 0), this.size[i] - 1).toFixed(1)));
     this.points = [...this.points, point].slice(-2);
+    showError(byId("size-error"), null);
     this.draw();
   }
 }

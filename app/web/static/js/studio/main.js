@@ -8,6 +8,7 @@ import { Board } from "./board.js";
 import { CameraTool } from "./cameras.js";
 import { DrawTool } from "./draw.js";
 import { Floors } from "./floors.js";
+import { PhonesTool } from "./phones.js";
 import { setUpPhoto } from "./photo.js";
 import { PlanTool } from "./plan.js";
 import { Scans } from "./scans.js";
@@ -20,6 +21,7 @@ const BOARD_VIEWS = {
   align: ["Scan over plan", "Lay the scan, seen from above, over the plan. The numbers do the same as the mouse.", "align-panel"],
   draw: ["Places and ways", "What people can go to, and where they can walk.", "draw-panel"],
   cameras: ["Monitoring cameras", "A camera that hangs somewhere can say where a phone is that sees the same.", "camera-panel"],
+  phones: ["Live phones", "Phones whose owners agreed to be shown, and crosses where they could not be located.", "phones-panel"],
 };
 const VIEWS = ["start", "scan", ...Object.keys(BOARD_VIEWS), "try", "share"];
 
@@ -31,6 +33,7 @@ const tools = {
   align: new AlignTool(board, floors, stored),
   draw: new DrawTool(board, floors, stored),
   cameras: new CameraTool(board, floors, stored),
+  phones: new PhonesTool(board, floors),
 };
 const scans = new Scans(() => showView());
 // Venues whose floors are on their way.
@@ -46,6 +49,7 @@ async function showView() {
   const onBoard = view in BOARD_VIEWS;
   for (const name of ["start", "scan", "try", "share"]) byId(`view-${name}`).hidden = name !== view;
   byId("view-board").hidden = !onBoard;
+  if (!onBoard) board.use(null);
   for (const [name, [, , panel]] of Object.entries(BOARD_VIEWS)) byId(panel).hidden = name !== view;
   for (const link of document.querySelectorAll(".bar nav a")) {
     if (link.getAttribute("href") === `#${view}`) link.setAttribute("aria-current", "page");

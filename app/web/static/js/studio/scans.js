@@ -5,6 +5,7 @@ import { Progress, endedBuild } from "../builds.js";
 import { byId, el, guarded, notice, showError } from "../dom.js";
 import { currentVenue, loadVenues, venuePath } from "../venues.js";
 import { count, metres, moment } from "../words.js";
+import { Compare } from "./compare.js";
 
 const RUNNING = ["queued", "running"];
 const PICTURE_PX = 640;
@@ -14,6 +15,7 @@ export class Scans {
     this.onChange = onChange;
     this.progress = new Progress(byId("progress"), () => this.ended());
     this.urls = [];
+    this.compare = new Compare();
     byId("scan-form").addEventListener("submit", (event) => {
       event.preventDefault();
       guarded(byId("upload"), byId("scan-error"), () => this.build());
@@ -34,6 +36,7 @@ export class Scans {
       for (const url of this.urls.splice(0)) URL.revokeObjectURL(url);
       const none = notice("info", "No map yet. Upload a scan to build one.");
       byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(map)) : [none]));
+      this.compare.show(maps);
       this.progress.follow(builds.find((one) => RUNNING.includes(one.state)) ?? null, venue.id);
       this.report(builds[0]);
       const failed = builds.slice(1).filter((one) => one.state === "failed").slice(0, 3);
