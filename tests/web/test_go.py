@@ -157,6 +157,7 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     wire = go(server, phone)
     playwright.expect(page.get_by_role("heading")).to_have_text("The room")
     assert KEY not in page.url
+    page.get_by_label("Show my dot to the people who run this place").check()
     begin(page)
     playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
     errors = []
@@ -198,6 +199,10 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     playwright.expect(page.locator("#say-more")).to_contain_text("Accurate to")
     assert len({answer["session"] for answer in wire.answers}) == 1
     assert all("timestamp" in hint for hint in wire.hints)
+    # Who runs the place sees the dot, since its owner ticked that.
+    (shared,) = server.client.get("/venues/room/phones").json()
+    at = dot(page)
+    assert np.hypot(shared["place"]["x"] - float(at["x"]), shared["place"]["y"] - float(at["y"])) < 0.5
 
 
 def test_gravity_comes_from_the_devices_attitude(server: Server, phone: Tab) -> None:

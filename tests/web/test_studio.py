@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from tests import scenes
-from tests.plans import collection, landmark
 from tests.server import wait_for
-from tests.web.live import KEY, Server, Tab, live_server, watched_tab
+from tests.web.live import Server, Tab, live_server
+from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, spot, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 # The plan image shows 6 m by 5 m, the room's corner at (1, 1) m, turned by a quarter: plan = (1 + 3 - y, 1 + x).
-METERS_PER_PIXEL = 0.01
-SIZE_PX = (600, 500)
 EXPECTED = np.array([[0, -1, 4.0], [1, 0, 1.0]])
 
 
@@ -31,13 +29,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 @pytest.fixture
 def studio(browser: Any, server: Server) -> Iterator[Tab]:
-    """The studio, opened with the key; refused requests that a test makes on purpose are noted by the browser."""
-    with watched_tab(browser, ("401", "422", "409"), locale="en-US") as tab:
-        tab.page.on("dialog", lambda dialog: dialog.accept())
-        tab.open(f"{server.url}/studio")
-        tab.page.get_by_label("Key", exact=True).fill(KEY)
-        tab.page.get_by_role("button", name="Use this key").click()
-        playwright.expect(tab.page.get_by_role("dialog")).to_have_count(0)
+    """The studio, opened with the key."""
+    with open_studio(browser, server) as tab:
         yield tab
 
 
@@ -48,26 +41,6 @@ def plan_png() -> bytes:
     image[max(high, 0) : low, left : left + 3] = image[max(high, 0) : low, right : right + 3] = 0
     image[low : low + 3, left:right] = 0
     return scenes.encode(image, ".png")
-
-
-def visit(page: Any, name: str) -> None:
-    # The list of steps on the first view has links of the same names, once it is loaded.
-    page.get_by_role("navigation", name="Steps").get_by_role("link", name=name, exact=True).click()
-
-
-def spot(page: Any, x: float, y: float) -> tuple[float, float]:
-    """Return the point of the screen that shows a point of the plan, whose frame is that of the stored plan."""
-    u, v = x / METERS_PER_PIXEL, SIZE_PX[1] - 1 - y / METERS_PER_PIXEL
-    at = page.evaluate(
-        """([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(
-            document.getElementById("board-svg").getScreenCTM()); return [p.x, p.y]; }""",
-        [u, v],
-    )
-    return float(at[0]), float(at[1])
-
-
-def click(page: Any, x: float, y: float) -> None:
-    page.mouse.click(*spot(page, x, y))
 
 
 def plan_from_world(server: Server) -> np.ndarray:
@@ -295,41 +268,6 @@ def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:
     features = server.client.get("/venues/house/floors/0/features").json()["features"]
     assert len(features) == before + 1
     assert features[-1]["properties"]["name"] == "Bench"
-
-
-def test_a_way_between_floors_is_drawn_changed_and_leads(server: Server, studio: Tab, tmp_path: Path) -> None:
-    page, client = studio.page, server.client
-    floor = {"name": "Upper floor", "level": 1, "z_min_m": 3.5, "z_max_m": 6.5}
-    client.put("/venues/house/floors/1", json=floor).raise_for_status()
-    visit(page, "Draw")
-    page.reload()
-    playwright.expect(page.locator("#board-svg image")).to_have_count(1)
-    page.get_by_role("button", name="Stairs or lift").click()
-    playwright.expect(page.locator("#draw-words")).to_contain_text("Draw a landmark on another floor first")
-    above = collection(
-        landmark("gallery", 3.0, 3.0, name="Gallery"), landmark("hatch", 1.0, 1.0, name="Hatch")
-    )
-    client.put("/venues/house/floors/1/features", json=above).raise_for_status()
-    page.reload()
-    playwright.expect(page.locator("#feature-list li")).to_have_count(5)
-    page.get_by_role("button", name="Stairs or lift").click()
-    # Snaps to the landmark that is drawn there.
-    click(page, 3.52, 3.98)
-    playwright.expect(page.get_by_label("The way is")).to_be_focused()
-    page.get_by_label("The way is").select_option("lift")
-    playwright.expect(page.get_by_label("and arrives there at")).to_have_value("gallery")
-    page.get_by_label("and arrives there at").select_option("Hatch")
-    page.get_by_role("button", name="Undo").click()
-    playwright.expect(page.get_by_label("and arrives there at")).to_have_value("gallery")
-    playwright.expect(page.locator("#board")).to_contain_text("lift to Upper floor")
-    page.screenshot(path=tmp_path / "floors.png")
-    page.get_by_role("button", name="Save", exact=True).click()
-    playwright.expect(page.locator("#board-error")).to_contain_text("Saved.")
-    features = client.get("/venues/house/floors/0/features").json()["features"]
-    (way,) = [each for each in features if each["properties"].get("to_floor") == "1"]
-    assert (way["properties"]["mode"], way["properties"]["to"]) == ("lift", "gallery")
-    route = client.get("/venues/house/route", params={"from": "0:1.5,1.5", "to": "gallery"}).json()
-    assert [step["mode"] for step in route["steps"] if step["to_floor"] == "1"] == ["lift"]
 
 
 def test_a_camera_is_placed_by_clicks(server: Server, studio: Tab) -> None:
