@@ -21,6 +21,7 @@ COMMANDS = {
     "inspect": "app.commands.inspect:inspect",
     "marker": "app.commands.marker:marker",
     "build": "app.commands.build:build",
+    "upload": "app.commands.upload:upload",
     "locate": "app.commands.build:locate",
     "sweep": "app.commands.build:sweep",
     "check": "app.commands.maintain:check",

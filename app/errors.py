@@ -55,6 +55,12 @@ class UploadTooLargeError(InvalidInputError):
     code = "upload_too_large"
 
 
+class UnsupportedMediaError(InvalidInputError):
+    """A body of another media type than the call takes."""
+
+    code = "unsupported_media_type"
+
+
 class OffNetworkError(InvalidInputError):
     """A point too far from everything that can be walked."""
 
@@ -95,6 +101,18 @@ class ConflictError(RoomfixError):
     """A request that the present state doesn't allow."""
 
     code = "conflict"
+
+
+class UploadLockedError(ConflictError):
+    """Another part of an upload is being written."""
+
+    code = "upload_locked"
+
+
+class UnknownProtocolError(RoomfixError):
+    """A version of a protocol that is not spoken here."""
+
+    code = "unknown_protocol"
 
 
 class AmbiguousVenueError(ConflictError):

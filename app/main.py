@@ -43,6 +43,7 @@ from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
 from app.api.scans import inspect, recordings
 from app.api.stream import asyncapi, shared_phones
+from app.api.uploads import resumable
 from app.api.venue_files import transfer
 from app.geometry.estimators.chosen import ESTIMATORS
 from app.jobs.embedded import EmbeddedRunner
@@ -62,7 +63,10 @@ DESCRIPTION = (
 
 
 # Headers of answers that scripts of other sites may read, beside the simple ones.
-EXPOSED_HEADERS = ("ETag", "Link", "RateLimit", "RateLimit-Policy", "Retry-After", "X-Request-ID")
+EXPOSED_HEADERS = (
+    "ETag", "Link", "Location", "RateLimit", "RateLimit-Policy", "Retry-After", "Tus-Extension", "Tus-Max-Size",
+    "Tus-Resumable", "Tus-Version", "Upload-Expires", "Upload-Length", "Upload-Offset", "X-Request-ID",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +134,7 @@ def create_app(
         locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
         map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
         anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
-        transfer.router, asyncapi.router, recordings.router, shared_phones.router,
+        transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)

@@ -122,6 +122,11 @@ class Settings(BaseSettings):
         return self.data_dir / "scratch"
 
     @property
+    def uploads_dir(self) -> Path:
+        """Where uploads are until they are whole."""
+        return self.data_dir / "uploads"
+
+    @property
     def cache_dir(self) -> Path:
         """Where blobs of a remote store are kept for memory-mapping."""
         return self.data_dir / "cache"

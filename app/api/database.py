@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Header, Query, UploadFile
+from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field
 from sse_starlette.sse import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
@@ -20,7 +21,7 @@ from app.api.requests.paging import Paged
 from app.api.schemas import problems
 from app.errors import NotFoundError
 from app.limits import limit
-from app.services.submit_build import submit_build, withdraw_build
+from app.services.submit_build import submit_build, submit_upload, withdraw_build
 from app.storage.builds import Build, get_build, list_builds
 
 router = APIRouter(
@@ -130,8 +131,11 @@ class BuildBody(BaseModel):
 def build(
     state: State,
     caller: CallerOf,
-    archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(min_length=1, description="The venue that the map is for")],
+    archive: Annotated[UploadFile | None, File(description="The scan: zip or tar")] = None,
+    upload: Annotated[
+        str | None, Form(description="In place of archive: the id of an upload that is whole")
+    ] = None,
     options: OptionsField = "{}",
     idempotency_key: Annotated[
         str | None,
@@ -144,9 +148,14 @@ def build(
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
     caller.check_venue(venue)
-    build_id = submit_build(
-        state.services.resources, venue, read_options(options), archive.file, idempotency_key
-    )
+    resources, uploads, parsed = state.services.resources, state.services.uploads, read_options(options)
+    if archive is not None and upload is None:
+        build_id = submit_build(resources, venue, parsed, archive.file, idempotency_key)
+    elif upload is not None and archive is None:
+        build_id = submit_upload(resources, uploads, venue, parsed, upload, idempotency_key)
+    else:
+        message = "Send the scan as archive, or the id of its upload as upload"
+        raise RequestValidationError([{"type": "missing", "loc": ("body", "archive"), "msg": message}])
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")

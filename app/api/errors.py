@@ -19,6 +19,8 @@ from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
+# The version of the tus protocol that uploads speak.
+TUS_VERSION = "1.0.0"
 METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 # The first class that fits decides, so that special ones stand above their base.
@@ -26,12 +28,15 @@ STATUS: tuple[tuple[type[errors.RoomfixError], int], ...] = (
     (errors.ImageTooLargeError, 413),
     (errors.UploadTooLargeError, 413),
     (errors.UnsupportedImageError, 415),
+    (errors.UnsupportedMediaError, 415),
     (errors.InvalidInputError, 422),
     (errors.DegenerateGeometryError, 422),
     (errors.AuthenticationError, 401),
     (errors.PermissionDeniedError, 403),
     (errors.NotFoundError, 404),
+    (errors.UploadLockedError, 423),
     (errors.ConflictError, 409),
+    (errors.UnknownProtocolError, 412),
     (errors.RateLimitError, 429),
     (errors.BusyError, 503),
     (errors.MapDamagedError, 503),
@@ -157,6 +162,8 @@ def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None
     """Return the headers that a status code asks for."""
     if status == 401:
         return {"WWW-Authenticate": "Bearer"}
+    if status == 412:
+        return {"Tus-Version": TUS_VERSION}
     if isinstance(error, errors.RateLimitError):
         return {"Retry-After": str(error.retry_after_s)}
     retry_s = next((seconds for kind, seconds in RETRY_AFTER_S if isinstance(error, kind)), None)

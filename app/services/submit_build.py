@@ -5,17 +5,25 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import copyfileobj
 from typing import Any, BinaryIO
 
 from app.engine.mapping.options import parse_build_options
-from app.errors import ConflictError, InvalidInputError, InvalidScanError
+from app.errors import (
+    ConflictError,
+    InvalidInputError,
+    InvalidScanError,
+    NotFoundError,
+    PermissionDeniedError,
+    UploadLockedError,
+)
 from app.services.resources import Resources
 from app.storage.builds import Build, cancel_build, create_build, find_submission
 from app.storage.db import hold_blobs
 from app.storage.sweep import discard_blobs
+from app.storage.uploads import UploadFolder
 from app.storage.venues import get_venue
 
 UPLOAD_PREFIX = "upload-"
@@ -25,10 +33,10 @@ def submit_build(
     resources: Resources,
     venue: str,
     options: object,
-    archive: BinaryIO,
+    archive: BinaryIO | Path,
     idempotency_key: str | None = None,
 ) -> str:
-    """Store a scan's archive, queue its build and return the build's id.
+    """Store a scan's archive, a stream or a file that stays as it is, queue its build and return the build's id.
 
     Raises `NotFoundError` for an unknown venue, `InvalidInputError` for options that can't be meant,
     `InvalidScanError` for an empty archive. A submission with the `idempotency_key` of an earlier one of the venue is
@@ -38,7 +46,7 @@ def submit_build(
     plain = _plain(options)
     with resources.database.read() as connection:
         get_venue(connection, venue)
-    with _spooled(resources.scratch_dir, archive) as path:
+    with _as_file(resources.scratch_dir, archive) as path:
         digest = resources.blobs.put_file(path)
         with resources.database.write() as connection:
             get_venue(connection, venue)
@@ -51,6 +59,40 @@ def submit_build(
             if not resources.blobs.contains(digest):
                 resources.blobs.put_file(path)
             return create_build(connection, venue, plain, digest, idempotency_key)
+
+
+def submit_upload(
+    resources: Resources,
+    uploads: UploadFolder,
+    venue: str,
+    options: object,
+    upload: str,
+    idempotency_key: str | None = None,
+) -> str:
+    """Queue a build of an upload that is whole, remove the upload and return the build's id.
+
+    Raises as `submit_build` does, `NotFoundError` for an unknown upload, `PermissionDeniedError` for that of another
+    venue, `ConflictError` for one that is not whole. The upload of an earlier submission with the `idempotency_key` is
+    gone, and its build is returned.
+    """
+    try:
+        found = uploads.get(upload)
+    except NotFoundError:
+        with resources.database.read() as connection:
+            earlier = find_submission(connection, venue, idempotency_key)
+        if earlier is None or earlier.options != _plain(options):
+            raise
+        return earlier.id
+    if found.facts.venue_id not in (None, venue):
+        raise PermissionDeniedError("This upload was begun for another venue.")
+    if not found.is_whole:
+        raise ConflictError(
+            f"Of the upload {found.offset:,} of {found.facts.length:,} bytes have arrived; send the rest first."
+        )
+    build_id = submit_build(resources, venue, options, found.path, idempotency_key)
+    with suppress(NotFoundError, UploadLockedError):
+        uploads.delete(upload)
+    return build_id
 
 
 def withdraw_build(resources: Resources, build_id: str) -> Build:
@@ -70,14 +112,23 @@ def _check_same(earlier: Build, options: dict[str, Any], archive_blob: str) -> N
 
 
 @contextmanager
-def _spooled(folder: Path, archive: BinaryIO) -> Iterator[Path]:
+def _as_file(folder: Path, archive: BinaryIO | Path) -> Iterator[Path]:
+    """Give a file with an archive's bytes: its own, or one that they are copied to."""
+    if isinstance(archive, Path):
+        _check_not_empty(archive)
+        yield archive
+        return
     with tempfile.NamedTemporaryFile(dir=folder, prefix=UPLOAD_PREFIX) as file:
         copyfileobj(archive, file)
         file.flush()
         path = Path(file.name)
-        if path.stat().st_size == 0:
-            raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
+        _check_not_empty(path)
         yield path
+
+
+def _check_not_empty(path: Path) -> None:
+    if path.stat().st_size == 0:
+        raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
 
 
 def _plain(options: object) -> dict[str, Any]:

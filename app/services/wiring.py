@@ -17,6 +17,7 @@ from app.services.recordings.service import RecordingService
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.sessions import SessionService
+from app.storage.uploads import UploadFolder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +34,7 @@ class Services:
     sessions: SessionService
     keys: KeyService
     recordings: RecordingService
+    uploads: UploadFolder
 
 
 def wire_services(resources: Resources, tracking: TrackerSettings | None = None) -> Services:
@@ -49,6 +51,7 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
         routes=routes,
         anchors=AnchorService(resources, maps, describer),
         locate=LocateService(resources, maps, features, locator),
+        uploads=UploadFolder(resources.settings.uploads_dir, resources.settings.max_archive_bytes),
         keys=KeyService(resources.database, resources.settings.admin_key),
         recordings=RecordingService(resources),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),

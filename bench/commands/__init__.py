@@ -32,4 +32,5 @@ COMMANDS = {
     "large-maps": "bench.large_maps.command:large_maps",
     "evaluate-phone-page": "bench.pages.command:evaluate_phone_page",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
+    "upload-bench": "bench.uploads.command:upload_bench",
 }

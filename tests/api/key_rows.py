@@ -61,6 +61,10 @@ BODIES: dict[str, dict[str, Any]] = {
     "POST /recordings": {"json": {"venue": VENUE}},
     "PUT /recordings/{recording}/frames/{number}": {"params": {"time_s": 0}, "content": b"no picture"},
     "POST /recordings/{recording}/finish": {"json": {"frames": 9}},
+    "POST /uploads": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Length": "10"}},
+    "HEAD /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
+    "PATCH /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Offset": "0"}},
+    "DELETE /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
 }
 
 
@@ -154,6 +158,7 @@ class Callers:
         return {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "key": key,
             "version": "1", "keyframe": "0", "recording": recording, "number": "0",
+            "upload": self.state.services.uploads.create(10, VENUE).id,
         }  # fmt: skip
 
     def call(self, call: str, column: str) -> tuple[int, str]:
@@ -169,5 +174,7 @@ class Callers:
                     return 101, ""
             except WebSocketDenialResponse as refused:
                 return refused.status_code, refused.text
-        answer = self.client.request(method, path, headers=headers, **BODIES.get(call, {}))
+        arguments = dict(BODIES.get(call, {}))
+        headers |= arguments.pop("headers", {})
+        answer = self.client.request(method, path, headers=headers, **arguments)
         return answer.status_code, answer.text

@@ -18,7 +18,7 @@ from app.geometry.estimators.upright_solver import upright_relative_poses
 from app.geometry.reprojection import perturbed, reprojection_errors_px
 from app.geometry.se3 import Pose, position_difference_m, rotation_angle_deg, rotation_from_vector
 from app.geometry.triangulation import unit_rays
-from tests.synthetic import MODELS, make_scene, make_two_views
+from tests.synthetic import CAMERAS, MODELS, make_scene, make_two_views, random_pixels
 
 ROOT = Path(__file__).parents[2]
 BUDGET = RansacBudget(max_error_px=8.0, max_iterations=5000, min_iterations=100, seed=0)
@@ -116,6 +116,33 @@ def test_samples_have_the_solutions_of_poselib():
         assert all(np.abs(np.sin(0.5 * (ours - each))).min() < 1e-5 for each in theirs)
         found += len(theirs)
     assert found > 20
+
+
+def views_of_a_wall(rng: np.random.Generator, noise_px: float = 0.3):
+    """Return the pixels (n, 2), (n, 2) of matches, most of them on a wall that is seen at a slant, and `b_from_a`."""
+    camera = CAMERAS["PINHOLE"]
+    a_px = random_pixels(rng, camera, 400)
+    rays = camera.unproject(a_px, np.ones(400))
+    depths = 3.0 / (rays @ np.array([0.5, 0.1, 1.0]))
+    depths[::20] *= rng.uniform(0.7, 0.95, 20)
+    direction = rng.normal(size=3) * [1.0, 1.0, 0.3]
+    b_from_a = Pose(
+        rotation_from_vector(rng.normal(size=3) * 0.05), 0.5 * direction / np.linalg.norm(direction)
+    )
+    b_px = camera.project(b_from_a.apply(rays * depths[:, None]))
+    both = camera.contains(b_px)
+    noise = rng.normal(size=(2, int(both.sum()), 2)) * noise_px
+    return a_px[both] + noise[0], b_px[both] + noise[1], b_from_a
+
+
+def test_opencv_takes_the_better_one_of_the_two_poses_that_fit_a_wall():
+    camera = CAMERAS["PINHOLE"]
+    budget = RansacBudget(max_error_px=2.0, max_iterations=5000, min_iterations=100, seed=0)
+    for seed in range(30):
+        a_px, b_px, b_from_a = views_of_a_wall(np.random.default_rng(seed))
+        found = OpenCvEstimators().relative_pose(a_px, b_px, (camera, camera), budget)
+        assert rotation_angle_deg(found.rotation.T @ b_from_a.rotation) < 2.0
+        assert found.translation @ b_from_a.translation > 0.9 * 0.5
 
 
 def test_opencv_finds_relative_poses_as_poselib_does():

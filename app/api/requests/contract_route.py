@@ -61,10 +61,12 @@ class ContractRoute(APIRoute):
     doesn't declare.
 
     `scopes` is what a key needs; a route without `require` or `public` among its dependencies asks for admin.
-    `body_kind` is what the body holds, where that is not seen from what the route declares.
+    `body_kind` is what the body holds, where that is not seen from what the route declares; `is_noted` whether what
+    administrators do by it is in the audit log.
     """
 
     body_kind: Kind | None = None
+    is_noted: bool = True
 
     def __init__(
         self,
@@ -88,7 +90,8 @@ class ContractRoute(APIRoute):
             await admit(request, self.scopes)
             request.scope[BODY].expect(self.body_kind or self.declared.body_kind)
             response = await handle(FormRequest(request.scope, request.receive, self.declared.files))
-            if "admin" in self.scopes or ("record" in self.scopes and VENUE in request.scope):
+            is_recorded = "record" in self.scopes and VENUE in request.scope
+            if self.is_noted and ("admin" in self.scopes or is_recorded):
                 await log_act(request, response)
             return response
 

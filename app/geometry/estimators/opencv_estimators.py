@@ -11,21 +11,18 @@ from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
-from app.geometry.estimators.interface import MIN_FUNDAMENTAL_POINTS, MIN_POINTS, AbsolutePose, RansacBudget
-from app.geometry.estimators.relative_refinement import RelativePoseProblem
+from app.geometry.estimators.interface import MIN_POINTS, AbsolutePose, RansacBudget
+from app.geometry.estimators.opencv_relative_pose import sampled_relative_pose
 from app.geometry.estimators.upright_solver import upright_relative_poses
 from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.rigs.refinement import refine_rig_pose
 from app.geometry.rigs.view import RigView
 from app.geometry.se3 import Pose
-from app.geometry.triangulation import homogeneous
 from app.limits import limit
 
 Array = NDArray[np.float64]
 NO_DISTORTION = np.zeros(4)
-# `recoverPose` leaves out points beyond this many baselines; all of them count here.
-ANY_DISTANCE = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,15 +34,21 @@ class UsacOptions:
         "USAC ends when a sample without outliers was drawn with this probability.",
         chosen="By hand: above the 0.999 of the other estimators, since USAC draws no least number of samples.",
     )
-    pose_rounds: int = limit(
-        2,
-        "Rounds in which inliers are chosen and the absolute pose is refined on them.",
-        chosen="By hand: the second round has the inliers of a pose that is refined already.",
+    searches: int = limit(
+        3,
+        "Searches for an absolute pose, with a seed each, of which the best is taken.",
+        chosen="By hand: one search ends in a minimum near the best one in about half of the frames that odometry has "
+        "followed for long; of three, one is there.",
     )
-    relative_steps: int = limit(
-        8,
-        "Gauss-Newton steps for a relative pose.",
-        chosen="By hand: as many as a relative pose with known verticals gets.",
+    pose_rounds: int = limit(
+        10,
+        "Most rounds in which inliers are chosen and the absolute pose of least squares is found on them.",
+        chosen="By hand: they end when the inliers stay the same, which takes two or three rounds.",
+    )
+    rig_rounds: int = limit(
+        2,
+        "Rounds in which inliers are chosen and the pose of a rig is refined on them.",
+        chosen="By hand: the second round has the inliers of a pose that is refined already.",
     )
 
 
@@ -53,7 +56,7 @@ OPTIONS = UsacOptions()
 
 
 class OpenCvEstimators:
-    """See `Estimators`. USAC (MSAC score, inner local optimization) finds the pose, our refinement ends it.
+    """See `Estimators`. USAC (MSAC score, inner local optimization) finds poses, our refinement ends the best.
 
     `min_iterations` of a budget has no counterpart in USAC and is not used; the number of samples is not reported.
     """
@@ -70,16 +73,21 @@ class OpenCvEstimators:
         loss_scale_px: float,
         prior: Pose | None,
     ) -> AbsolutePose | None:
-        best, least_cost = None, np.inf
-        for start in (_sampled_pose(pixels, points, camera, budget), prior):
-            refined = start and _refined(pixels, points, camera, start, budget.max_error_px, loss_scale_px)
-            if refined is None:
+        best, least_cost, tried = None, np.inf, list[Pose]()
+        for start in (*_sampled_poses(pixels, points, camera, budget), prior):
+            if start is None or any(_is_same(start, each) for each in tried):
                 continue
-            errors = reprojection_errors_px(pixels, points, camera, refined)
+            tried.append(start)
+            found = _on_its_inliers(pixels, points, camera, start, budget.max_error_px)
+            if found is None:
+                continue
+            errors = reprojection_errors_px(pixels, points, camera, found)
             cost = float(np.minimum((errors / budget.max_error_px) ** 2, 1.0).sum())
             if cost < least_cost:
-                best, least_cost = refined, cost
-        return None if best is None else AbsolutePose(best, 0)
+                best, least_cost = found, cost
+        if best is None:
+            return None
+        return _robust(pixels, points, camera, best, budget.max_error_px, loss_scale_px)
 
     def rig_pose(
         self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float
@@ -110,35 +118,13 @@ class OpenCvEstimators:
     def relative_pose(
         self, pixels_a: Array, pixels_b: Array, cameras: tuple[Camera, Camera], budget: RansacBudget
     ) -> Pose | None:
-        rays_a, rays_b = cameras[0].normalize(pixels_a), cameras[1].normalize(pixels_b)
-        # With the mean focal length, the rays' errors are in pixels of the mean of both images.
-        focal_px = 0.5 * (cameras[0].focal_px + cameras[1].focal_px)
-        K = np.diag([focal_px, focal_px, 1.0])
-        try:
-            essential, mask = cv2.findEssentialMat(
-                focal_px * rays_a, focal_px * rays_b, K, K, NO_DISTORTION, NO_DISTORTION, _usac(budget)
-            )
-            if essential is None or essential.shape != (3, 3):
-                return None
-            _, rotation, translation, front, _ = cv2.recoverPose(
-                essential, rays_a, rays_b, np.eye(3), distanceThresh=ANY_DISTANCE, mask=mask.copy()
-            )
-        except cv2.error:  # Raised for matches that no sample gives a matrix for.
-            return None
-        kept = front[:, 0] != 0
-        if np.count_nonzero(kept) < MIN_FUNDAMENTAL_POINTS:
-            return None
-        rays = homogeneous(rays_a[kept]), homogeneous(rays_b[kept])
-        problem = RelativePoseProblem(*rays, None, budget.max_error_px / focal_px)
-        start = np.asarray(rotation, dtype=np.float64), np.asarray(translation[:, 0], dtype=np.float64)
-        _, refined_rotation, refined_translation = problem.refined(*start, OPTIONS.relative_steps)
-        return Pose(refined_rotation, refined_translation)
+        return sampled_relative_pose(pixels_a, pixels_b, cameras, budget.max_error_px, usac_params(budget))
 
     def upright_relative_poses(self, rays_a: Array, rays_b: Array) -> tuple[Array, Array]:
         return upright_relative_poses(rays_a, rays_b)
 
 
-def _usac(budget: RansacBudget) -> cv2.UsacParams:
+def usac_params(budget: RansacBudget) -> cv2.UsacParams:
     params = cv2.UsacParams()
     params.threshold = budget.max_error_px
     params.maxIterations = budget.max_iterations
@@ -156,7 +142,7 @@ def _sampled_pose(pixels: Array, points: Array, camera: Camera, budget: RansacBu
     centre = np.median(points, axis=0)
     try:
         ok, _, turn, translation, _ = cv2.solvePnPRansac(
-            points - centre, camera.undistort(pixels), camera.K, NO_DISTORTION, params=_usac(budget)
+            points - centre, camera.undistort(pixels), camera.K, NO_DISTORTION, params=usac_params(budget)
         )
     except cv2.error:  # Raised for sets of points that no pose fits.
         return None
@@ -167,24 +153,53 @@ def _sampled_pose(pixels: Array, points: Array, camera: Camera, budget: RansacBu
     return Pose(np.eye(3), centre) @ camera_from_centre.inverse()
 
 
-def _refined(
-    pixels: Array, points: Array, camera: Camera, pose: Pose, max_error_px: float, loss_scale_px: float
+def _sampled_poses(pixels: Array, points: Array, camera: Camera, budget: RansacBudget) -> list[Pose | None]:
+    seeds = range(budget.seed, budget.seed + OPTIONS.searches)
+    return [_sampled_pose(pixels, points, camera, replace(budget, seed=seed)) for seed in seeds]
+
+
+def _is_same(a: Pose, b: Pose) -> bool:
+    return bool(np.array_equal(a.rotation, b.rotation) and np.array_equal(a.translation, b.translation))
+
+
+def _on_its_inliers(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, max_error_px: float
 ) -> Pose | None:
-    """Return a pose refined on its inliers, or None when it has fewer than four."""
+    """Return the pose of least squares on its own inliers, or None when it has fewer than four.
+
+    Inliers are chosen anew until they stay the same: then the pose is a minimum of the truncated squares by which poses
+    are compared.
+    """
+    before = None
     for _ in range(OPTIONS.pose_rounds):
         inliers = reprojection_errors_px(pixels, points, camera, pose) <= max_error_px
         if np.count_nonzero(inliers) < MIN_POINTS:
             return None
+        if before is not None and np.array_equal(inliers, before):
+            break
+        before = inliers
         try:
-            pose = refine_pose(pixels[inliers], points[inliers], camera, pose, loss_scale_px=loss_scale_px)
+            pose = refine_pose(pixels[inliers], points[inliers], camera, pose, loss="trivial")
         except DegenerateGeometryError:
             return None
     return pose
 
 
+def _robust(
+    pixels: Array, points: Array, camera: Camera, pose: Pose, max_error_px: float, loss_scale_px: float
+) -> AbsolutePose | None:
+    """Return the pose of least robust loss on its inliers, or None when these don't determine it."""
+    inliers = reprojection_errors_px(pixels, points, camera, pose) <= max_error_px
+    try:
+        refined = refine_pose(pixels[inliers], points[inliers], camera, pose, loss_scale_px=loss_scale_px)
+    except DegenerateGeometryError:
+        return None
+    return AbsolutePose(refined, 0)
+
+
 def _refined_rig(views: Sequence[RigView], pose: Pose, tangent: float, loss_scale_px: float) -> Pose | None:
     """Return a rig's pose refined on its inliers, or None when it has fewer than four."""
-    for _ in range(OPTIONS.pose_rounds):
+    for _ in range(OPTIONS.rig_rounds):
         inliers = [view.take(view.errors_px(pose) <= tangent * view.camera.focal_px) for view in views]
         if sum(len(view.points_px) for view in inliers) < MIN_POINTS:
             return None

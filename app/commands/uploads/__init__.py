@@ -1,0 +1,1 @@
+"""Sending a scan to a server over a connection that may break."""
