@@ -3,6 +3,7 @@
 import { byId, el, guarded, notice, svg } from "../dom.js";
 import { currentVenue } from "../venues.js";
 import { metres } from "../words.js";
+import { surely } from "./saving.js";
 import { ScanPoints } from "./scan-image.js";
 import { apply, changedAbout, fit, fromMatrix, invert, outlier, residuals, toMatrix } from "./similarity.js";
 
@@ -22,7 +23,7 @@ export class AlignTool {
     });
     byId("align-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-align"), byId("board-error"), () => this.save());
+      guarded(byId("save-align"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
     });
   }
 

@@ -5,17 +5,22 @@ import { byId, el, guarded, notice, showError, svg } from "../dom.js";
 import { currentVenue, venuePath } from "../venues.js";
 import { FloorLinks } from "./floor-links.js";
 import { History } from "./history.js";
+import { surely } from "./saving.js";
 
 // Points closer than this on the screen are taken for the same.
 const SNAP_PX = 14;
 const WORDS = {
   select: "Click a feature to name, move or delete it.",
   landmark: "Click where people can go, or be guided by: doors, counters, exhibits.",
+  poi: "Click what can be seen or reached there: a screen, an exhibit, a counter.",
   link: "Click along a way that can be walked, from landmark to landmark. Click the last point twice to end it.",
   floors: "Click where the stairs, lift or escalator begins, best on a landmark; then choose where it leads to.",
   area: "Click the corners of a room. Click the last corner twice to close it.",
   route: "Click where a walk begins, then where it ends.",
 };
+
+// Kinds of features that are points, and what a new one is called.
+const POINTS = { landmark: "Landmark", poi: "Point" };
 
 export class DrawTool {
   constructor(board, floors, onStored) {
@@ -32,7 +37,7 @@ export class DrawTool {
     byId("remove").addEventListener("click", () => this.remove());
     byId("finish").addEventListener("click", () => this.finish());
     byId("feature-name").addEventListener("change", () => this.rename());
-    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.save()).then(() => this.changed()));
+    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.saveSurely()).then(() => this.changed()));
     addEventListener("keydown", (event) => this.shortcut(event));
   }
 
@@ -83,9 +88,10 @@ export class DrawTool {
   click(raw) {
     const point = this.snapped(raw);
     if (this.mode === "select") return this.select(this.hit(raw));
-    if (this.mode === "landmark") {
-      const number = 1 + this.features.filter((each) => kindOf(each) === "landmark").length;
-      return this.add("Point", point, { kind: "landmark", name: `Landmark ${number}` });
+    if (this.mode in POINTS) {
+      const kind = this.mode;
+      const number = 1 + this.features.filter((each) => kindOf(each) === kind).length;
+      return this.add("Point", point, { kind, name: `${POINTS[kind]} ${number}` });
     }
     if (this.mode === "floors") {
       const properties = this.ways.refusal() === null ? this.ways.propertiesAt(point) : null;
@@ -277,6 +283,12 @@ export class DrawTool {
     const rings = coordinates.map((ring) => `M ${ring.map((point) => board.units(point).join(" ")).join(" L ")} Z`).join(" ");
     const label = board.glyph(middle, svg("text", { "text-anchor": "middle" }, feature.properties.name ?? ""));
     return svg("g", {}, svg("path", { d: rings, class: kind, "fill-rule": "evenodd" }), label);
+  }
+
+  saveSurely() {
+    const { key } = this.history;
+    // What is drawn on a floor that was left meanwhile stays its draft.
+    return surely(byId("board-error"), () => (this.history.key === key ? this.save() : undefined));
   }
 
   async save() {

@@ -36,6 +36,7 @@ const tools = {
   phones: new PhonesTool(board, floors),
 };
 const scans = new Scans(() => showView());
+const RETRY_MS = 2000;
 // Venues whose floors are on their way.
 let loading = 0;
 
@@ -79,6 +80,8 @@ async function beginTool() {
     await tool.begin?.();
   } catch (error) {
     showError(byId("board-error"), error);
+    // The server can't be reached: what this view shows is read as soon as it is back.
+    if (error.status === 0) setTimeout(() => currentView() === view && beginTool(), RETRY_MS);
   }
 }
 

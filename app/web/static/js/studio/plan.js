@@ -2,6 +2,7 @@
 
 import { requestJson } from "../api.js";
 import { byId, guarded, notice, svg } from "../dom.js";
+import { surely } from "./saving.js";
 
 export class PlanTool {
   constructor(board, floors, onStored) {
@@ -14,7 +15,7 @@ export class PlanTool {
     });
     byId("plan-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-plan"), byId("board-error"), () => this.save());
+      guarded(byId("save-plan"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
     });
   }
 

@@ -1,8 +1,9 @@
 // Scans: upload, progress, report with pictures, what the examination found, repair; and the versions of the map.
 
-import { request, requestJson, upload } from "../api.js";
+import { request, requestJson } from "../api.js";
 import { Progress, endedBuild } from "../builds.js";
 import { byId, el, guarded, notice, showError } from "../dom.js";
+import { uploadScan } from "../scan-upload.js";
 import { currentVenue, loadVenues, venuePath } from "../venues.js";
 import { count, metres, moment } from "../words.js";
 import { Compare } from "./compare.js";
@@ -56,11 +57,8 @@ export class Scans {
   async build(more = {}) {
     const archive = byId("archive").files[0];
     const venue = currentVenue().id;
-    const form = new FormData();
-    form.set("venue", venue);
-    form.set("options", JSON.stringify({ ...this.options(), ...more }));
-    form.set("archive", archive, archive.name);
-    const submitted = await this.progress.upload((onProgress, signal) => upload("database/build", form, onProgress, signal));
+    const options = { ...this.options(), ...more };
+    const submitted = await this.progress.upload((onProgress, signal) => uploadScan(archive, venue, options, onProgress, signal));
     byId("report").replaceChildren();
     this.progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
   }
