@@ -70,6 +70,7 @@ def visit(server: Server, tab: Tab, place: str, opened: str | None) -> None:
                 for (const each of document.querySelectorAll('[id^="step-"]')) each.hidden = each.id !== id;
                 const more = '[id^="size-"], #go-link, #again, #record-new';
                 for (const each of document.querySelectorAll(more)) each.hidden = false;
+                document.querySelector('input[value="distance"]').click();
             }""",
             opened,
         )
@@ -119,7 +120,7 @@ def test_every_control_is_reached_by_tab_and_has_a_name(server: Server, browser:
                     && !e.disabled && !e.closest("[inert]") && e.type !== "radio")
                 .map((e, i) => { e.dataset.wanted = i; return e.outerHTML.slice(0, 100); })"""
         )
-        assert len(wanted) > 3
+        assert len(wanted) > 1
         reached: set[str | None] = set()
         page.evaluate("() => document.activeElement.blur()")
         for _ in range(3 * len(wanted) + 10):

@@ -17,6 +17,7 @@ from tests.plans import collection, landmark
 from tests.server import wait_for
 from tests.web.camera_file import CUT_ERRORS
 from tests.web.live import KEY, Server, Tab, live_server, watched_tab
+from tests.web.pictures import keep_picture
 from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -75,7 +76,7 @@ def test_an_upload_goes_on_where_it_was_when_the_server_is_back(
     )
     server.stop()
     playwright.expect(page.locator("#progress")).to_contain_text("The connection is lost", timeout=20_000)
-    page.screenshot(path=tmp_path / "upload-cut.png")
+    keep_picture(page, tmp_path, "upload-cut")
     server.start()
     playwright.expect(page.locator("#report")).to_contain_text("Report on version 1", timeout=90_000)
     begun = [request for request in asked if request.method == "POST" and request.url.endswith("/uploads")]
@@ -99,7 +100,7 @@ def test_what_is_drawn_while_the_server_is_away_is_saved_when_it_is_back(
     playwright.expect(page.locator("#board-error")).to_contain_text("saved as soon as the server is back")
     # One goes on drawing meanwhile.
     click(page, 4.0, 2.0)
-    page.screenshot(path=tmp_path / "drawing-cut.png")
+    keep_picture(page, tmp_path, "drawing-cut")
     server.start()
     playwright.expect(page.locator("#board-error")).to_contain_text("Saved.", timeout=20_000)
     features = server.client.get("/venues/house/floors/0/features").json()["features"]

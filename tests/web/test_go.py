@@ -22,6 +22,7 @@ from tests.plans import collection, landmark, link
 from tests.server import wait_for
 from tests.web.camera_file import CUT_ERRORS, flags_for, write_walk
 from tests.web.live import KEY, Server, Tab, chromium, live_server, watched_tab
+from tests.web.pictures import keep_picture
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 FPS = 10
@@ -187,7 +188,7 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     playwright.expect(page.locator("#say-more")).to_contain_text("m to Große Tür")
     playwright.expect(page.locator(".way")).to_have_attribute("points", re.compile(r"\d"))
     playwright.expect(page.locator(".goal")).to_have_attribute("visibility", "visible")
-    page.screenshot(path=tmp_path / "leading.png")
+    keep_picture(page, tmp_path, "leading")
 
     # The other landmark is on the walk itself.
     page.get_by_role("button", name="Where to?").click()

@@ -17,6 +17,7 @@ from tests import scenes
 from tests.server import wait_for
 from tests.web.camera_file import CUT_ERRORS, flags_for, write_walk
 from tests.web.live import Server, Tab, chromium, live_server, watched_tab
+from tests.web.pictures import keep_picture
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytest.importorskip("pycolmap", reason="the extra sfm is not installed")
@@ -97,18 +98,18 @@ def test_a_recording_becomes_a_map_that_locates_although_the_server_restarts(
     film(page, 8)
     server.stop()
     playwright.expect(page.locator("#say-more")).to_contain_text("The connection is lost", timeout=20_000)
-    page.screenshot(path=tmp_path / "record-cut.png")
+    keep_picture(page, tmp_path, "record-cut")
     server.start()
     wait_for(lambda: page.wait_for_timeout(100) or kept(page) >= 36, 60)
     playwright.expect(page.locator("#say-more")).not_to_contain_text("lost")
-    page.screenshot(path=tmp_path / "record-filming.png")
+    keep_picture(page, tmp_path, "record-filming")
     page.get_by_role("button", name="Stop filming").click()
     playwright.expect(page.locator("#say-words")).to_have_text("How large is the place?")
     page.get_by_label("Side of the marker's black square (m)").fill(str(MARKER_M))
-    page.screenshot(path=tmp_path / "record-size.png")
+    keep_picture(page, tmp_path, "record-size")
     page.get_by_role("button", name="Build the map").click()
     playwright.expect(page.locator("#say-words")).to_have_text("The map is ready", timeout=180_000)
-    page.screenshot(path=tmp_path / "record-ready.png")
+    keep_picture(page, tmp_path, "record-ready")
 
     room = filmed_room()
     truths = [pose(step + 0.5) for step in np.linspace(2, 66, 20)]
@@ -149,7 +150,7 @@ def test_a_page_that_was_closed_goes_on_and_loses_nothing(
         page.unroute("**/recordings/*/frames/**")
         page.reload()
         playwright.expect(page.locator("#say-words")).to_contain_text("was interrupted")
-        page.screenshot(path=tmp_path / "record-interrupted.png")
+        keep_picture(page, tmp_path, "record-interrupted")
         recording = page.evaluate(
             "() => JSON.parse(localStorage.getItem('roomfix.recording.room')).recording"
         )
@@ -196,7 +197,7 @@ def test_a_distance_is_marked_in_a_picture_by_keyboard(server: Server, phone: Ta
     page.keyboard.press("Enter")
     playwright.expect(page.locator("#points-words")).to_contain_text("Both ends are marked")
     page.get_by_label("Distance between the two points (m)").fill("1.2")
-    page.screenshot(path=tmp_path / "record-distance.png")
+    keep_picture(page, tmp_path, "record-distance")
     with page.expect_request("**/finish") as asked:
         page.get_by_role("button", name="Build the map").click()
     scale = asked.value.post_data_json["scale"]

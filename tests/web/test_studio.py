@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,10 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests import scenes
 from tests.server import wait_for
 from tests.web.live import Server, Tab, live_server
+from tests.web.pictures import keep_picture
 from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, spot, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -34,13 +37,17 @@ def studio(browser: Any, server: Server) -> Iterator[Tab]:
         yield tab
 
 
-def plan_png() -> bytes:
+def plan_pdf() -> bytes:
+    """Return the plan as the second page of a PDF, of as many pixels as the server draws it with."""
     image = np.full((SIZE_PX[1], SIZE_PX[0], 3), 250, np.uint8)
     # The room's walls.
     left, right, low, high = 100, 400, SIZE_PX[1] - 100, SIZE_PX[1] - 500
     image[max(high, 0) : low, left : left + 3] = image[max(high, 0) : low, right : right + 3] = 0
     image[low : low + 3, left:right] = 0
-    return scenes.encode(image, ".png")
+    pages = [Image.fromarray(np.full_like(image, 255)), Image.fromarray(image)]
+    file = io.BytesIO()
+    pages[0].save(file, "pdf", save_all=True, append_images=pages[1:], resolution=150)
+    return file.getvalue()
 
 
 def plan_from_world(server: Server) -> np.ndarray:
@@ -70,6 +77,7 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
     page.get_by_role("button", name="Upload and build").click()
     playwright.expect(page.locator("#report")).to_contain_text("Report on version 1", timeout=60_000)
     playwright.expect(page.locator("#report")).to_contain_text("of its own frames are located")
+    keep_picture(page, tmp_path, "scan")
     playwright.expect(page.locator("#versions")).to_contain_text("Serving")
     playwright.expect(page.locator(".top-view")).to_have_attribute("src", re.compile("^blob:"))
 
@@ -79,14 +87,18 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
     page.locator("#floor-form").get_by_role("button", name="Add floor").click()
     playwright.expect(page.locator("#floor option:checked")).to_have_text("Ground floor")
     page.locator("#plan-image").set_input_files(
-        {"name": "plan.png", "mimeType": "image/png", "buffer": plan_png()}
+        {"name": "plan.pdf", "mimeType": "application/pdf", "buffer": plan_pdf()}
     )
+    page.get_by_label("Page", exact=True).fill("2")
+    with page.expect_response("**/plan/picture"):
+        page.keyboard.press("Tab")
     playwright.expect(page.locator("#board-svg image")).to_have_attribute("href", re.compile("^blob:"))
     # The room is 3 m wide on the plan.
     click(page, 1.0, 2.0)
     click(page, 4.0, 2.0)
     page.locator("#distance").fill("3")
     playwright.expect(page.locator("#scale-words")).to_contain_text("m per pixel")
+    keep_picture(page, tmp_path, "plan")
     page.get_by_role("button", name="Save plan").click()
     playwright.expect(page.locator("#board-error")).to_contain_text("The plan is stored.")
     stored = client.get("/venues/house/floors/0").json()["plan"]
@@ -94,12 +106,13 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
 
     align(server, page, tmp_path)
     draw(server, page, tmp_path)
-    try_a_photo(page, room)
+    try_a_photo(page, room, tmp_path)
 
     visit(page, "Share")
     page.locator("#address").fill("https://house.example:8443/")
     page.get_by_role("button", name="Make the code").click()
     playwright.expect(page.locator("#qr")).to_be_visible()
+    keep_picture(page, tmp_path, "share")
     link = page.locator("#go-link").get_attribute("href") or ""
     assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)
     token = {"Authorization": f"Bearer {link.partition('#token=')[2]}"}
@@ -133,7 +146,7 @@ def align(server: Server, page: Any, tmp_path: Path) -> None:
     page.mouse.down()
     page.mouse.move(*end, steps=5)
     page.mouse.up()
-    page.screenshot(path=tmp_path / "align.png")
+    keep_picture(page, tmp_path, "align")
     page.get_by_role("button", name="Save alignment").click()
     playwright.expect(page.locator("#board-error")).to_contain_text("The alignment is stored.")
     found = plan_from_world(server)
@@ -207,7 +220,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     page.reload()
     playwright.expect(page.locator("#board-error")).to_contain_text("What you drew and didn't save is back")
     playwright.expect(page.locator("#feature-list li")).to_have_count(4)
-    page.screenshot(path=tmp_path / "draw.png")
+    keep_picture(page, tmp_path, "draw")
     page.get_by_role("button", name="Save", exact=True).click()
     playwright.expect(page.locator("#board-error")).to_contain_text("Saved.")
     features = server.client.get("/venues/house/floors/0/features").json()["features"]
@@ -225,7 +238,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     playwright.expect(page.locator("polyline.route")).to_have_count(1)
 
 
-def try_a_photo(page: Any, room: scenes.Room) -> None:
+def try_a_photo(page: Any, room: scenes.Room, tmp_path: Path) -> None:
     """Locate a photo; the matches are drawn."""
     visit(page, "Try")
     pose = scenes.query_poses()[1]
@@ -240,6 +253,7 @@ def try_a_photo(page: Any, room: scenes.Room) -> None:
     assert shown
     assert np.hypot(float(shown[1]) - x, float(shown[2]) - y) < 0.1
     assert page.locator("line.match").count() > 10
+    keep_picture(page, tmp_path, "try")
 
 
 def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:

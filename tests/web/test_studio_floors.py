@@ -14,6 +14,7 @@ from app.storage.sessions import SessionPoint, create_session, record_frame
 from tests import scenes
 from tests.plans import collection, landmark, link
 from tests.web.live import Server, Tab, live_server
+from tests.web.pictures import keep_picture
 from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -70,7 +71,7 @@ def test_a_way_between_floors_is_drawn_changed_and_leads(server: Server, studio:
     page.get_by_role("button", name="Undo").click()
     playwright.expect(page.get_by_label("and arrives there at")).to_have_value("gallery")
     playwright.expect(page.locator("#board")).to_contain_text("lift to Upper floor")
-    page.screenshot(path=tmp_path / "floors.png")
+    keep_picture(page, tmp_path, "floors")
     page.get_by_role("button", name="Save", exact=True).click()
     playwright.expect(page.locator("#board-error")).to_contain_text("Saved.")
     features = client.get("/venues/house/floors/0/features").json()["features"]
@@ -116,7 +117,7 @@ def test_phones_that_agreed_are_shown_and_where_they_were_lost(
     )
     playwright.expect(page.locator(".live-phone")).to_have_count(1)
     playwright.expect(page.locator(".lost-place")).to_have_count(1)
-    page.screenshot(path=tmp_path / "phones.png")
+    keep_picture(page, tmp_path, "phones")
     (phone,) = client.get("/venues/house/phones").json()
     assert phone["lost"] == [{"floor": "0", "x": 2.0, "y": 2.5, "frames": 3}]
     assert hidden[:8] not in page.content()

@@ -76,6 +76,7 @@ export class Size {
     byId("shot-before").disabled = this.at === 0;
     byId("shot-after").disabled = this.at >= this.shots.length - 1;
     const shot = this.shots[this.at];
+    byId("shot").hidden = !shot;
     if (!shot) {
       byId("points-words").textContent = say("record.points.gone");
       return;
