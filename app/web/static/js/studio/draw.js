@@ -70,12 +70,7 @@ export class DrawTool {
   }
 
   shortcut(event) {
-    if (byId("draw-panel").hidden || !(event.ctrlKey || event.metaKey) || event.target.matches("input, textarea")) return;
-    const key = event.key.toLowerCase();
-    if (key === "z" && !event.shiftKey) this.history.undo();
-    else if (key === "y" || (key === "z" && event.shiftKey)) this.history.redo();
-    else return;
-    event.preventDefault();
+    if (!byId("draw-panel").hidden && !event.target.matches("input, textarea")) this.history.shortcut(event);
   }
 
   key(event) {
