@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from fastapi.testclient import TestClient
 from starlette.testclient import WebSocketDenialResponse
 
 from app.api.deps import AppState
+from app.errors import NotFoundError
 from app.services.keys.caller import OPEN
 from app.services.keys.key_service import NewKey
 from app.storage import builds
@@ -103,6 +105,7 @@ class Callers:
         assert isinstance(server.client, TestClient)
         self.client = server.client
         self.state: AppState = server.client.app.state.roomfix  # type: ignore[attr-defined]
+        self._upload: str | None = None
         self._admin = {"Authorization": f"Bearer {admin_key}"}
 
     def key(self, column: str) -> str | None:
@@ -158,8 +161,17 @@ class Callers:
         return {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "key": key,
             "version": "1", "keyframe": "0", "recording": recording, "number": "0",
-            "upload": self.state.services.uploads.create(10, VENUE).id,
+            "upload": self._fresh_upload(),
         }  # fmt: skip
+
+    def _fresh_upload(self) -> str:
+        """Begin an upload in place of the one before, since a server takes few at a time."""
+        uploads = self.state.services.uploads
+        if self._upload is not None:
+            with suppress(NotFoundError):
+                uploads.delete(self._upload)
+        self._upload = uploads.create(10, VENUE).id
+        return self._upload
 
     def call(self, call: str, column: str) -> tuple[int, str]:
         """Make a call with a column's key and return status and body; 101 for a WebSocket that was opened."""

@@ -81,6 +81,28 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
     playwright.expect(page.locator("#versions")).to_contain_text("Serving")
     playwright.expect(page.locator(".top-view")).to_have_attribute("src", re.compile("^blob:"))
 
+    show_the_plan(server, page, tmp_path)
+    align(server, page, tmp_path)
+    draw(server, page, tmp_path)
+    try_a_photo(page, room, tmp_path)
+
+    visit(page, "Share")
+    page.locator("#address").fill("https://house.example:8443/")
+    page.get_by_role("button", name="Make the code").click()
+    playwright.expect(page.locator("#qr")).to_be_visible()
+    keep_picture(page, tmp_path, "share")
+    link = page.locator("#go-link").get_attribute("href") or ""
+    assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)
+    token = {"Authorization": f"Bearer {link.partition('#token=')[2]}"}
+    assert client.get("/venues/house", headers=token).status_code == 200
+    assert client.get("/venues/house/maps/1/points", headers=token).status_code == 403
+
+    visit(page, "Start")
+    playwright.expect(page.locator("#steps .done")).to_have_count(7)
+
+
+def show_the_plan(server: Server, page: Any, tmp_path: Path) -> None:
+    """Add a floor, choose the second page of a PDF as its plan, and click two points whose distance is known."""
     visit(page, "Plan")
     page.get_by_role("button", name="Add a floor").click()
     page.locator("#floor-name").fill("Ground floor")
@@ -101,26 +123,8 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
     keep_picture(page, tmp_path, "plan")
     page.get_by_role("button", name="Save plan").click()
     playwright.expect(page.locator("#board-error")).to_contain_text("The plan is stored.")
-    stored = client.get("/venues/house/floors/0").json()["plan"]
+    stored = server.client.get("/venues/house/floors/0").json()["plan"]
     assert stored["meters_per_pixel"] == pytest.approx(METERS_PER_PIXEL, rel=0.01)
-
-    align(server, page, tmp_path)
-    draw(server, page, tmp_path)
-    try_a_photo(page, room, tmp_path)
-
-    visit(page, "Share")
-    page.locator("#address").fill("https://house.example:8443/")
-    page.get_by_role("button", name="Make the code").click()
-    playwright.expect(page.locator("#qr")).to_be_visible()
-    keep_picture(page, tmp_path, "share")
-    link = page.locator("#go-link").get_attribute("href") or ""
-    assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)
-    token = {"Authorization": f"Bearer {link.partition('#token=')[2]}"}
-    assert client.get("/venues/house", headers=token).status_code == 200
-    assert client.get("/venues/house/maps/1/points", headers=token).status_code == 403
-
-    visit(page, "Start")
-    playwright.expect(page.locator("#steps .done")).to_have_count(7)
 
 
 def align(server: Server, page: Any, tmp_path: Path) -> None:
@@ -173,7 +177,9 @@ def align(server: Server, page: Any, tmp_path: Path) -> None:
     page.get_by_role("button", name="Redo").click()
     # What is not saved comes back.
     page.reload()
-    playwright.expect(page.locator("#board-error")).to_contain_text("The alignment that you didn't save is back")
+    playwright.expect(page.locator("#board-error")).to_contain_text(
+        "The alignment that you didn't save is back"
+    )
     playwright.expect(page.locator("#turn")).to_have_value(fitted)
     playwright.expect(pairs).to_have_count(4)
     page.get_by_role("button", name="Save alignment").click()
