@@ -198,7 +198,10 @@ async function allSent() {
   for (;;) {
     const left = await pending.count(work.recording);
     if (!left) return;
-    if (!sender) throw new Error(say("error"));
+    if (!sender) {
+      openSize();
+      throw new Error(say("error"));
+    }
     show(say("record.sending"), isOffline ? say("record.offline") : say("record.sending.more", { left }));
     byId("build-progress").value = (work.frames - left) / work.frames;
     await new Promise((resolve) => setTimeout(resolve, 200));
@@ -228,7 +231,10 @@ async function watch() {
   byId("warnings").replaceChildren();
   show(say("record.queued"), say("record.leave"));
   const ended = await watchBuild(recording, show, () => work?.recording === recording);
-  if (ended) showEnd(ended, work.width ? work : null, show);
+  if (!ended) return;
+  showEnd(ended, work.width ? work : null, show);
+  // Its map serves: there is nothing left to go on with.
+  if (ended.state === "succeeded") localStorage.removeItem(REMEMBERED);
 }
 
 async function discard() {
