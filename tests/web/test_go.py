@@ -258,11 +258,10 @@ def test_the_focal_length_is_learned_and_stated_the_next_time(server: Server, ph
     begin(page)
     wait_for(lambda: page.wait_for_timeout(50) or page.evaluate("() => localStorage['roomfix.camera']"), 60)
     page.reload()
-    with page.expect_request("**/sessions") as asked:
-        begin(page)
-    assert asked.value.post_data_json["camera"]["params"][0] == pytest.approx(
-        scenes.CAMERA.focal_px, rel=0.05
-    )
+    wire = Wire.of(page)
+    begin(page)
+    wait_for(lambda: page.wait_for_timeout(50) or wire.hints, 60)
+    assert wire.hints[0]["camera"]["params"][0] == pytest.approx(scenes.CAMERA.focal_px, rel=0.05)
 
 
 def test_it_says_plainly_when_it_does_not_know(server: Server, phone: Tab) -> None:

@@ -2,7 +2,7 @@
 
 import { path, request, requestJson } from "../api.js";
 import { gravity, watchOrientation } from "./gravity.js";
-import { focalFor } from "./known-camera.js";
+import { CameraLearner, focalFor } from "./known-camera.js";
 import { say } from "./words.js";
 
 const MAX_SIDE_PX = 640;
@@ -30,6 +30,7 @@ export class Camera {
     this.video.srcObject = this.stream;
     this.video.hidden = false;
     await this.video.play();
+    this.learner = new CameraLearner(this.intrinsics !== null);
   }
 
   /** Whether there is a picture to take. */
@@ -42,6 +43,8 @@ export class Camera {
     const [width, height] = this.pictureSize();
     Object.assign(this.canvas, { width, height });
     const hints = { timestamp: performance.now() / 1000 };
+    const known = this.learner.isStated ? this.intrinsics : null;
+    if (known) hints.camera = known;
     const down = gravity();
     if (down) hints.gravity = down.map((value) => Number(value.toFixed(4)));
     this.canvas.getContext("2d", { alpha: false }).drawImage(this.video, 0, 0, width, height);
@@ -49,7 +52,7 @@ export class Camera {
     return { blob, hints, size: [width, height] };
   }
 
-  /** Return the camera as a session takes it, from the focal length that is remembered; null where none is. */
+  /** Return the camera as the server takes it, from the focal length that is remembered; null where none is. */
   get intrinsics() {
     const [width, height] = this.pictureSize();
     const focalPx = focalFor(width, height);

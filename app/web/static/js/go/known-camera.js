@@ -2,7 +2,7 @@
 
 const REMEMBERED = "roomfix.camera";
 const ROUNDED = 5;
-// Answers without a place at the start of a session, after which the camera is taken to be another one.
+// Answers without a place at the start, after which the camera is taken to be another one.
 const FORGOTTEN_AFTER = 8;
 
 /** Remember the focal length of a camera as a ratio of the longer side of its pictures. */
@@ -26,27 +26,26 @@ export function focalFor(width, height) {
 
 /** Learns the focal length from the answers of a session, and forgets one with which nothing is found. */
 export class CameraLearner {
-  /** `stated` is the camera that the session was begun with, null for none. */
-  constructor(stated) {
-    this.stated = stated;
+  /** `isStated` says that frames are sent with the focal length that is remembered. */
+  constructor(isStated) {
+    this.isStated = isStated;
     this.isRight = false;
     this.missed = 0;
   }
 
-  /** Take an answer; returns whether the session should go on without the camera that it was begun with. */
+  /** Take an answer. */
   answer({ located, camera }) {
     if (located) {
       this.isRight = true;
       if (camera?.source === "search") {
         rememberCamera({ width: camera.width, height: camera.height, focalPx: camera.params[0] });
       }
-      return false;
+      return;
     }
     this.missed += 1;
-    if (!this.stated || this.isRight || this.missed < FORGOTTEN_AFTER) return false;
-    this.stated = null;
+    if (!this.isStated || this.isRight || this.missed < FORGOTTEN_AFTER) return;
+    this.isStated = false;
     localStorage.removeItem(REMEMBERED);
-    return true;
   }
 }
 

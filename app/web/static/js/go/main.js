@@ -4,7 +4,6 @@ import { path, requestJson, storedKey } from "../api.js";
 import { byId, guarded } from "../dom.js";
 import { setUpAwake } from "./awake.js";
 import { setUpKey } from "./key.js";
-import { CameraLearner } from "./known-camera.js";
 import { showLanguages } from "./languages.js";
 import { Camera, SimulatedCamera } from "./camera.js";
 import { Guide } from "./guide.js";
@@ -62,22 +61,31 @@ async function start() {
 }
 
 async function begin(button, camera) {
+  const begun = streamOf(camera);
   const opened = await guarded(button, byId("start-error"), async () => {
     guide.show(say("starting"));
-    await camera.open();
+    // The session begins while the camera opens.
+    await Promise.all([camera.open(), begun.prepare()]);
     return true;
   });
-  if (!opened) return guide.show("");
+  if (!opened) {
+    begun.stop();
+    return guide.show("");
+  }
   byId("start").hidden = true;
   byId("tools").hidden = false;
   guide.begin(camera);
   await stayAwake();
-  const wishes = { language: language(), destination: guide.destination?.id ?? null, camera: camera.intrinsics, share: byId("share").checked };
-  const learn = new CameraLearner(wishes.camera);
-  stream = new SessionStream(venue, camera, wishes, {
+  stream = begun;
+  return stream.run();
+}
+
+function streamOf(camera) {
+  const wishes = { language: language(), destination: guide.destination?.id ?? null, share: byId("share").checked };
+  return new SessionStream(venue, camera, wishes, {
     answer: (body) => {
       guide.answer(body);
-      if (learn.answer(body)) stream?.change({ camera: null }).catch(() => {});
+      camera.learner?.answer(body);
     },
     state: (state) => {
       guide.connection(state);
@@ -88,7 +96,6 @@ async function begin(button, camera) {
       guide.problem(error.message);
     },
   });
-  return stream.run();
 }
 
 function end(camera) {
