@@ -65,7 +65,11 @@ def test_an_upload_goes_on_where_it_was_when_the_server_is_back(
     limits = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": UPLOAD_BYTES_S}
     network.send("Network.emulateNetworkConditions", limits)
     asked: list[Any] = []
-    page.on("request", asked.append)
+
+    def note(request: Any) -> None:
+        asked.append(request)
+
+    page.on("request", note)
     page.locator("#archive").set_input_files(archive)
     page.get_by_text("Options", exact=True).click()
     page.locator("#scan-options").fill(f'{{"camera": [{scenes.CAMERA_TEXT}], "gravity": [0, 0, -1]}}')
