@@ -32,7 +32,8 @@ export class PhonesTool {
     if (this.floors.current !== floor) return;
     this.phones = phones;
     const lost = phones.reduce((sum, phone) => sum + phone.lost.length, 0);
-    this.say(phones.length ? `${count(phones.length)} phones are shown; they were lost at ${count(lost)} places.` : "No phone has agreed to be shown in the last hour.");
+    const shown = phones.length === 1 ? "One phone is shown" : `${count(phones.length)} phones are shown`;
+    this.say(phones.length ? `${shown}, lost at ${count(lost)} ${lost === 1 ? "place" : "places"}.` : "No phone has agreed to be shown in the last hour.");
     byId("phone-list").replaceChildren(...phones.map((phone) => el("li", {}, this.words(phone))));
     this.draw();
   }

@@ -9,7 +9,7 @@ const SHOWN = ["image/png", "image/jpeg"];
 
 export class PlanTool {
   constructor(board, floors, onStored) {
-    Object.assign(this, { board, floors, onStored, ends: [], file: null });
+    Object.assign(this, { board, floors, onStored, ends: [], file: null, turn: 0 });
     byId("plan-image").addEventListener("change", () => {
       byId("plan-page").value = "1";
       this.choose(byId("plan-image").files[0]);
@@ -28,15 +28,19 @@ export class PlanTool {
 
   /** Show a file before it is sent. One unit is one pixel until its scale is known. */
   async choose(file) {
-    this.file = null;
-    this.ends = [];
+    Object.assign(this, { file: null, ends: [], turn: this.turn + 1 });
+    const { turn } = this;
     byId("page-field").hidden = !file || !/pdf|tiff/.test(file.type);
     showError(byId("board-error"), null);
     if (!file) return this.floors.show(this.floors.current.id);
     const image = new Image();
     try {
-      this.file = SHOWN.includes(file.type) ? file : await this.drawn(file);
+      const shown = SHOWN.includes(file.type) ? file : await this.drawn(file);
+      // Another file or page was chosen meanwhile.
+      if (turn !== this.turn) return undefined;
+      this.file = shown;
     } catch (error) {
+      if (turn !== this.turn) return undefined;
       showError(byId("board-error"), error);
       return this.draw();
     }
