@@ -16,6 +16,8 @@ export class Scans {
     this.onChange = onChange;
     this.progress = new Progress(byId("progress"), () => this.ended());
     this.urls = [];
+    // Ends the pictures that are on their way: of a version that is deleted there will be none.
+    this.pictures = new AbortController();
     this.compare = new Compare();
     byId("scan-form").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -35,6 +37,8 @@ export class Scans {
       ]);
       if (currentVenue()?.id !== venue.id) return undefined;
       for (const url of this.urls.splice(0)) URL.revokeObjectURL(url);
+      this.pictures.abort();
+      this.pictures = new AbortController();
       const none = notice("info", "No map yet. Upload a scan to build one.");
       byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(map)) : [none]));
       this.compare.show(maps);
@@ -125,7 +129,7 @@ export class Scans {
     head.append(el("time", { datetime: map.created_at }, moment(map.created_at)));
     if (!map.active) head.append(this.action("Serve this one", map, ["activate"], "POST", error), this.deleteButton(map, error));
     const picture = el("img", { class: "top-view", alt: `Version ${map.version} from above: its points, and the scan's path in blue` });
-    request(`${venuePath("maps", String(map.version), "map.png")}?width=${PICTURE_PX}`)
+    request(`${venuePath("maps", String(map.version), "map.png")}?width=${PICTURE_PX}`, { signal: this.pictures.signal })
       .then((response) => response.blob())
       .then((blob) => {
         picture.src = URL.createObjectURL(blob);
@@ -164,6 +168,7 @@ export class Scans {
     button.addEventListener("click", () => {
       if (!confirm(`Delete version ${map.version}? It can't be brought back.`)) return;
       guarded(button, error, async () => {
+        this.pictures.abort();
         await request(venuePath("maps", String(map.version)), { method: "DELETE" });
         await this.ended();
       });
