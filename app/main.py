@@ -41,8 +41,8 @@ from app.api.openapi import install_openapi, operation_id
 from app.api.oscp import geopose as oscp_geopose
 from app.api.overload import OverloadMiddleware
 from app.api.requests.body_reader import RequestBodyMiddleware
-from app.api.scans import inspect
-from app.api.stream import asyncapi
+from app.api.scans import inspect, recordings
+from app.api.stream import asyncapi, shared_phones
 from app.api.uploads import resumable
 from app.api.venue_files import transfer
 from app.geometry.estimators.chosen import ESTIMATORS
@@ -134,8 +134,7 @@ def create_app(
         locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
         map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
         anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
-        transfer.router, asyncapi.router,
-        resumable.router,
+        transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
     ):  # fmt: skip
         app.include_router(router)
     install_pages(app, access)

@@ -18,11 +18,12 @@ from app.api.requests.json_body import RequestBody, whole
 from app.api.schemas import FILE_CONTENT, problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.errors import InvalidInputError, NotFoundError
-from app.services.floor_plans import PLAN_FORMATS_IN_WORDS, PlanFile, as_dict, store_plan_image
+from app.services.floor_plans import PLAN_FORMATS_IN_WORDS, PlanFile, as_dict, plan_picture, store_plan_image
 from app.storage.floors import delete_floor, get_floor, list_floors, put_floor
 from app.storage.venues import get_venue
 
 router = APIRouter(prefix="/venues/{venue}/floors", tags=["floors"], route_class=ContractRoute)
+PICTURES: dict[str, Any] = {"content": {"image/png": FILE_CONTENT, "image/jpeg": FILE_CONTENT}}
 
 Units = Literal["mm", "cm", "m", "in", "ft"]
 ORIGIN_HELP = (
@@ -168,12 +169,35 @@ def put_plan(
     return as_dict(stored)
 
 
+@router.post(
+    "/{floor}/plan/picture",
+    name="drawPlanFile",
+    dependencies=[Depends(require("admin"))],
+    responses={200: PICTURES, **problems(401, 404, 413, 415, 422)},
+    response_class=Response,
+)
+def draw_plan_file(
+    state: State,
+    venue: VenueId,
+    floor: FloorId,
+    image: Annotated[UploadFile, File(description=PLAN_FORMATS_IN_WORDS)],
+    page: Annotated[int, Form(description="Page of a PDF or TIFF, from 1", ge=1, le=10_000)] = 1,
+    dpi: Annotated[float | None, Form(description=DPI_HELP, ge=10, le=1200)] = None,
+) -> Response:
+    """Return the picture that a plan's file would be stored as, to find its scale in; stores nothing."""
+    with state.services.resources.database.read() as connection:
+        get_floor(connection, venue, floor)
+    file = PlanFile(data=image.file.read(), page=page, dpi=dpi)
+    data, media_type = plan_picture(state.services.resources, file)
+    return Response(data, media_type=media_type)
+
+
 @router.get(
     "/{floor}/plan",
     name="getPlan",
     dependencies=[Depends(require("locate"))],
     responses={
-        200: {"content": {"image/png": FILE_CONTENT, "image/jpeg": FILE_CONTENT}},
+        200: PICTURES,
         **NOT_MODIFIED,
         **problems(401, 404, 422),
     },

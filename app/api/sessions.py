@@ -103,6 +103,7 @@ class NewSession(RequestBody):
     camera: CameraField | None = None
     destination: Destination | None = None
     language: Language | None = None
+    share: bool = Field(False, description="Whether those who run the venue may see where this phone is")
 
 
 class SessionChange(RequestBody):
@@ -113,6 +114,7 @@ class SessionChange(RequestBody):
     camera: CameraField | None = None
     destination: Destination | None = None
     language: Language | None = None
+    share: bool = Field(False, description="Whether those who run the venue may see where this phone is")
 
 
 class TrajectoryPoint(BaseModel):
@@ -201,6 +203,7 @@ class SessionBody(BaseModel):
                 "camera": [498.0, 498.5, 322.4, 236.8],
                 "destination": "entrance",
                 "language": "en",
+                "share": False,
                 "tracking": "tracking",
                 "frames": 12,
                 "created_at": "2026-03-01T09:00:00Z",
@@ -215,6 +218,7 @@ class SessionBody(BaseModel):
     camera: SessionCamera | list[float] | None
     destination: str | None
     language: str | None
+    share: bool = Field(description="Whether those who run the venue may see where this phone is")
     tracking: TrackingState
     frames: int
     created_at: datetime
@@ -235,6 +239,7 @@ class SessionBody(BaseModel):
             camera=session.camera,
             destination=session.destination,
             language=session.language,
+            share=session.share,
             tracking=session.memory.get("state", "initializing"),
             frames=session.frames,
             created_at=session.created_at,
@@ -254,9 +259,8 @@ def create(state: State, caller: CallerOf, new: NewSession) -> SessionBody:
     """Start a session."""
     caller.check_venue(new.venue)
     service = state.services.sessions
-    return SessionBody.of(
-        service.create(new.venue, new.camera, new.destination, new.language), service.timeout
-    )
+    created = service.create(new.venue, new.camera, new.destination, new.language, share=new.share)
+    return SessionBody.of(created, service.timeout)
 
 
 @router.get(
@@ -280,7 +284,7 @@ def get(
     "/{session}", name="changeSession", response_model_exclude_unset=True, responses=problems(401, 404, 422)
 )
 def change(state: State, session: SessionId, change: SessionChange) -> SessionBody:
-    """Change destination, language or camera."""
+    """Change destination, language, camera, or whether the phone is shown."""
     values = change.model_dump(include=change.model_fields_set)
     return SessionBody.of(state.services.sessions.change(session, values), state.services.sessions.timeout)
 

@@ -119,7 +119,7 @@ def open_unposed(directory: Path, format: str | None, options: ScanOptions) -> U
 
 
 def unposed_format(directory: Path, format: str | None) -> str | None:  # noqa: A002
-    """Return `video` or `images` where a folder's pictures are read as such, None where they are a scan with poses."""
+    """Return one of `pictures.FORMATS` where a folder's pictures are read so, None where they are a scan with poses."""
     name = (format or "auto").lower()
     if name in pictures.FORMATS:
         return name

@@ -14,6 +14,7 @@ from app.jobs.lease import LeaseWatch
 from app.limits import limit
 from app.services.builds.run_build import run_build, scratch_folder
 from app.services.map_library import MapLibrary
+from app.services.recordings.service import drop_old_recordings
 from app.services.resources import Resources
 from app.storage.builds import Build, State, finish_build, report_progress
 from app.storage.leases import list_leases, take_back
@@ -97,9 +98,11 @@ def remove_scratch(resources: Resources, taken: Sequence[Build]) -> None:
 
 
 def sweep(resources: Resources, grace: timedelta = GRACE) -> None:
-    """Remove blobs that nothing refers to and files that dead processes left, when they are older than `grace`."""
+    """Remove recordings that were given up, and blobs that nothing refers to and files that dead processes left, when
+    they are older than `grace`."""
     with resources.database.read() as connection:
         running = {lease.build_id for lease in list_leases(connection)}
+    drop_old_recordings(resources)
     blobs = sweep_blobs(resources.database, resources.blobs, grace)
     files = sweep_scratch(resources.scratch_dir, grace, running)
     if blobs or files:

@@ -77,6 +77,13 @@ def store_plan_image(resources: Resources, venue_id: str, floor_id: str, file: P
         return set_plan_image(connection, venue_id, floor_id, plan)
 
 
+def plan_picture(resources: Resources, file: PlanFile) -> tuple[bytes, str]:
+    """Return the picture that a plan's file would be stored as, and its media type; stores nothing. Raises as
+    `store_plan_image`."""
+    data, media_type, _ = _picture(resources, file)
+    return data, media_type
+
+
 def _meters_per_pixel(file: PlanFile) -> float | None:
     """Return what one pixel shows, by `meters_per_pixel`, or by `scale` and `dpi`; None when neither is given."""
     if file.meters_per_pixel is not None:

@@ -131,7 +131,13 @@ class SessionService:
         return timedelta(seconds=self._resources.settings.session_timeout_s)
 
     def create(
-        self, venue: str, camera: object = None, destination: str | None = None, language: str | None = None
+        self,
+        venue: str,
+        camera: object = None,
+        destination: str | None = None,
+        language: str | None = None,
+        *,
+        share: bool = False,
     ) -> Session:
         """Start a session; raises `NotFoundError` for an unknown venue or destination, `InvalidInputError` for a bad
         camera, destination or language."""
@@ -142,7 +148,7 @@ class SessionService:
         with self._resources.database.write() as connection:
             delete_expired_sessions(connection, self.timeout)
             get_venue(connection, venue)
-            return create_session(connection, venue, values, destination, language)
+            return create_session(connection, venue, values, destination, language, share=share)
 
     def get(self, session_id: str) -> Session:
         """Return a session; raises `NotFoundError`."""
@@ -156,7 +162,7 @@ class SessionService:
             return list_points(connection, session_id, count)
 
     def change(self, session_id: str, values: dict[str, Any]) -> Session:
-        """Change destination, language or camera; raises `NotFoundError`, `InvalidInputError`."""
+        """Change destination, language, camera or `share`; raises `NotFoundError`, `InvalidInputError`."""
         self._guide.check(self.get(session_id).venue_id, values.get("destination"), values.get("language"))
         if "camera" in values:
             values = {**values, "camera": _json_of(parse_camera_hint(values["camera"]))}

@@ -13,6 +13,7 @@ from app.services.keys.key_service import KeyService
 from app.services.locate import LocateService
 from app.services.map_library import MapLibrary
 from app.services.map_views.views import MapViews
+from app.services.recordings.service import RecordingService
 from app.services.resources import Resources
 from app.services.routes import RouteService
 from app.services.sessions import SessionService
@@ -32,6 +33,7 @@ class Services:
     locate: LocateService
     sessions: SessionService
     keys: KeyService
+    recordings: RecordingService
     uploads: UploadFolder
 
 
@@ -51,5 +53,6 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
         locate=LocateService(resources, maps, features, locator),
         uploads=UploadFolder(resources.settings.uploads_dir, resources.settings.max_archive_bytes),
         keys=KeyService(resources.database, resources.settings.admin_key),
+        recordings=RecordingService(resources),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),
     )

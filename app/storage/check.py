@@ -13,7 +13,15 @@ from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
 from app.storage.db import Database
 from app.storage.map_files import sha256_of
-from app.storage.tables import anchor_frames, builds, floors, keyframe_images, map_versions, venues
+from app.storage.tables import (
+    anchor_frames,
+    builds,
+    floors,
+    keyframe_images,
+    map_versions,
+    recording_frames,
+    venues,
+)
 
 RESTORE = "`roomfix restore BACKUP` brings it back from a backup"
 
@@ -101,6 +109,9 @@ def blob_uses(connection: Connection) -> dict[str, list[Use]]:
     for row in connection.execute(select(anchor_frames).where(anchor_frames.c.image_blob.is_not(None))):
         use = Use(f"picture of anchor {row.anchor_id}", "or send a new frame of the camera")
         uses[row.image_blob].append(use)
+    for row in connection.execute(select(recording_frames)):
+        use = Use(f"frame {row.number} of recording {row.recording_id}", "or record the place again")
+        uses[row.picture_blob].append(use)
     return dict(uses)
 
 

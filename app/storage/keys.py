@@ -12,7 +12,8 @@ from app.errors import NotFoundError
 from app.storage.db import as_utc, now
 from app.storage.tables import keys
 
-Scope = Literal["locate", "anchor", "admin"]
+Scope = Literal["locate", "anchor", "record", "admin"]
+TokenScope = Literal["locate", "record"]
 Kind = Literal["key", "token"]
 
 

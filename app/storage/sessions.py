@@ -30,6 +30,7 @@ class Session:
     frames: int
     created_at: datetime
     active_at: datetime
+    share: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +53,8 @@ def create_session(
     camera: dict[str, Any] | list[float] | None,
     destination: str | None,
     language: str | None,
+    *,
+    share: bool = False,
 ) -> Session:
     """Add a session; raises `NotFoundError` for an unknown venue."""
     moment = now()
@@ -65,6 +68,7 @@ def create_session(
         frames=0,
         created_at=moment,
         active_at=moment,
+        share=share,
     )
     values = {name: getattr(session, name) for name in Session.__slots__}
     try:
@@ -84,7 +88,7 @@ def get_session(connection: Connection, session_id: str, timeout: timedelta) -> 
 
 
 def change_session(connection: Connection, session_id: str, values: dict[str, Any]) -> None:
-    """Change destination, language or camera of an existing session."""
+    """Change destination, language, camera or `share` of an existing session."""
     if values:
         connection.execute(update(sessions).where(sessions.c.id == session_id).values(**values))
 
@@ -178,4 +182,5 @@ def _session(row: Row[tuple[Any, ...]]) -> Session:
         frames=row.frames,
         created_at=created,
         active_at=active,
+        share=row.share,
     )

@@ -15,7 +15,16 @@ from app.limits import limit
 from app.storage.blobs import BlobStore
 from app.storage.builds import ENDED
 from app.storage.db import Database, hold_blobs, now
-from app.storage.tables import anchor_frames, anchors, builds, floors, keyframe_images, map_versions
+from app.storage.tables import (
+    anchor_frames,
+    anchors,
+    builds,
+    floors,
+    keyframe_images,
+    map_versions,
+    recording_frames,
+    recordings,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +53,7 @@ def referenced_blobs(connection: Connection) -> set[str]:
         select(keyframe_images.c.color_blob),
         select(keyframe_images.c.depth_blob),
         select(anchor_frames.c.image_blob).where(anchor_frames.c.image_blob.is_not(None)),
+        select(recording_frames.c.picture_blob),
     )
     return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
 
@@ -60,6 +70,9 @@ def venue_blobs(connection: Connection, venue_id: str) -> set[str]:
         select(anchor_frames.c.image_blob)
         .join(anchors, anchors.c.id == anchor_frames.c.anchor_id)
         .where((anchors.c.venue_id == venue_id) & anchor_frames.c.image_blob.is_not(None)),
+        select(recording_frames.c.picture_blob)
+        .join(recordings, recordings.c.id == recording_frames.c.recording_id)
+        .where(recordings.c.venue_id == venue_id),
     )
     return {str(digest) for query in columns for digest in connection.execute(query).scalars()}
 

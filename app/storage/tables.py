@@ -17,6 +17,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    false,
 )
 
 metadata = MetaData(
@@ -158,6 +159,8 @@ sessions = Table(
     Column("language", String(35)),
     Column("memory", JSON, nullable=False),
     Column("frames", Integer, nullable=False),
+    # Whether its phone agreed to be shown to those who run the venue.
+    Column("share", Boolean, nullable=False, server_default=false()),
     Column("created_at", DateTime(timezone=True), nullable=False),
     Column("active_at", DateTime(timezone=True), nullable=False, index=True),
 )
@@ -173,6 +176,30 @@ session_points = Table(
     Column("floor", String(64)),
     Column("plan", JSON),
     Column("position_m", Float),
+)
+
+# A scan that a phone films in the browser: its frames, until a map of them has been built.
+recordings = Table(
+    "recordings",
+    metadata,
+    Column("id", String(32), primary_key=True),
+    Column("venue_id", String(64), ForeignKey("venues.id", ondelete="CASCADE"), nullable=False, index=True),
+    # The newest build that was made of it.
+    Column("build_id", String(32)),
+    Column("created_at", DateTime(timezone=True), nullable=False),
+    Column("active_at", DateTime(timezone=True), nullable=False, index=True),
+)
+
+recording_frames = Table(
+    "recording_frames",
+    metadata,
+    Column("recording_id", String(32), ForeignKey("recordings.id", ondelete="CASCADE"), primary_key=True),
+    Column("number", Integer, primary_key=True),
+    Column("picture_blob", String(64), nullable=False),
+    Column("bytes", Integer, nullable=False),
+    Column("time_s", Float, nullable=False),
+    # Down in the camera's axes, where the phone knows it.
+    Column("down", JSON(none_as_null=True)),
 )
 
 # Keys and the short-lived tokens made with them. A key itself is nowhere stored, only the SHA-256 of its secret.

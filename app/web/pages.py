@@ -20,7 +20,13 @@ STATIC = Path(__file__).parent / "static"
 SWAGGER_UI = Path(str(files("fastapi_offline"))) / "static"
 
 # Address -> the file of the page.
-PAGES = {"/": "index.html", "/studio": "studio.html", "/go/{venue}": "go.html", "/docs": "docs.html"}
+PAGES = {
+    "/": "index.html",
+    "/studio": "studio.html",
+    "/go/{venue}": "go.html",
+    "/record/{venue}": "record.html",
+    "/docs": "docs.html",
+}
 
 # blob: is for photos before they are sent and for plans, which are fetched with the key; data: for icons in
 # style sheets. Nothing may come from, or go to, another host.

@@ -32,6 +32,7 @@ COMMANDS = {
     "capacity": "bench.capacity.command:capacity",
     "trace-query": "bench.commands.trace_query:trace_query",
     "large-maps": "bench.large_maps.command:large_maps",
+    "evaluate-phone-page": "bench.pages.command:evaluate_phone_page",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
     "overload": "bench.overload.command:overload",
     "upload-bench": "bench.uploads.command:upload_bench",

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import httpx
@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 from app.geometry.plan import plan_position
 from bench.demo import VENUE, floor_plans
 from bench.recordings.phone_walk import DESTINATION, FPS, PhoneWalk
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page, WebSocket
 
 # Width and height at which a sent picture is compared with the walk's frames.
 TINY_PX = (32, 24)
@@ -69,11 +72,16 @@ class Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhonePageReport:
-    """Seconds until the first located answer; answers a second; errors of the dot in metres, against the frame that it
-    is drawn for and against where the walker is when it is read; share of readings with a fresh dot."""
+    """What the page did on a walk.
+
+    Seconds until the first located answer; answers a second; the median time of an answer in the server; the share of
+    readings with a fresh dot; errors of the dot in metres, against the frame that it is drawn for and against where the
+    walker is when it is read.
+    """
 
     first_answer_s: float
     answers_per_s: float
+    answer_ms: float
     located_ratio: float
     frame_errors_m: NDArray[np.float64]
     present_errors_m: NDArray[np.float64]
@@ -114,37 +122,47 @@ def served(data_dir: Path) -> Iterator[str]:
         process.wait(20)
 
 
-def record_walk(address: str, walk: PhoneWalk, picture: Path | None = None) -> Record:
-    """Open the phone page with the walk as its camera, ask for its destination, and watch until the walk is over."""
-    from playwright.sync_api import WebSocket, sync_playwright
+@contextmanager
+def phone_page(walk: PhoneWalk) -> Iterator[Page]:
+    """Open a browser of a phone's size whose camera shows the walk; yields its page."""
+    from playwright.sync_api import sync_playwright
 
+    with sync_playwright() as driver:
+        chromium = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+        flags = [*FLAGS, f"--use-file-for-fake-video-capture={walk.video}"]
+        browser = driver.chromium.launch(executable_path=chromium, args=flags)
+        yield browser.new_context(viewport={"width": 390, "height": 780}).new_page()
+        browser.close()
+
+
+def record_walk(page: Page, address: str, walk: PhoneWalk, picture: Path | None = None) -> Record:
+    """Open the phone page, ask for the walk's destination, and watch until the walk is over.
+
+    The browser plays the walk from its beginning whenever a page opens the camera.
+    """
     record = Record()
 
     def listen(socket: WebSocket) -> None:
         socket.on("framesent", record.note_sent)
         socket.on("framereceived", record.note_received)
 
-    with sync_playwright() as driver:
-        chromium = os.environ.get("CHROMIUM", "/usr/bin/chromium")
-        flags = [*FLAGS, f"--use-file-for-fake-video-capture={walk.video}"]
-        browser = driver.chromium.launch(executable_path=chromium, args=flags)
-        page = browser.new_context(viewport={"width": 390, "height": 780}).new_page()
-        page.on("websocket", listen)
-        page.goto(f"{address}/go/{VENUE.id}")
-        page.get_by_role("button", name="Where to?").wait_for(state="hidden")
-        page.locator("#plan-svg image").wait_for()
-        record.started_s = time.monotonic()
-        page.get_by_role("button", name="Show me where I am").click()
-        page.get_by_role("button", name="Where to?").click()
-        page.get_by_label("Name of a place").fill(DESTINATION)
-        page.locator("#places button").first.click()
-        while (now := time.monotonic() - record.started_s) < len(walk.frames) / FPS:
-            record.sights.append(Sight(now, page.evaluate(READ_PAGE)))
-            if picture is not None and now > len(walk.frames) / FPS / 2:
-                page.screenshot(path=picture)
-                picture = None
-            page.wait_for_timeout(50)
-        browser.close()
+    page.on("websocket", listen)
+    page.goto(f"{address}/go/{VENUE.id}")
+    page.get_by_role("button", name="Where to?").wait_for(state="hidden")
+    page.locator("#plan-svg image").wait_for()
+    record.started_s = time.monotonic()
+    page.get_by_role("button", name="Show me where I am").click()
+    page.get_by_role("button", name="Where to?").click()
+    page.get_by_label("Name of a place").fill(DESTINATION)
+    page.locator("#places button").first.click()
+    while (now := time.monotonic() - record.started_s) < len(walk.frames) / FPS:
+        record.sights.append(Sight(now, page.evaluate(READ_PAGE)))
+        if picture is not None and now > len(walk.frames) / FPS / 2:
+            page.screenshot(path=picture)
+            picture = None
+        page.wait_for_timeout(50)
+    page.remove_listener("websocket", listen)
+    page.goto("about:blank")
     return record
 
 
@@ -165,10 +183,12 @@ def report_of(record: Record, walk: PhoneWalk) -> PhonePageReport:
         at = int(np.clip(round((sight.at_s - begun_s) * FPS), 0, len(truth) - 1))
         now.append(np.linalg.norm(dot - truth[at]))
     located = [at for at, body in record.answers if body.get("located")]
+    times_ms = [body["timings_ms"]["total"] for _, body in record.answers if "timings_ms" in body]
     words = [sight.page["words"] for sight in record.sights if sight.page["state"] in ("leading", "arrived")]
     return PhonePageReport(
         first_answer_s=located[0] if located else float("inf"),
         answers_per_s=len(record.answers) / max(record.answers[-1][0] - record.answers[0][0], 1e-9),
+        answer_ms=float(np.median(times_ms)),
         located_ratio=float(np.mean(fresh)),
         frame_errors_m=np.array(by_frame),
         present_errors_m=np.array(now),

@@ -60,6 +60,9 @@ BODIES: dict[str, dict[str, Any]] = {
     "POST /tokens": {"json": {"venue": VENUE}},
     "POST /venues": {"json": {"id": "further", "name": "Further"}},
     "PUT /anchors/{camera}": {"json": ANCHOR},
+    "POST /recordings": {"json": {"venue": VENUE}},
+    "PUT /recordings/{recording}/frames/{number}": {"params": {"time_s": 0}, "content": b"no picture"},
+    "POST /recordings/{recording}/finish": {"json": {"frames": 9}},
     "POST /uploads": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Length": "10"}},
     "HEAD /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0"}},
     "PATCH /uploads/{upload}": {"headers": {"Tus-Resumable": "1.0.0", "Upload-Offset": "0"}},
@@ -114,6 +117,7 @@ class Callers:
             "anchor": ("anchor", VENUE, CAMERA),
             "admin": ("admin", None, None),
             "token": ("locate", VENUE, None),
+            "record": ("record", VENUE, None),
             "other venue": ("admin", OTHER, None),
             "other camera": ("anchor", VENUE, "another-camera"),
             "expired": ("admin", None, None),
@@ -152,10 +156,12 @@ class Callers:
             # Ended, so that its events end too.
             builds.cancel_build(connection, build)
         session = self.state.services.sessions.create(VENUE).id
+        recording = self.state.services.recordings.begin(VENUE).recording.id
         key = self.make("locate", VENUE).key.id
         return {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "key": key,
-            "version": "1", "keyframe": "0", "upload": self._begun_upload(),
+            "version": "1", "keyframe": "0", "recording": recording, "number": "0",
+            "upload": self._begun_upload(),
         }  # fmt: skip
 
     def _begun_upload(self) -> str:

@@ -34,6 +34,12 @@ def test_a_call_is_answered_as_the_table_says(callers: Callers, row: Row) -> Non
     assert found == expected
 
 
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.call)
+def test_a_key_to_record_is_let_in_as_one_to_locate_and_records(callers: Callers, row: Row) -> None:
+    expected = "yes" if "/recordings" in row.call else row.cells["locate"]
+    assert outcome(*callers.call(row.call, "record"), expected) == expected
+
+
 def outcome(status: int, body: str, cell: str) -> str:
     """Return what became of a call as the table writes it.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from zipfile import ZipFile
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
 from app.importers.recognition import recognised
 from app.importers.registry import open_scan, open_unposed
+from app.importers.unposed.recording import RecordingWriter
 from tests.importers.scans import INTRINSICS, write_seven_scenes, write_tum
 
 ESTIMATE = ScanOptions(estimate_poses=True)
@@ -99,6 +101,39 @@ def test_what_is_missing_is_said(
         (tmp_path / name).write_bytes(b"x")
     with pytest.raises(InvalidScanError, match=message):
         open_unposed(tmp_path, format_name, ScanOptions())
+
+
+def test_a_recording_is_read_in_the_order_of_its_times(tmp_path: Path) -> None:
+    with (tmp_path / "recording.zip").open("wb") as file:
+        writer = RecordingWriter(file)
+        writer.add(0, b"late", 2.0, (0.0, 9.8, 0.0))
+        writer.add(1, b"early", 1.0, None)
+        writer.close()
+    with ZipFile(tmp_path / "recording.zip") as archive:
+        archive.extractall(tmp_path / "scan")
+    unposed = open_unposed(tmp_path / "scan", None, ScanOptions())
+    assert unposed is not None
+    assert [path.read_bytes() for path in unposed.photos] == [b"early", b"late"]
+    assert [frame.down for frame in unposed.recorded] == [None, (0.0, 1.0, 0.0)]
+    with pytest.raises(InvalidScanError, match="2 frames that a phone recorded"):
+        open_scan(tmp_path / "scan")
+
+
+@pytest.mark.parametrize(
+    ("listed", "message"),
+    [
+        ('{"frames": [{"file": "000001.jpg", "time_s": 0}]}', "lists 000001.jpg, which is not in frames"),
+        ('{"frames": [{"file": "../a.jpg", "time_s": 0}]}', "recording.json must be"),
+        ('{"frames": [{"file": "000000.jpg", "time_s": 0, "down": [0, 0, 0]}]}', "recording.json must be"),
+        ("[]", "recording.json must be"),
+    ],
+)
+def test_a_list_of_frames_that_is_wrong_is_named(tmp_path: Path, listed: str, message: str) -> None:
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "000000.jpg").write_bytes(b"x")
+    (tmp_path / "recording.json").write_text(listed, encoding="utf-8")
+    with pytest.raises(InvalidScanError, match=message):
+        open_unposed(tmp_path, "recording", ScanOptions())
 
 
 def test_depth_frames_without_a_trajectory(tmp_path: Path) -> None:

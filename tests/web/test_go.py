@@ -20,7 +20,9 @@ from tests import scenes
 from tests.built_maps import publish
 from tests.plans import collection, landmark, link
 from tests.server import wait_for
+from tests.web.camera_file import CUT_ERRORS, flags_for, write_walk
 from tests.web.live import KEY, Server, Tab, chromium, live_server, watched_tab
+from tests.web.pictures import keep_picture
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 FPS = 10
@@ -28,8 +30,6 @@ METERS_PER_PIXEL, ORIGIN_PX = 0.02, (20.0, 170.0)
 WALK = [scenes.pose_at(1.5 + 0.012 * k, 1.35 + 0.006 * k, 1.52, -30 + 1.3 * k, 0.0) for k in range(70)]
 # The walk comes back to where it began, since the file starts again when it is over.
 POSES = [*WALK, *WALK[::-1]]
-CAMERA_FLAGS = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
-ORIGIN_ERRORS = ("401", "ERR_CONNECTION_REFUSED", "WebSocket connection", "ERR_CONNECTION_RESET", "ERR_EMPTY")
 
 
 @pytest.fixture(scope="module")
@@ -70,17 +70,14 @@ def pictures() -> list[np.ndarray]:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk as a YUV4MPEG2 file."""
     path = tmp_path_factory.mktemp("camera") / "walk.y4m"
-    with path.open("wb") as file:
-        file.write(f"YUV4MPEG2 W{scenes.CAMERA.width} H{scenes.CAMERA.height} F{FPS}:1 C420jpeg\n".encode())
-        for rgb in (*pictures(), *pictures()[::-1]):
-            file.write(b"FRAME\n" + cv2.cvtColor(rgb, cv2.COLOR_RGB2YUV_I420).tobytes())
-    return path
+    there_and_back = (*pictures(), *pictures()[::-1])
+    return write_walk(path, there_and_back, scenes.CAMERA.width, scenes.CAMERA.height, FPS)
 
 
 @pytest.fixture(scope="module")
 def camera_browser(driver: Any, walk: Path) -> Iterator[Any]:
     """A browser whose camera shows the walk."""
-    with chromium(driver, *CAMERA_FLAGS, f"--use-file-for-fake-video-capture={walk}") as browser:
+    with chromium(driver, *flags_for(walk)) as browser:
         yield browser
 
 
@@ -88,7 +85,7 @@ def camera_browser(driver: Any, walk: Path) -> Iterator[Any]:
 def phone(camera_browser: Any) -> Iterator[Tab]:
     """A tab as wide as a phone."""
     with watched_tab(
-        camera_browser, ORIGIN_ERRORS, viewport={"width": 390, "height": 780}, locale="en-US"
+        camera_browser, CUT_ERRORS, viewport={"width": 390, "height": 780}, locale="en-US"
     ) as tab:
         yield tab
 
@@ -161,6 +158,7 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     wire = go(server, phone)
     playwright.expect(page.get_by_role("heading")).to_have_text("The room")
     assert KEY not in page.url
+    page.get_by_label("Show my dot to the people who run this place").check()
     begin(page)
     playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
     errors = []
@@ -190,7 +188,7 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     playwright.expect(page.locator("#say-more")).to_contain_text("m to Große Tür")
     playwright.expect(page.locator(".way")).to_have_attribute("points", re.compile(r"\d"))
     playwright.expect(page.locator(".goal")).to_have_attribute("visibility", "visible")
-    page.screenshot(path=tmp_path / "leading.png")
+    keep_picture(page, tmp_path, "leading")
 
     # The other landmark is on the walk itself.
     page.get_by_role("button", name="Where to?").click()
@@ -202,6 +200,10 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     playwright.expect(page.locator("#say-more")).to_contain_text("Accurate to")
     assert len({answer["session"] for answer in wire.answers}) == 1
     assert all("timestamp" in hint for hint in wire.hints)
+    # Who runs the place sees the dot, since its owner ticked that.
+    (shared,) = server.client.get("/venues/room/phones").json()
+    at = dot(page)
+    assert np.hypot(shared["place"]["x"] - float(at["x"]), shared["place"]["y"] - float(at["y"])) < 0.5
 
 
 def test_gravity_comes_from_the_devices_attitude(server: Server, phone: Tab) -> None:
@@ -248,6 +250,18 @@ def test_it_goes_on_by_itself_after_the_server_was_away(server: Server, phone: T
     # A session that is gone meanwhile is begun anew.
     server.client.delete(f"/sessions/{session}").raise_for_status()
     wait_for(lambda: page.wait_for_timeout(50) or wire.answers[-1].get("session") not in (None, session), 20)
+
+
+def test_the_focal_length_is_learned_and_stated_the_next_time(server: Server, phone: Tab) -> None:
+    page = phone.page
+    go(server, phone)
+    begin(page)
+    wait_for(lambda: page.wait_for_timeout(50) or page.evaluate("() => localStorage['roomfix.camera']"), 60)
+    page.reload()
+    wire = Wire.of(page)
+    begin(page)
+    wait_for(lambda: page.wait_for_timeout(50) or wire.hints, 60)
+    assert wire.hints[0]["camera"]["params"][0] == pytest.approx(scenes.CAMERA.focal_px, rel=0.05)
 
 
 def test_it_says_plainly_when_it_does_not_know(server: Server, phone: Tab) -> None:
@@ -359,7 +373,7 @@ def test_nothing_is_cut_off_or_scrolls_sideways(
 ) -> None:
     width, height = size
     viewport = {"width": width, "height": height}
-    with watched_tab(camera_browser, ORIGIN_ERRORS, viewport=viewport, locale="de-DE") as tab:
+    with watched_tab(camera_browser, CUT_ERRORS, viewport=viewport, locale="de-DE") as tab:
         go(server, tab)
         page = tab.page
         button = page.get_by_role("button", name="Zeig mir, wo ich bin")
@@ -379,8 +393,6 @@ def test_nothing_is_cut_off_or_scrolls_sideways(
 def assert_inside(page: Any, control: Any, size: tuple[int, int]) -> None:
     assert page.evaluate("() => document.documentElement.scrollWidth") <= size[0]
     box = control.bounding_box()
-    assert box is not None
-    assert box["x"] >= 0
-    assert box["y"] >= 0
+    assert min(box["x"], box["y"]) >= 0
     assert box["x"] + box["width"] <= size[0] + 0.5
     assert box["y"] + box["height"] <= size[1] + 0.5

@@ -19,6 +19,8 @@ from app.web.pages import STATIC
 
 STATIC_FILES = sorted(path.relative_to(STATIC).as_posix() for path in STATIC.rglob("*") if path.is_file())
 SCRIPTS = sorted((STATIC / "js").rglob("*.js"))
+# Folders of sentences; pages for phones say those of `go`, and their own.
+CATALOGUES = ("go", "record")
 LANGUAGES = sorted((STATIC / "languages").rglob("*.json"))
 PAGES = sorted(STATIC.glob("*.html"))
 
@@ -31,7 +33,8 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/docs", "/go/any", "/assets/js/main.js", "/docs/assets/swagger-ui-bundle.js"]
+    "path",
+    ["/", "/docs", "/go/any", "/record/any", "/assets/js/main.js", "/docs/assets/swagger-ui-bundle.js"],
 )
 def test_pages_and_assets_carry_the_security_headers(client: TestClient, path: str) -> None:
     answer = client.get(path)
@@ -62,7 +65,13 @@ def test_every_static_file_is_served_with_its_type(client: TestClient, name: str
 
 
 @pytest.mark.parametrize(
-    ("page", "address"), [("index.html", "/"), ("docs.html", "/docs"), ("go.html", "/go/museum")]
+    ("page", "address"),
+    [
+        ("index.html", "/"),
+        ("docs.html", "/docs"),
+        ("go.html", "/go/museum"),
+        ("record.html", "/record/museum"),
+    ],
 )
 def test_what_a_page_refers_to_is_there(client: TestClient, page: str, address: str) -> None:
     html = client.get(address).text
@@ -111,9 +120,11 @@ def test_every_script_belongs_to_a_page() -> None:
     assert set(SCRIPTS) == classic.union(*(modules_of(page) for page in PAGES))
 
 
-def test_every_language_has_the_same_sentences_with_the_same_names(client: TestClient) -> None:
-    assert client.get("/assets/languages").json() == [path.stem for path in LANGUAGES]
-    catalogues = [json.loads(path.read_text(encoding="utf-8")) for path in LANGUAGES]
+@pytest.mark.parametrize("folder", CATALOGUES)
+def test_every_language_has_the_same_sentences_with_the_same_names(client: TestClient, folder: str) -> None:
+    files = [path for path in LANGUAGES if path.parent.name == folder]
+    assert client.get("/assets/languages").json() == [path.stem for path in files]
+    catalogues = [json.loads(path.read_text(encoding="utf-8")) for path in files]
     names = [
         {key: sorted(re.findall(r"\{(\w+)\}", sentence)) for key, sentence in catalogue.items()}
         for catalogue in catalogues
@@ -122,11 +133,15 @@ def test_every_language_has_the_same_sentences_with_the_same_names(client: TestC
     assert all(each == names[0] for each in names)
 
 
-def test_every_sentence_that_the_phone_page_says_is_in_the_catalogue() -> None:
-    catalogue = json.loads(LANGUAGES[0].read_text(encoding="utf-8"))
+@pytest.mark.parametrize("folder", CATALOGUES)
+def test_every_sentence_that_a_phones_page_says_is_in_the_catalogues(folder: str) -> None:
+    catalogue: dict[str, str] = {}
+    for path in LANGUAGES:
+        if path.parent.name in ("go", folder):
+            catalogue |= json.loads(path.read_text(encoding="utf-8"))
     said = {
         key
-        for script in (STATIC / "js" / "go").glob("*.js")
+        for script in (STATIC / "js" / folder).glob("*.js")
         for key in re.findall(r'\b(?:say|translated)\("([^"]+)"', script.read_text(encoding="utf-8"))
     }
     assert len(said) > 20

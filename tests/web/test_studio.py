@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,15 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests import scenes
 from tests.server import wait_for
-from tests.web.live import KEY, Server, Tab, live_server, watched_tab
+from tests.web.live import Server, Tab, live_server
+from tests.web.pictures import keep_picture
+from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, spot, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 # The plan image shows 6 m by 5 m, the room's corner at (1, 1) m, turned by a quarter: plan = (1 + 3 - y, 1 + x).
-METERS_PER_PIXEL = 0.01
-SIZE_PX = (600, 500)
 EXPECTED = np.array([[0, -1, 4.0], [1, 0, 1.0]])
 
 
@@ -30,43 +32,22 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 @pytest.fixture
 def studio(browser: Any, server: Server) -> Iterator[Tab]:
-    """The studio, opened with the key; refused requests that a test makes on purpose are noted by the browser."""
-    with watched_tab(browser, ("401", "422", "409"), locale="en-US") as tab:
-        tab.page.on("dialog", lambda dialog: dialog.accept())
-        tab.open(f"{server.url}/studio")
-        tab.page.get_by_label("Key", exact=True).fill(KEY)
-        tab.page.get_by_role("button", name="Use this key").click()
-        playwright.expect(tab.page.get_by_role("dialog")).to_have_count(0)
+    """The studio, opened with the key."""
+    with open_studio(browser, server) as tab:
         yield tab
 
 
-def plan_png() -> bytes:
+def plan_pdf() -> bytes:
+    """Return the plan as the second page of a PDF, of as many pixels as the server draws it with."""
     image = np.full((SIZE_PX[1], SIZE_PX[0], 3), 250, np.uint8)
     # The room's walls.
     left, right, low, high = 100, 400, SIZE_PX[1] - 100, SIZE_PX[1] - 500
     image[max(high, 0) : low, left : left + 3] = image[max(high, 0) : low, right : right + 3] = 0
     image[low : low + 3, left:right] = 0
-    return scenes.encode(image, ".png")
-
-
-def visit(page: Any, name: str) -> None:
-    # The list of steps on the first view has links of the same names, once it is loaded.
-    page.get_by_role("navigation", name="Steps").get_by_role("link", name=name, exact=True).click()
-
-
-def spot(page: Any, x: float, y: float) -> tuple[float, float]:
-    """Return the point of the screen that shows a point of the plan, whose frame is that of the stored plan."""
-    u, v = x / METERS_PER_PIXEL, SIZE_PX[1] - 1 - y / METERS_PER_PIXEL
-    at = page.evaluate(
-        """([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(
-            document.getElementById("board-svg").getScreenCTM()); return [p.x, p.y]; }""",
-        [u, v],
-    )
-    return float(at[0]), float(at[1])
-
-
-def click(page: Any, x: float, y: float) -> None:
-    page.mouse.click(*spot(page, x, y))
+    pages = [Image.fromarray(np.full_like(image, 255)), Image.fromarray(image)]
+    file = io.BytesIO()
+    pages[0].save(file, "pdf", save_all=True, append_images=pages[1:], resolution=150)
+    return file.getvalue()
 
 
 def plan_from_world(server: Server) -> np.ndarray:
@@ -96,36 +77,20 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
     page.get_by_role("button", name="Upload and build").click()
     playwright.expect(page.locator("#report")).to_contain_text("Report on version 1", timeout=60_000)
     playwright.expect(page.locator("#report")).to_contain_text("of its own frames are located")
+    keep_picture(page, tmp_path, "scan")
     playwright.expect(page.locator("#versions")).to_contain_text("Serving")
     playwright.expect(page.locator(".top-view")).to_have_attribute("src", re.compile("^blob:"))
 
-    visit(page, "Plan")
-    page.get_by_role("button", name="Add a floor").click()
-    page.locator("#floor-name").fill("Ground floor")
-    page.locator("#floor-form").get_by_role("button", name="Add floor").click()
-    playwright.expect(page.locator("#floor option:checked")).to_have_text("Ground floor")
-    page.locator("#plan-image").set_input_files(
-        {"name": "plan.png", "mimeType": "image/png", "buffer": plan_png()}
-    )
-    playwright.expect(page.locator("#board-svg image")).to_have_attribute("href", re.compile("^blob:"))
-    # The room is 3 m wide on the plan.
-    click(page, 1.0, 2.0)
-    click(page, 4.0, 2.0)
-    page.locator("#distance").fill("3")
-    playwright.expect(page.locator("#scale-words")).to_contain_text("m per pixel")
-    page.get_by_role("button", name="Save plan").click()
-    playwright.expect(page.locator("#board-error")).to_contain_text("The plan is stored.")
-    stored = client.get("/venues/house/floors/0").json()["plan"]
-    assert stored["meters_per_pixel"] == pytest.approx(METERS_PER_PIXEL, rel=0.01)
-
+    show_the_plan(server, page, tmp_path)
     align(server, page, tmp_path)
     draw(server, page, tmp_path)
-    try_a_photo(page, room)
+    try_a_photo(page, room, tmp_path)
 
     visit(page, "Share")
     page.locator("#address").fill("https://house.example:8443/")
     page.get_by_role("button", name="Make the code").click()
     playwright.expect(page.locator("#qr")).to_be_visible()
+    keep_picture(page, tmp_path, "share")
     link = page.locator("#go-link").get_attribute("href") or ""
     assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)
     token = {"Authorization": f"Bearer {link.partition('#token=')[2]}"}
@@ -134,6 +99,34 @@ def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> N
 
     visit(page, "Start")
     playwright.expect(page.locator("#steps .done")).to_have_count(7)
+
+
+def show_the_plan(server: Server, page: Any, tmp_path: Path) -> None:
+    """Add a floor, choose the second page of a PDF as its plan, and click two points whose distance is known."""
+    visit(page, "Plan")
+    page.get_by_role("button", name="Add a floor").click()
+    page.locator("#floor-name").fill("Ground floor")
+    page.locator("#floor-form").get_by_role("button", name="Add floor").click()
+    playwright.expect(page.locator("#floor option:checked")).to_have_text("Ground floor")
+    page.locator("#plan-image").set_input_files(
+        {"name": "plan.pdf", "mimeType": "application/pdf", "buffer": plan_pdf()}
+    )
+    shown = page.locator("#board-svg image")
+    playwright.expect(shown).to_have_attribute("href", re.compile("^blob:"))
+    first = shown.get_attribute("href")
+    page.get_by_label("Page", exact=True).fill("2")
+    page.keyboard.press("Tab")
+    playwright.expect(shown).not_to_have_attribute("href", first)
+    # The room is 3 m wide on the plan.
+    click(page, 1.0, 2.0)
+    click(page, 4.0, 2.0)
+    page.locator("#distance").fill("3")
+    playwright.expect(page.locator("#scale-words")).to_contain_text("m per pixel")
+    keep_picture(page, tmp_path, "plan")
+    page.get_by_role("button", name="Save plan").click()
+    playwright.expect(page.locator("#board-error")).to_contain_text("The plan is stored.")
+    stored = server.client.get("/venues/house/floors/0").json()["plan"]
+    assert stored["meters_per_pixel"] == pytest.approx(METERS_PER_PIXEL, rel=0.01)
 
 
 def align(server: Server, page: Any, tmp_path: Path) -> None:
@@ -159,7 +152,7 @@ def align(server: Server, page: Any, tmp_path: Path) -> None:
     page.mouse.down()
     page.mouse.move(*end, steps=5)
     page.mouse.up()
-    page.screenshot(path=tmp_path / "align.png")
+    keep_picture(page, tmp_path, "align")
     page.get_by_role("button", name="Save alignment").click()
     playwright.expect(page.locator("#board-error")).to_contain_text("The alignment is stored.")
     found = plan_from_world(server)
@@ -181,6 +174,16 @@ def align(server: Server, page: Any, tmp_path: Path) -> None:
     playwright.expect(pairs.nth(4)).to_contain_text("contradicts the others")
     page.get_by_role("button", name="Remove pair 5").click()
     page.get_by_role("button", name="Fit to the pairs").click()
+    fitted = page.locator("#turn").input_value()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="Redo").click()
+    # What is not saved comes back.
+    page.reload()
+    playwright.expect(page.locator("#board-error")).to_contain_text(
+        "The alignment that you didn't save is back"
+    )
+    playwright.expect(page.locator("#turn")).to_have_value(fitted)
+    playwright.expect(pairs).to_have_count(4)
     page.get_by_role("button", name="Save alignment").click()
     playwright.expect(page.locator("#board-error")).to_contain_text("The pairs are")
     found = plan_from_world(server)
@@ -233,7 +236,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     page.reload()
     playwright.expect(page.locator("#board-error")).to_contain_text("What you drew and didn't save is back")
     playwright.expect(page.locator("#feature-list li")).to_have_count(4)
-    page.screenshot(path=tmp_path / "draw.png")
+    keep_picture(page, tmp_path, "draw")
     page.get_by_role("button", name="Save", exact=True).click()
     playwright.expect(page.locator("#board-error")).to_contain_text("Saved.")
     features = server.client.get("/venues/house/floors/0/features").json()["features"]
@@ -251,7 +254,7 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     playwright.expect(page.locator("polyline.route")).to_have_count(1)
 
 
-def try_a_photo(page: Any, room: scenes.Room) -> None:
+def try_a_photo(page: Any, room: scenes.Room, tmp_path: Path) -> None:
     """Locate a photo; the matches are drawn."""
     visit(page, "Try")
     pose = scenes.query_poses()[1]
@@ -266,6 +269,7 @@ def try_a_photo(page: Any, room: scenes.Room) -> None:
     assert shown
     assert np.hypot(float(shown[1]) - x, float(shown[2]) - y) < 0.1
     assert page.locator("line.match").count() > 10
+    keep_picture(page, tmp_path, "try")
 
 
 def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:
@@ -340,7 +344,9 @@ def test_a_camera_is_placed_by_clicks(server: Server, studio: Tab) -> None:
     assert np.allclose([u0, v0, u1, v1], expected, atol=3)
 
 
-def test_a_refused_scan_is_explained_and_repaired_by_a_button(server: Server, studio: Tab) -> None:
+def test_a_refused_scan_is_explained_and_repaired_by_a_button(
+    server: Server, studio: Tab, tmp_path: Path
+) -> None:
     page = studio.page
     visit(page, "Scan")
     room = scenes.Room()
@@ -358,6 +364,16 @@ def test_a_refused_scan_is_explained_and_repaired_by_a_button(server: Server, st
     playwright.expect(report).to_contain_text("The scan was refused", timeout=60_000)
     report.get_by_role("button", name="Repair and build again").click()
     playwright.expect(report).to_contain_text("Repaired:", timeout=60_000)
+
+    # Two versions of the same room differ by little but their keyframes.
+    page.get_by_role("button", name="Compare", exact=True).click()
+    compared = page.locator("#compare-result")
+    playwright.expect(compared.locator("figcaption")).to_contain_text("% of the ground is in both")
+    keyframes = [map_["statistics"]["keyframes"] for map_ in server.client.get("/venues/house/maps").json()]
+    playwright.expect(compared.locator("tbody tr").first).to_have_text(
+        re.compile(rf"Keyframes\s*{keyframes[1]}\s*{keyframes[0]}")
+    )
+    page.screenshot(path=tmp_path / "compare.png", full_page=True)
 
     # The version before can serve again, and the newer one be deleted.
     newest = server.client.get("/venues/house/maps").json()[0]["version"]

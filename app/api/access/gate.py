@@ -15,6 +15,7 @@ from app.services.keys.caller import OPEN, Caller
 from app.storage.anchors import get_anchor
 from app.storage.builds import get_build
 from app.storage.keys import Scope
+from app.storage.recordings import get_recording
 
 IN_THE_ADDRESS = (
     "A key is not taken from the address, where logs would keep it: send it as a header or subprotocol."
@@ -37,7 +38,7 @@ async def admit(connection: HTTPConnection, scopes: tuple[Scope, ...]) -> None:
 
     Raises `AuthenticationError` without a valid key, `RateLimitError` for too many calls or wrong keys,
     `PermissionDeniedError` without the scope and for another venue or camera in the path, and `NotFoundError` for a
-    session, build or anchor that belongs to a venue which the key may not use.
+    session, build, recording or anchor that belongs to a venue which the key may not use.
     """
     if not scopes:
         return
@@ -76,6 +77,8 @@ def _venue_of(state: AppState, name: str, identifier: str) -> str | None:
         with state.services.resources.database.read() as connection:
             if name == "build":
                 return get_build(connection, identifier).venue_id
+            if name == "recording":
+                return get_recording(connection, identifier).venue_id
             if name == "camera":
                 return get_anchor(connection, identifier).spec.venue_id
     except NotFoundError:

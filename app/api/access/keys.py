@@ -17,7 +17,7 @@ from app.api.requests.paging import Paged
 from app.api.schemas import problems
 from app.services.keys.key_service import OPTIONS as LIFE
 from app.services.keys.key_service import NewKey
-from app.storage.keys import Key, Scope
+from app.storage.keys import Key, Scope, TokenScope
 
 router = APIRouter(
     prefix="/keys", tags=["keys"], dependencies=[Depends(require("admin"))], route_class=ContractRoute
@@ -113,10 +113,13 @@ class TokenRequest(RequestBody):
         description="After how many seconds it ends; an hour if left out",
         json_schema_extra={"minimum": LIFE.min_expiry_s, "maximum": LIFE.max_token_expiry_s},
     )
+    scope: TokenScope = Field(
+        "locate", description="What it may do; `record` needs a key of that scope, or of admin"
+    )
 
 
 class CreatedToken(BaseModel):
-    """A short-lived token for a phone or a QR code: scope locate, one venue."""
+    """A short-lived token for a phone or a QR code, for one venue."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -176,7 +179,7 @@ def create_token(
     state: State, caller: CallerOf, body: TokenRequest, request: Request, response: Response
 ) -> CreatedToken:
     """Make a token of minutes to hours for one venue, to give to a phone in place of a key."""
-    made = state.services.keys.create_token(caller, body.venue, body.expires_in_s)
+    made = state.services.keys.create_token(caller, body.venue, body.expires_in_s, body.scope)
     _unstored(response, request, made)
     assert made.key.venue_id is not None and made.key.expires_at is not None  # noqa: S101, PT018 - tokens have both
     return CreatedToken(

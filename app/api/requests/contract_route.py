@@ -16,7 +16,7 @@ from starlette.datastructures import FormData
 from starlette.requests import HTTPConnection
 
 from app.api.access.gate import admit, scopes_of
-from app.api.access.log_acts import log_act
+from app.api.access.log_acts import VENUE, log_act
 from app.api.requests.body_reader import BODY, Kind
 from app.api.requests.form_request import (
     JSON_MEDIA_TYPE,
@@ -92,7 +92,8 @@ class ContractRoute(APIRoute):
             await admit(request, self.scopes)
             request.scope[BODY].expect(self.body_kind or self.declared.body_kind)
             response = await handle(FormRequest(request.scope, request.receive, self.declared.files))
-            if "admin" in self.scopes and self.is_noted:
+            is_recorded = "record" in self.scopes and VENUE in request.scope
+            if self.is_noted and ("admin" in self.scopes or is_recorded):
                 await log_act(request, response)
             return response
 

@@ -34,7 +34,7 @@ MIN_FEATURES_PER_KEYFRAME = 50
 FORMATS = (
     "auto", "tum", "12scenes", "7scenes", "nerfstudio", "polycam", "scannet", "redwood", "stray-scanner", "record3d",
     "3d-scanner-app", "arkitscenes", "sens", "rtabmap", "rtabmap-export", "ros-bag", "kapture", "colmap",
-    "video", "images",
+    "video", "images", "recording",
 )  # fmt: skip
 # What `poses` says to have them estimated from the pictures.
 ESTIMATE = "estimate"

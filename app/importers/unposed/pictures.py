@@ -1,16 +1,17 @@
-"""`video` and `images`: a lone video, or a folder of photos, found among the files that were sent."""
+"""`video`, `images` and `recording`: pictures without poses, found among the files that were sent."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path, PurePath
+from pathlib import Path, PurePath, PurePosixPath
 
 from app.errors import InvalidScanError
 from app.importers.frames import ScanOptions
 from app.importers.phones.video import open_video
+from app.importers.unposed.recording import is_recording, read_recording
 from app.importers.unposed.scan import UnposedScan
 
-FORMATS = ("video", "images")
+FORMATS = ("video", "images", "recording")
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm"})
 PHOTO_SUFFIXES = frozenset(
     {".jpg", ".jpeg", ".jpe", ".png", ".webp", ".heic", ".heif", ".avif", ".tif", ".tiff"}
@@ -20,8 +21,11 @@ MIN_PHOTOS = 3
 
 
 def format_of_names(names: Iterable[str]) -> str | None:
-    """Return `video` for the only file if it is one, `images` for photos in one folder and nothing else, else None."""
+    """Return `recording` for frames with their list, `video` for the only file if it is one, `images` for photos in one
+    folder and nothing else, else None."""
     paths = [PurePath(name) for name in names]
+    if is_recording([PurePosixPath(path.as_posix()) for path in paths]):
+        return "recording"
     suffixes = {path.suffix.lower() for path in paths}
     if len(paths) == 1 and suffixes <= VIDEO_SUFFIXES:
         return "video"
@@ -30,10 +34,19 @@ def format_of_names(names: Iterable[str]) -> str | None:
 
 
 def open_pictures(directory: Path, name: str, options: ScanOptions) -> UnposedScan:
-    """Return the video or the photos below a folder; `name` is one of `FORMATS`.
+    """Return the video, the photos or the recording below a folder; `name` is one of `FORMATS`.
 
     Raises `InvalidScanError` when there is none, when there are several videos, and for a video that can't be decoded.
     """
+    if name == "recording":
+        folder, recorded = read_recording(directory)
+        return UnposedScan(
+            format=name,
+            photos=tuple(folder / frame.name for frame in recorded),
+            recorded=recorded,
+            camera=options.camera,
+            scratch=options.scratch,
+        )
     files = _files(directory)
     if name == "video":
         videos = [path for path in files if path.suffix.lower() in VIDEO_SUFFIXES]
@@ -54,6 +67,8 @@ def open_pictures(directory: Path, name: str, options: ScanOptions) -> UnposedSc
 
 def summary_of(scan: UnposedScan) -> str:
     """Return a sentence on what a video or photos are."""
+    if scan.recorded:
+        return f"These are {len(scan.recorded)} frames that a phone recorded."
     if scan.video is None:
         return f"These are {len(scan.photos)} photos."
     video = open_video(scan.video)

@@ -12,7 +12,8 @@ from app.storage.keys import Scope
 ALLOWS: dict[Scope, frozenset[Scope]] = {
     "locate": frozenset({"locate"}),
     "anchor": frozenset({"anchor"}),
-    "admin": frozenset({"locate", "anchor", "admin"}),
+    "record": frozenset({"locate", "record"}),
+    "admin": frozenset({"locate", "anchor", "record", "admin"}),
 }
 
 

@@ -31,6 +31,7 @@ from app.storage.db import Database, now
 from app.storage.keys import (
     Key,
     Scope,
+    TokenScope,
     add_key,
     delete_old_tokens,
     find_key,
@@ -153,10 +154,16 @@ class KeyService:
         self._store(new.key)
         return new
 
-    def create_token(self, by: Caller, venue_id: str | None, expires_in_s: float | None = None) -> NewKey:
-        """Make a token of scope locate for one venue; it expires with its key. Raises as `create`, and for a caller
-        that has a token only."""
-        by.check_scope("locate")
+    def create_token(
+        self,
+        by: Caller,
+        venue_id: str | None,
+        expires_in_s: float | None = None,
+        scope: TokenScope = "locate",
+    ) -> NewKey:
+        """Make a token for one venue; it expires with its key. Raises as `create`, and for a caller that has a token
+        only, or lacks the scope."""
+        by.check_scope(scope)
         if by.is_token:
             raise PermissionDeniedError("A token makes no further tokens; use a key.")
         venue_id = by.venue_or_own(venue_id)
@@ -173,7 +180,7 @@ class KeyService:
         new = _new_key(
             "token",
             f"token of {by.name}"[:200],
-            "locate",
+            scope,
             venue_id=venue_id,
             parent_id=by.key_id,
             created_by=by.name,

@@ -164,6 +164,7 @@ def _of_listed(listed: Scan, wanted: Collection[str], progress: Progress) -> Cho
 def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
     files = FrameFiles(unposed.scratch)
     frames: list[tuple[Frame, tuple[int, int], tuple[int, int]]] = []
+    times_s = {frame.name: frame.time_s for frame in unposed.recorded}
     discarded: dict[str, list[str]] = {}
     for number, path in enumerate(_counted(unposed.photos, len(unposed.photos), "choose_frames", progress)):
         rgb = _photo(path)
@@ -173,7 +174,7 @@ def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
         small = _reduced(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR).astype(np.uint8))
         size = small.shape[1], small.shape[0]
         color = files.write_picture(f"rgb/{number:06d}.jpg", small)
-        frame = _frame(path.name, float(number), color, files.blank_depth(*size))
+        frame = _frame(path.name, times_s.get(path.name, float(number)), color, files.blank_depth(*size))
         frames.append((frame, size, (rgb.shape[1], rgb.shape[0])))
     if not frames:
         raise InvalidScanError(f"None of the {len(unposed.photos)} photos can be used: {_counts(discarded)}.")
@@ -192,7 +193,7 @@ def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
         scan=scan,
         camera_source=source,
         total=len(unposed.photos),
-        is_sequence=False,
+        is_sequence=bool(unposed.recorded),
         original_size=original,
     )
 

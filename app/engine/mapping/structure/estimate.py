@@ -15,7 +15,7 @@ from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTIO
 from app.engine.mapping.structure.reconstruction import Reconstruction, check_installed, reconstruct
 from app.engine.mapping.structure.scale import FoundScale, find_scale, median_depth
 from app.engine.mapping.structure.scale_options import Scale, frames_of
-from app.engine.mapping.structure.up import DownDirection, find_down
+from app.engine.mapping.structure.up import DownDirection, down_by_sensor, find_down
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.errors import InvalidScanError
@@ -87,7 +87,9 @@ def estimate_poses(
     def gray(row: int) -> Gray:
         return to_gray(frame_rgb(scan, scan.frames[row]))
 
-    down = find_down(whole, gray, executor, progress)
+    held = {frame.name: frame.down for frame in unposed.recorded if frame.down is not None}
+    downs = {row: held[frame.name] for row, frame in enumerate(scan.frames) if frame.name in held}
+    down = down_by_sensor(whole, downs) or find_down(whole, gray, executor, progress)
     found = find_scale(scale, whole, chosen, down, gray, executor, progress)
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(

@@ -1,8 +1,8 @@
-"""Which way is down in a reconstruction: by the vertical edges in the pictures, else by how the camera was held."""
+"""Which way is down in a reconstruction: by the phone's sensors, else vertical edges, else how the camera was held."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -52,6 +52,14 @@ class UpOptions:
         "Least ratio of the second to the third eigenvalue of the cameras' x axes, from which these lie in one plane.",
         chosen="By hand: a camera held level within 10 degrees that turned by 60 or more.",
     )
+    min_sensed: int = limit(
+        5, "Least number of frames whose down a phone's sensors gave.", chosen="By hand: a few may be wrong."
+    )
+    max_sensed_deg: float = limit(
+        5.0,
+        "Largest median angle between the down of the frames and their mean, above which it is not used.",
+        chosen="By hand: a phone that is carried stays within 2 degrees; wrong axes are off by far more.",
+    )
 
 
 OPTIONS = UpOptions()
@@ -59,7 +67,7 @@ OPTIONS = UpOptions()
 
 @dataclass(frozen=True, slots=True)
 class DownDirection:
-    """Down (3,) in the frame of the poses, what it rests on (`vertical_edges` or `camera_axes`), and its figures."""
+    """Down (3,) in the frame of the poses, its figures, and its source: `sensor`, `vertical_edges` or `camera_axes`."""
 
     down: tuple[float, float, float]
     source: str
@@ -68,6 +76,27 @@ class DownDirection:
     def as_dict(self) -> dict[str, Any]:
         """Return it for the report."""
         return {"source": self.source, **self.figures}
+
+
+def down_by_sensor(
+    part: Reconstruction, downs: Mapping[int, tuple[float, float, float]]
+) -> DownDirection | None:
+    """Return the mean of the directions of down that a phone's sensors gave, by row and in the camera's axes.
+
+    None where they are few, or differ too much.
+    """
+    turned = [part.poses[row].rotation @ np.array(down) for row, down in downs.items() if row in part.poses]
+    if len(turned) < OPTIONS.min_sensed:
+        return None
+    # The componentwise median: frames that were taken in a jolt count little.
+    median = np.median(np.stack(turned), axis=0)
+    if np.linalg.norm(median) < MIN_MEAN:
+        return None
+    mean = unit_rays(median[None])[0]
+    apart_deg = float(np.median(np.degrees(np.arccos(np.clip(np.stack(turned) @ mean, -1.0, 1.0)))))
+    if apart_deg > OPTIONS.max_sensed_deg:
+        return None
+    return _direction(mean, "sensor", {"pictures": len(turned), "apart_deg": round(apart_deg, 2)})
 
 
 def find_down(

@@ -38,9 +38,9 @@ export function path(...parts) {
 }
 
 /** Call the server and return the response; throws `ApiError`, after asking for a key where one is needed. */
-export async function request(where, { method = "GET", json, form, signal } = {}) {
+export async function request(where, { method = "GET", json, form, headers: more = {}, signal } = {}) {
   for (;;) {
-    const headers = authorization();
+    const headers = { ...authorization(), ...more };
     if (json !== undefined) headers["Content-Type"] = "application/json";
     const body = json === undefined ? form : JSON.stringify(json);
     const response = await reach(() => fetch(address(where), { method, headers, body, signal }));
@@ -55,11 +55,11 @@ export async function requestJson(where, options) {
   return (await request(where, options)).json();
 }
 
-/** Post a form and report how much of it has been sent, which fetch can't. */
-export async function upload(where, form, onProgress, signal) {
+/** Send bytes and report how many of them have gone, which fetch can't. */
+export async function sendBytes(method, where, headers, body, onProgress, signal) {
   for (;;) {
-    const { status, text } = await send(where, form, onProgress, signal);
-    if (status >= 200 && status < 300) return JSON.parse(text);
+    const { status, text } = await send(method, where, headers, body, onProgress, signal);
+    if (status >= 200 && status < 300) return;
     const error = problem(status, text);
     if (!(await keyEntered(error))) throw error;
   }
@@ -111,18 +111,18 @@ function problem(status, text) {
   return new ApiError(status, "http_error", `The server answered with status ${status}.`);
 }
 
-function send(where, form, onProgress, signal) {
+function send(method, where, headers, body, onProgress, signal) {
   return new Promise((resolve, reject) => {
     const xhr = new XMLHttpRequest();
-    xhr.open("POST", address(where));
-    for (const [name, value] of Object.entries(authorization())) xhr.setRequestHeader(name, value);
-    xhr.upload.addEventListener("progress", (event) => onProgress(event.loaded, event.total));
+    xhr.open(method, address(where));
+    for (const [name, value] of Object.entries({ ...authorization(), ...headers })) xhr.setRequestHeader(name, value);
+    xhr.upload.addEventListener("progress", (event) => onProgress(event.loaded));
     xhr.addEventListener("load", () => resolve({ status: xhr.status, text: xhr.responseText }));
     xhr.addEventListener("error", () =>
       reject(new ApiError(0, "unreachable", "The upload broke off: the server can't be reached.")),
     );
     xhr.addEventListener("abort", () => reject(new DOMException("The upload was cancelled.", "AbortError")));
     signal.addEventListener("abort", () => xhr.abort());
-    xhr.send(form);
+    xhr.send(body);
   });
 }

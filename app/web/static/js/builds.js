@@ -24,7 +24,8 @@ export class Progress {
     const card = new ProgressCard(this.place, cancel);
     card.show("upload", 0, 0, "");
     try {
-      return await send((done, total) => card.show("upload", done, total, `${bytes(done)} of ${bytes(total)}`), abort.signal);
+      const report = (done, total, words) => card.show("upload", done, total, words ?? `${bytes(done)} of ${bytes(total)}`);
+      return await send(report, abort.signal);
     } catch (error) {
       this.place.replaceChildren();
       throw error;

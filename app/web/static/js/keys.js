@@ -9,6 +9,7 @@ const DAY_S = 86_400;
 const MAY = {
   locate: "locate, and make tokens",
   anchor: "push frames of monitoring cameras",
+  record: "locate, and record scans in the browser",
   admin: "do everything",
 };
 

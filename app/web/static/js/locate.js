@@ -68,7 +68,8 @@ async function changeVenue() {
 
 function noVenue() {
   const button = el("button", { type: "button", class: "small", on: { click: openVenueDialog } }, "Add a venue");
-  return notice("info", "There is no venue yet. A venue is a building with one map. ", button);
+  const studio = el("a", { href: "studio" }, "The studio leads through all steps");
+  return notice("info", "There is no venue yet. A venue is a building with one map. ", button, " ", studio);
 }
 
 function updateForm() {

@@ -1,8 +1,9 @@
 // The Maps view: the versions of a venue's map, and builds of new ones.
 
-import { requestJson, upload } from "./api.js";
+import { requestJson } from "./api.js";
 import { Progress, endedBuild } from "./builds.js";
 import { byId, el, guarded, notice, showError } from "./dom.js";
+import { uploadScan } from "./scan-upload.js";
 import { currentVenue, onVenueChange, venuePath } from "./venues.js";
 import { bytes, count, degrees, metres, moment, seconds } from "./words.js";
 
@@ -46,13 +47,10 @@ export async function showMaps() {
 }
 
 async function build() {
-  const form = new FormData();
   const archive = byId("archive").files[0];
   const venue = currentVenue().id;
-  form.set("venue", venue);
-  form.set("options", JSON.stringify(options()));
-  form.set("archive", archive, archive.name);
-  const submitted = await progress.upload((onProgress, signal) => upload("database/build", form, onProgress, signal));
+  const values = options();
+  const submitted = await progress.upload((onProgress, signal) => uploadScan(archive, venue, values, onProgress, signal));
   byId("archive").value = "";
   progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
 }

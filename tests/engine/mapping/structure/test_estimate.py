@@ -26,7 +26,7 @@ from app.engine.mapping.structure.scale_options import (
     PlanPlace,
     Scale,
 )
-from app.engine.mapping.structure.up import DownDirection, find_down
+from app.engine.mapping.structure.up import DownDirection, down_by_sensor, find_down
 from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError, InvalidScanError
 from app.geometry.alignment import Alignment, align_points
@@ -122,6 +122,25 @@ def test_down_is_found_by_the_edges(down: DownDirection | None, true_from_scan: 
     assert down is not None
     in_room = true_from_scan.target_from_source.rotation @ down.down
     assert np.degrees(np.arccos(-in_room[2])) < 2.0
+
+
+def test_down_is_found_by_the_phones_sensors_unless_they_contradict_each_other(
+    part: Reconstruction, true_from_scan: Alignment
+) -> None:
+    rng = np.random.default_rng(0)
+    held = {}
+    for row in part.poses:
+        down = poses()[row].rotation.T @ [0.0, 0.0, -1.0] + np.radians(1.5) * rng.standard_normal(3)
+        held[row] = (float(down[0]), float(down[1]), float(down[2]))
+    found = down_by_sensor(part, held)
+    assert found is not None
+    assert found.source == "sensor"
+    in_room = true_from_scan.target_from_source.rotation @ found.down
+    assert np.degrees(np.arccos(-in_room[2])) < 1.5
+    assert down_by_sensor(part, dict(list(held.items())[:4])) is None
+    # Axes that turn with nothing, as those of a browser that states them otherwise.
+    wrong = {row: ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))[row % 3] for row in part.poses}
+    assert down_by_sensor(part, wrong) is None
 
 
 def corner_pixels(row: int) -> tuple[tuple[float, float], tuple[float, float]]:

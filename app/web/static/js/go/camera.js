@@ -2,6 +2,7 @@
 
 import { path, request, requestJson } from "../api.js";
 import { gravity, watchOrientation } from "./gravity.js";
+import { CameraLearner, focalFor } from "./known-camera.js";
 import { say } from "./words.js";
 
 const MAX_SIDE_PX = 640;
@@ -29,6 +30,7 @@ export class Camera {
     this.video.srcObject = this.stream;
     this.video.hidden = false;
     await this.video.play();
+    this.learner = new CameraLearner(this.intrinsics !== null);
   }
 
   /** Whether there is a picture to take. */
@@ -38,16 +40,30 @@ export class Camera {
 
   /** Return the present picture: `{blob, hints, size}`. `scale` below 1 makes it smaller than usual. */
   async take() {
-    const { videoWidth, videoHeight } = this.video;
-    const shrink = (this.scale * MAX_SIDE_PX) / Math.max(videoWidth, videoHeight);
-    const [width, height] = [videoWidth, videoHeight].map((side) => Math.round(side * Math.min(1, shrink)));
+    const [width, height] = this.pictureSize();
     Object.assign(this.canvas, { width, height });
     const hints = { timestamp: performance.now() / 1000 };
+    const known = this.learner.isStated ? this.intrinsics : null;
+    if (known) hints.camera = known;
     const down = gravity();
     if (down) hints.gravity = down.map((value) => Number(value.toFixed(4)));
     this.canvas.getContext("2d", { alpha: false }).drawImage(this.video, 0, 0, width, height);
     const blob = await new Promise((resolve) => this.canvas.toBlob(resolve, "image/jpeg", JPEG_QUALITY));
     return { blob, hints, size: [width, height] };
+  }
+
+  /** Return the camera as the server takes it, from the focal length that is remembered; null where none is. */
+  get intrinsics() {
+    const [width, height] = this.pictureSize();
+    const focalPx = focalFor(width, height);
+    const params = [focalPx, (width - 1) / 2, (height - 1) / 2];
+    return focalPx && { model: "SIMPLE_PINHOLE", width, height, params };
+  }
+
+  pictureSize() {
+    const { videoWidth, videoHeight } = this.video;
+    const shrink = (this.scale * MAX_SIDE_PX) / Math.max(videoWidth, videoHeight);
+    return [videoWidth, videoHeight].map((side) => Math.round(side * Math.min(1, shrink)));
   }
 
   close() {

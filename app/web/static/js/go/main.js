@@ -1,31 +1,37 @@
 // The phone page: from the camera's frames to a dot on the plan and words that lead.
 
 import { path, requestJson, storedKey } from "../api.js";
-import { byId, el, guarded } from "../dom.js";
+import { byId, guarded } from "../dom.js";
+import { setUpAwake } from "./awake.js";
 import { setUpKey } from "./key.js";
+import { showLanguages } from "./languages.js";
 import { Camera, SimulatedCamera } from "./camera.js";
 import { Guide } from "./guide.js";
 import { Plan } from "./plan.js";
 import { Search } from "./search.js";
 import { SessionStream } from "./stream.js";
 import { Voice } from "./voice.js";
-import { chooseLanguage, knows, language, loadWords, rememberLanguage, say } from "./words.js";
+import { knows, language, loadWords, say } from "./words.js";
 
 const venue = decodeURIComponent(location.pathname.replace(/\/$/, "").split("/").at(-1));
 // The token of a QR code stands in the fragment, which no server's log ever has.
 const fragment = new URLSearchParams(location.hash.slice(1));
 const token = fragment.get("token");
 let stream = null;
-let wakeLock = null;
 let guide = null;
 let search = null;
+const stayAwake = setUpAwake(() => !byId("tools").hidden);
 
 async function start() {
   if (token) {
     storedKey.set(token);
     history.replaceState(null, "", location.pathname + location.search);
   }
-  showLanguages(await loadWords());
+  showLanguages(await loadWords(), async (tag) => {
+    translate();
+    guide.refresh();
+    await stream?.change({ language: tag }).catch((error) => guide.problem(error.message));
+  });
   setUpKey();
   const plan = new Plan(venue);
   const voice = new Voice(byId("voice"));
@@ -35,7 +41,6 @@ async function start() {
   byId("cancel").addEventListener("click", () => lead(null));
   byId("start-camera").addEventListener("click", (event) => begin(event.target, new Camera(byId("camera"))));
   byId("start-simulated").addEventListener("click", (event) => begin(event.target, new SimulatedCamera(venue)));
-  document.addEventListener("visibilitychange", () => stayAwake());
   translate();
   try {
     const found = await requestJson(path("venues", venue));
@@ -45,6 +50,9 @@ async function start() {
     guide.hasMap = found.map_version !== null;
     // The pictures of the map are for those who run the venue, or anybody on an open server: no visitor sees them.
     byId("start-simulated").hidden = !guide.hasMap || storedKey.get() !== null;
+    // A visitor's token may not record, so only those who come without one are offered it.
+    byId("record-link").hidden = storedKey.get() !== null;
+    byId("record-link").href = `../record/${encodeURIComponent(venue)}`;
     if (fragment.has("simulated") && guide.hasMap) byId("start-simulated").click();
   } catch (error) {
     byId("start-camera").disabled = true;
@@ -53,19 +61,32 @@ async function start() {
 }
 
 async function begin(button, camera) {
+  const begun = streamOf(camera);
   const opened = await guarded(button, byId("start-error"), async () => {
     guide.show(say("starting"));
-    await camera.open();
+    // The session begins while the camera opens.
+    await Promise.all([camera.open(), begun.prepare()]);
     return true;
   });
-  if (!opened) return guide.show("");
+  if (!opened) {
+    begun.stop();
+    return guide.show("");
+  }
   byId("start").hidden = true;
   byId("tools").hidden = false;
   guide.begin(camera);
   await stayAwake();
-  const wishes = { language: language(), destination: guide.destination?.id ?? null };
-  stream = new SessionStream(venue, camera, wishes, {
-    answer: (body) => guide.answer(body),
+  stream = begun;
+  return stream.run();
+}
+
+function streamOf(camera) {
+  const wishes = { language: language(), destination: guide.destination?.id ?? null, share: byId("share").checked };
+  return new SessionStream(venue, camera, wishes, {
+    answer: (body) => {
+      guide.answer(body);
+      camera.learner?.answer(body);
+    },
     state: (state) => {
       guide.connection(state);
       if (state === "replaced") end(camera);
@@ -75,7 +96,6 @@ async function begin(button, camera) {
       guide.problem(error.message);
     },
   });
-  return stream.run();
 }
 
 function end(camera) {
@@ -92,36 +112,10 @@ async function lead(place) {
   await stream?.change({ destination: place?.id ?? null }).catch((error) => guide.problem(error.message));
 }
 
-/** Keep the screen on while the page leads; browsers take the lock away whenever the page is hidden. */
-async function stayAwake() {
-  if (document.hidden) return;
-  try {
-    if (byId("tools").hidden) await wakeLock?.release();
-    else wakeLock = await navigator.wakeLock?.request("screen");
-  } catch {
-    // Refused, as when the battery is low: the screen goes dark as usual.
-  }
-}
-
-function showLanguages(available) {
-  const select = byId("language");
-  const names = new Intl.DisplayNames(["en"], { type: "language" });
-  const own = (tag) => new Intl.DisplayNames([tag], { type: "language" }).of(tag) ?? names.of(tag);
-  select.replaceChildren(...available.map((tag) => el("option", { value: tag, lang: tag }, own(tag))));
-  select.value = language();
-  select.addEventListener("change", async () => {
-    await chooseLanguage(select.value);
-    rememberLanguage(select.value);
-    translate();
-    guide.refresh();
-    await stream?.change({ language: select.value }).catch((error) => guide.problem(error.message));
-  });
-}
-
 function translate() {
   const texts = {
     "start-words": "start.words", "start-camera": "start", "start-simulated": "start.simulated",
-    "start-privacy": "start.privacy", search: "search", cancel: "cancel", "search-title": "search.title",
+    "start-privacy": "start.privacy", "share-words": "start.share", "record-link": "record", search: "search", cancel: "cancel", "search-title": "search.title",
     "query-label": "search.query", "search-close": "search.close", "language-words": "language",
     "key-title": "key.title", "key-label": "key", "key-use": "key.use", "key-cancel": "key.cancel",
   };

@@ -29,6 +29,11 @@ export class SessionStream {
     this.clear = 0;
   }
 
+  /** Begin the session before there is a camera; what goes wrong is said when it runs. */
+  async prepare() {
+    await this.begin().catch(() => {});
+  }
+
   /** Run until `stop`, whatever happens to the connection. */
   async run() {
     this.running = true;

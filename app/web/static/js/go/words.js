@@ -1,14 +1,19 @@
-// What the page says, from one catalogue file for each language: languages/go/{language}.json.
+// What a page says, from catalogue files for each language: languages/go/{language}.json, and a folder of its own.
 
 import { requestJson } from "../api.js";
 
 const REMEMBERED = "roomfix.language";
 const FALLBACK = "en";
 let catalogue = {};
+let folders = ["go"];
 let current = FALLBACK;
 
-/** Load the language that was chosen before, or else the first of the browser's that there is; return its tag. */
-export async function loadWords() {
+/** Load the language that was chosen before, or else the first of the browser's that there is; return all tags.
+ *
+ * `own` is the folder of further sentences of the page.
+ */
+export async function loadWords(own = null) {
+  if (own) folders = ["go", own];
   const available = await requestJson("assets/languages");
   const asked = new URLSearchParams(location.search).get("language");
   const wanted = [asked, localStorage.getItem(REMEMBERED), ...navigator.languages];
@@ -19,8 +24,9 @@ export async function loadWords() {
 
 /** Change to a language. */
 export async function chooseLanguage(tag) {
-  const fallback = await requestJson(`assets/languages/go/${FALLBACK}.json`);
-  catalogue = tag === FALLBACK ? fallback : { ...fallback, ...(await requestJson(`assets/languages/go/${tag}.json`)) };
+  const tags = tag === FALLBACK ? [FALLBACK] : [FALLBACK, tag];
+  const files = tags.flatMap((each) => folders.map((folder) => `assets/languages/${folder}/${each}.json`));
+  catalogue = Object.assign({}, ...(await Promise.all(files.map((file) => requestJson(file)))));
   current = tag;
   document.documentElement.lang = tag;
 }

@@ -3,6 +3,8 @@
 import { byId, el, guarded, notice, svg } from "../dom.js";
 import { currentVenue } from "../venues.js";
 import { metres } from "../words.js";
+import { History } from "./history.js";
+import { surely } from "./saving.js";
 import { ScanPoints } from "./scan-image.js";
 import { apply, changedAbout, fit, fromMatrix, invert, outlier, residuals, toMatrix } from "./similarity.js";
 
@@ -14,15 +16,24 @@ export class AlignTool {
     for (const button of byId("align-panel").querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
-    for (const id of FIELDS) byId(id).addEventListener("input", () => this.typed());
+    for (const id of FIELDS) {
+      byId(id).addEventListener("input", () => this.typed());
+      byId(id).addEventListener("change", () => this.drop());
+    }
+    this.history = new History(() => this.changed());
+    byId("align-undo").addEventListener("click", () => this.history.undo());
+    byId("align-redo").addEventListener("click", () => this.history.redo());
+    addEventListener("keydown", (event) => {
+      if (!byId("align-panel").hidden && !event.target.matches("input, textarea")) this.history.shortcut(event);
+    });
     for (const id of ["z-min", "z-max"]) byId(id).addEventListener("change", () => this.picture());
     byId("fit-pairs").addEventListener("click", () => {
       this.similarity = fit(this.pairs);
-      this.draw();
+      this.drop();
     });
     byId("align-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-align"), byId("board-error"), () => this.save());
+      guarded(byId("save-align"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
     });
   }
 
@@ -41,9 +52,11 @@ export class AlignTool {
     byId("z-max").value = String(Number(current.z_max_m.toFixed(2)));
     this.histogram();
     await this.picture();
-    this.similarity = current.plan_from_world ? fromMatrix(current.plan_from_world) : this.guess();
+    const similarity = current.plan_from_world ? fromMatrix(current.plan_from_world) : this.guess();
+    const isBack = this.history.begin(`${currentVenue().id}.${current.id}.align`, { similarity, pairs: [] });
     byId("save-align").disabled = false;
     this.choose("move");
+    if (isBack) byId("board-error").replaceChildren(notice("info", "The alignment that you didn't save is back. Save it, or undo it."));
   }
 
   async picture() {
@@ -103,6 +116,21 @@ export class AlignTool {
     byId("pair-words").textContent = sentence;
   }
 
+  /** Take what history has: the same as before, or what was undone or done again. */
+  changed() {
+    const { past, future } = this.history;
+    Object.assign(this, this.history.get());
+    byId("align-undo").disabled = past.length === 0;
+    byId("align-redo").disabled = future.length === 0;
+    this.draw();
+  }
+
+  /** Keep the present state as one step. */
+  drop() {
+    const { similarity, pairs } = this;
+    if (similarity) this.history.change((all) => Object.assign(all, { similarity, pairs }));
+  }
+
   typed() {
     const [x, y, degrees, scale] = FIELDS.map((id) => Number(byId(id).value));
     if (!this.similarity || !(scale > 0)) return;
@@ -138,6 +166,7 @@ export class AlignTool {
     } else {
       this.pairs.push({ ...this.half, plan: point });
       this.half = null;
+      this.drop();
       this.say(`${this.pairs.length} pairs. ${this.pairs.length < 3 ? "Click the next point of the scan." : "Fit to the pairs, or add more."}`);
     }
     this.draw();
@@ -189,7 +218,7 @@ export class AlignTool {
         const remove = el("button", { type: "button", class: "small", "aria-label": `Remove pair ${i + 1}` }, "Remove");
         remove.addEventListener("click", () => {
           this.pairs.splice(i, 1);
-          this.draw();
+          this.drop();
         });
         const words = i === wrong ? `${metres(off[i])} off: this pair contradicts the others` : `${metres(off[i])} off`;
         return el("li", { class: i === wrong ? "wrong" : null }, `${words} `, remove);
@@ -203,6 +232,7 @@ export class AlignTool {
     await this.floors.put({ ...heights, plan_from_world: toMatrix(this.similarity, z) });
     const off = residuals(this.similarity, this.pairs);
     const rms = off.length ? ` The pairs are ${metres(Math.sqrt(off.reduce((sum, value) => sum + value * value, 0) / off.length))} off.` : "";
+    this.history.stored({ similarity: this.similarity, pairs: this.pairs });
     byId("board-error").replaceChildren(notice("good", `The alignment is stored.${rms}`));
     this.onStored();
   }

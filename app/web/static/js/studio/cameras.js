@@ -4,6 +4,7 @@ import { path, request, requestJson } from "../api.js";
 import { byId, el, guarded, notice, svg } from "../dom.js";
 import { currentVenue } from "../venues.js";
 import { seconds } from "../words.js";
+import { surely } from "./saving.js";
 
 export class CameraTool {
   constructor(board, floors, onStored) {
@@ -17,7 +18,7 @@ export class CameraTool {
     for (const id of ["camera-x", "camera-y"]) byId(id).addEventListener("input", () => this.draw());
     byId("camera-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-camera"), byId("board-error"), () => this.save());
+      guarded(byId("save-camera"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
     });
   }
 

@@ -3,22 +3,32 @@
 import { requestJson } from "../api.js";
 import { byId, el, guarded, notice, showError, svg } from "../dom.js";
 import { currentVenue, venuePath } from "../venues.js";
+import { FloorLinks } from "./floor-links.js";
 import { History } from "./history.js";
+import { surely } from "./saving.js";
 
 // Points closer than this on the screen are taken for the same.
 const SNAP_PX = 14;
 const WORDS = {
   select: "Click a feature to name, move or delete it.",
   landmark: "Click where people can go, or be guided by: doors, counters, exhibits.",
+  poi: "Click what can be seen or reached there: a screen, an exhibit, a counter.",
   link: "Click along a way that can be walked, from landmark to landmark. Click the last point twice to end it.",
+  floors: "Click where the stairs, lift or escalator begins, best on a landmark; then choose where it leads to.",
   area: "Click the corners of a room. Click the last corner twice to close it.",
   route: "Click where a walk begins, then where it ends.",
 };
+
+// Kinds of features that are points, and what a new one is called.
+const POINTS = { landmark: "Landmark", poi: "Point" };
 
 export class DrawTool {
   constructor(board, floors, onStored) {
     Object.assign(this, { board, floors, onStored, mode: "select", chosen: null, points: [], route: null });
     this.history = new History(() => this.changed());
+    this.ways = new FloorLinks(floors, (change) => {
+      if (this.chosen !== null) this.history.change((all) => change(all[this.chosen].properties));
+    });
     for (const button of byId("draw-panel").querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
@@ -27,7 +37,7 @@ export class DrawTool {
     byId("remove").addEventListener("click", () => this.remove());
     byId("finish").addEventListener("click", () => this.finish());
     byId("feature-name").addEventListener("change", () => this.rename());
-    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.save()).then(() => this.changed()));
+    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.saveSurely()).then(() => this.changed()));
     addEventListener("keydown", (event) => this.shortcut(event));
   }
 
@@ -36,7 +46,7 @@ export class DrawTool {
     const { current } = this.floors;
     byId("draw-panel").inert = current === null;
     if (!current) return;
-    const collection = await requestJson(this.floors.path("features"));
+    const [collection] = await Promise.all([requestJson(this.floors.path("features")), this.ways.load()]);
     if (this.floors.current !== current) return;
     if (this.history.begin(`${currentVenue().id}.${current.id}`, collection.features)) {
       byId("board-error").replaceChildren(notice("info", "What you drew and didn't save is back. Save it, or undo it."));
@@ -54,17 +64,13 @@ export class DrawTool {
     for (const button of byId("draw-panel").querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-pressed", String(button.dataset.tool === mode));
     }
-    byId("draw-words").textContent = mode === "route" && this.history.dirty ? "Save first: routes use what is saved." : WORDS[mode];
+    const refusal = mode === "floors" ? this.ways.refusal() : null;
+    byId("draw-words").textContent = mode === "route" && this.history.dirty ? "Save first: routes use what is saved." : (refusal ?? WORDS[mode]);
     this.draw();
   }
 
   shortcut(event) {
-    if (byId("draw-panel").hidden || !(event.ctrlKey || event.metaKey) || event.target.matches("input, textarea")) return;
-    const key = event.key.toLowerCase();
-    if (key === "z" && !event.shiftKey) this.history.undo();
-    else if (key === "y" || (key === "z" && event.shiftKey)) this.history.redo();
-    else return;
-    event.preventDefault();
+    if (!byId("draw-panel").hidden && !event.target.matches("input, textarea")) this.history.shortcut(event);
   }
 
   key(event) {
@@ -77,9 +83,14 @@ export class DrawTool {
   click(raw) {
     const point = this.snapped(raw);
     if (this.mode === "select") return this.select(this.hit(raw));
-    if (this.mode === "landmark") {
-      const number = 1 + this.features.filter((each) => kindOf(each) === "landmark").length;
-      return this.add("Point", point, { kind: "landmark", name: `Landmark ${number}` });
+    if (this.mode in POINTS) {
+      const kind = this.mode;
+      const number = 1 + this.features.filter((each) => kindOf(each) === kind).length;
+      return this.add("Point", point, { kind, name: `${POINTS[kind]} ${number}` });
+    }
+    if (this.mode === "floors") {
+      const properties = this.ways.refusal() === null ? this.ways.propertiesAt(point) : null;
+      return properties && this.add("Point", point, properties);
     }
     if (this.mode === "route") return this.tryRoute(point);
     const last = this.points.at(-1);
@@ -107,8 +118,9 @@ export class DrawTool {
     if (!select) return;
     this.chosen = this.features.length - 1;
     this.changed();
-    byId("feature-name").focus();
-    byId("feature-name").select();
+    const field = byId(properties.kind === "link" ? "link-mode" : "feature-name");
+    field.focus();
+    field.select?.();
   }
 
   select(index) {
@@ -175,14 +187,16 @@ export class DrawTool {
     return found;
   }
 
-  /** Return the feature at a point: points before lines before areas, of areas the last drawn. */
+  /** Return the feature at a point: points before lines before areas, of areas the last drawn; the next one of several
+   * after the one that is chosen. */
   hit(point) {
     const near = SNAP_PX * this.board.metresPerPx;
     const all = this.features;
     const close = (index) => distanceTo(all[index], point) < near;
     const order = ["Point", "LineString"].flatMap((type) => all.flatMap((each, i) => (each.geometry.type === type ? [i] : [])));
     const areas = all.flatMap((each, i) => (each.geometry.type === "Polygon" && isInside(each.geometry.coordinates[0], point) ? [i] : []));
-    return order.find(close) ?? areas.at(-1) ?? null;
+    const found = order.filter(close);
+    return found[(found.indexOf(this.chosen) + 1) % Math.max(1, found.length)] ?? areas.at(-1) ?? null;
   }
 
   async tryRoute(point) {
@@ -211,6 +225,7 @@ export class DrawTool {
     byId("save-features").disabled = !history.dirty;
     byId("remove").hidden = chosen === null;
     byId("feature-form").hidden = chosen === null || kindOf(chosen) === "link";
+    this.ways.show(chosen);
     if (chosen && document.activeElement !== byId("feature-name")) byId("feature-name").value = chosen.properties.name ?? "";
     else if (chosen && byId("feature-name").value === "") byId("feature-name").value = chosen.properties.name ?? "";
     this.list();
@@ -220,7 +235,8 @@ export class DrawTool {
   list() {
     byId("feature-list").replaceChildren(
       ...this.features.map((each, i) => {
-        const name = each.properties.name ?? `${each.properties.mode ?? "walk"} of ${positions(each).length} points`;
+        const way = each.properties.to_floor === undefined ? `${each.properties.mode ?? "walk"} of ${positions(each).length} points` : this.ways.label(each.properties);
+        const name = each.properties.name ?? way;
         const button = el("button", { type: "button", class: "small", "aria-pressed": String(i === this.chosen) }, `${kindOf(each)}: ${name}`);
         button.addEventListener("click", () => {
           this.choose("select");
@@ -252,12 +268,22 @@ export class DrawTool {
     const { board } = this;
     const { type, coordinates } = feature.geometry;
     const kind = `${kindOf(feature)}${isChosen ? " chosen" : ""}`;
+    if (kindOf(feature) === "link" && type === "Point") {
+      const words = svg("text", { x: 12, y: 18 }, this.ways.label(feature.properties));
+      return board.glyph(coordinates, svg("rect", { x: -9, y: -9, width: 18, height: 18, class: `way-up ${kind}` }), words);
+    }
     if (type === "Point") return board.glyph(coordinates, svg("circle", { r: 7, class: kind }), svg("text", { x: 10, y: 4 }, feature.properties.name ?? ""));
     if (type === "LineString") return svg("polyline", { points: board.line(coordinates), class: kind });
     const middle = coordinates[0].slice(1).reduce(([a, b], [x, y], _, { length }) => [a + x / length, b + y / length], [0, 0]);
     const rings = coordinates.map((ring) => `M ${ring.map((point) => board.units(point).join(" ")).join(" L ")} Z`).join(" ");
     const label = board.glyph(middle, svg("text", { "text-anchor": "middle" }, feature.properties.name ?? ""));
     return svg("g", {}, svg("path", { d: rings, class: kind, "fill-rule": "evenodd" }), label);
+  }
+
+  saveSurely() {
+    const { key } = this.history;
+    // What is drawn on a floor that was left meanwhile stays its draft.
+    return surely(byId("board-error"), () => (this.history.key === key ? this.save() : undefined));
   }
 
   async save() {

@@ -55,6 +55,16 @@ export class History {
     this.set(this.saved);
   }
 
+  /** Take the keys for undo and redo. */
+  shortcut(event) {
+    if (!(event.ctrlKey || event.metaKey)) return;
+    const key = event.key.toLowerCase();
+    if (key === "z" && !event.shiftKey) this.undo();
+    else if (key === "y" || (key === "z" && event.shiftKey)) this.redo();
+    else return;
+    event.preventDefault();
+  }
+
   get dirty() {
     return this.value !== this.saved;
   }

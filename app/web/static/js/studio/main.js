@@ -8,10 +8,11 @@ import { Board } from "./board.js";
 import { CameraTool } from "./cameras.js";
 import { DrawTool } from "./draw.js";
 import { Floors } from "./floors.js";
+import { PhonesTool } from "./phones.js";
 import { setUpPhoto } from "./photo.js";
 import { PlanTool } from "./plan.js";
 import { Scans } from "./scans.js";
-import { setUpShare, showShare } from "./share.js";
+import { chooseRecording, setUpShare, showShare } from "./share.js";
 import { showSteps } from "./steps.js";
 
 // View -> [title, words, panel] of those that use the board; the others have a section of their own.
@@ -20,6 +21,7 @@ const BOARD_VIEWS = {
   align: ["Scan over plan", "Lay the scan, seen from above, over the plan. The numbers do the same as the mouse.", "align-panel"],
   draw: ["Places and ways", "What people can go to, and where they can walk.", "draw-panel"],
   cameras: ["Monitoring cameras", "A camera that hangs somewhere can say where a phone is that sees the same.", "camera-panel"],
+  phones: ["Live phones", "Phones whose owners agreed to be shown, and crosses where they could not be located.", "phones-panel"],
 };
 const VIEWS = ["start", "scan", ...Object.keys(BOARD_VIEWS), "try", "share"];
 
@@ -31,8 +33,10 @@ const tools = {
   align: new AlignTool(board, floors, stored),
   draw: new DrawTool(board, floors, stored),
   cameras: new CameraTool(board, floors, stored),
+  phones: new PhonesTool(board, floors),
 };
 const scans = new Scans(() => showView());
+const RETRY_MS = 2000;
 // Venues whose floors are on their way.
 let loading = 0;
 
@@ -46,6 +50,7 @@ async function showView() {
   const onBoard = view in BOARD_VIEWS;
   for (const name of ["start", "scan", "try", "share"]) byId(`view-${name}`).hidden = name !== view;
   byId("view-board").hidden = !onBoard;
+  if (!onBoard) board.use(null);
   for (const [name, [, , panel]] of Object.entries(BOARD_VIEWS)) byId(panel).hidden = name !== view;
   for (const link of document.querySelectorAll(".bar nav a")) {
     if (link.getAttribute("href") === `#${view}`) link.setAttribute("aria-current", "page");
@@ -75,6 +80,8 @@ async function beginTool() {
     await tool.begin?.();
   } catch (error) {
     showError(byId("board-error"), error);
+    // The server can't be reached: what this view shows is read as soon as it is back.
+    if (error.status === 0) setTimeout(() => currentView() === view && beginTool(), RETRY_MS);
   }
 }
 
@@ -94,6 +101,10 @@ setUpKey();
 setUpVenues();
 setUpPhoto();
 setUpShare();
+byId("film-scan").addEventListener("click", () => {
+  chooseRecording();
+  location.hash = "#share";
+});
 onVenueChange(venueChanged);
 addEventListener("hashchange", () => {
   if (location.hash === "#content") return;

@@ -1,12 +1,20 @@
 // The plan image of a floor: an upload whose scale is told by two clicks and the distance between them.
 
-import { requestJson } from "../api.js";
-import { byId, guarded, notice, svg } from "../dom.js";
+import { request, requestJson } from "../api.js";
+import { byId, guarded, notice, showError, svg } from "../dom.js";
+import { surely } from "./saving.js";
+
+// What browsers show by themselves, and the server stores as it is.
+const SHOWN = ["image/png", "image/jpeg"];
 
 export class PlanTool {
   constructor(board, floors, onStored) {
-    Object.assign(this, { board, floors, onStored, ends: [], file: null });
-    byId("plan-image").addEventListener("change", () => this.choose(byId("plan-image").files[0]));
+    Object.assign(this, { board, floors, onStored, ends: [], file: null, turn: 0 });
+    byId("plan-image").addEventListener("change", () => {
+      byId("plan-page").value = "1";
+      this.choose(byId("plan-image").files[0]);
+    });
+    byId("plan-page").addEventListener("change", () => this.choose(byId("plan-image").files[0]));
     byId("distance").addEventListener("input", () => this.say());
     byId("scale-again").addEventListener("click", () => {
       this.ends = [];
@@ -14,17 +22,29 @@ export class PlanTool {
     });
     byId("plan-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-plan"), byId("board-error"), () => this.save());
+      guarded(byId("save-plan"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
     });
   }
 
   /** Show a file before it is sent. One unit is one pixel until its scale is known. */
   async choose(file) {
-    this.file = file ?? null;
-    this.ends = [];
+    Object.assign(this, { file: null, ends: [], turn: this.turn + 1 });
+    const { turn } = this;
+    byId("page-field").hidden = !file || !/pdf|tiff/.test(file.type);
+    showError(byId("board-error"), null);
     if (!file) return this.floors.show(this.floors.current.id);
     const image = new Image();
-    image.src = URL.createObjectURL(file);
+    try {
+      const shown = SHOWN.includes(file.type) ? file : await this.drawn(file);
+      // Another file or page was chosen meanwhile.
+      if (turn !== this.turn) return undefined;
+      this.file = shown;
+    } catch (error) {
+      if (turn !== this.turn) return undefined;
+      showError(byId("board-error"), error);
+      return this.draw();
+    }
+    image.src = URL.createObjectURL(this.file);
     try {
       await image.decode();
       this.size = [image.naturalWidth, image.naturalHeight];
@@ -34,6 +54,15 @@ export class PlanTool {
       this.file = null;
     }
     return this.draw();
+  }
+
+  /** Return the picture that the server draws of a PDF, SVG or TIFF. */
+  async drawn(file) {
+    const form = new FormData();
+    form.set("image", file, file.name);
+    form.set("page", byId("plan-page").value || "1");
+    const response = await request(this.floors.path("plan", "picture"), { method: "POST", form });
+    return new File([await response.blob()], `${file.name}.png`, { type: "image/png" });
   }
 
   click(point) {

@@ -1,10 +1,12 @@
 // Scans: upload, progress, report with pictures, what the examination found, repair; and the versions of the map.
 
-import { request, requestJson, upload } from "../api.js";
+import { request, requestJson } from "../api.js";
 import { Progress, endedBuild } from "../builds.js";
 import { byId, el, guarded, notice, showError } from "../dom.js";
+import { uploadScan } from "../scan-upload.js";
 import { currentVenue, loadVenues, venuePath } from "../venues.js";
 import { count, metres, moment } from "../words.js";
+import { Compare } from "./compare.js";
 
 const RUNNING = ["queued", "running"];
 const PICTURE_PX = 640;
@@ -14,6 +16,9 @@ export class Scans {
     this.onChange = onChange;
     this.progress = new Progress(byId("progress"), () => this.ended());
     this.urls = [];
+    // Ends the pictures that are on their way: of a version that is deleted there will be none.
+    this.pictures = new AbortController();
+    this.compare = new Compare();
     byId("scan-form").addEventListener("submit", (event) => {
       event.preventDefault();
       guarded(byId("upload"), byId("scan-error"), () => this.build());
@@ -32,8 +37,11 @@ export class Scans {
       ]);
       if (currentVenue()?.id !== venue.id) return undefined;
       for (const url of this.urls.splice(0)) URL.revokeObjectURL(url);
+      this.pictures.abort();
+      this.pictures = new AbortController();
       const none = notice("info", "No map yet. Upload a scan to build one.");
       byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(map)) : [none]));
+      this.compare.show(maps);
       this.progress.follow(builds.find((one) => RUNNING.includes(one.state)) ?? null, venue.id);
       this.report(builds[0]);
       const failed = builds.slice(1).filter((one) => one.state === "failed").slice(0, 3);
@@ -53,11 +61,8 @@ export class Scans {
   async build(more = {}) {
     const archive = byId("archive").files[0];
     const venue = currentVenue().id;
-    const form = new FormData();
-    form.set("venue", venue);
-    form.set("options", JSON.stringify({ ...this.options(), ...more }));
-    form.set("archive", archive, archive.name);
-    const submitted = await this.progress.upload((onProgress, signal) => upload("database/build", form, onProgress, signal));
+    const options = { ...this.options(), ...more };
+    const submitted = await this.progress.upload((onProgress, signal) => uploadScan(archive, venue, options, onProgress, signal));
     byId("report").replaceChildren();
     this.progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
   }
@@ -124,7 +129,7 @@ export class Scans {
     head.append(el("time", { datetime: map.created_at }, moment(map.created_at)));
     if (!map.active) head.append(this.action("Serve this one", map, ["activate"], "POST", error), this.deleteButton(map, error));
     const picture = el("img", { class: "top-view", alt: `Version ${map.version} from above: its points, and the scan's path in blue` });
-    request(`${venuePath("maps", String(map.version), "map.png")}?width=${PICTURE_PX}`)
+    request(`${venuePath("maps", String(map.version), "map.png")}?width=${PICTURE_PX}`, { signal: this.pictures.signal })
       .then((response) => response.blob())
       .then((blob) => {
         picture.src = URL.createObjectURL(blob);
@@ -163,6 +168,7 @@ export class Scans {
     button.addEventListener("click", () => {
       if (!confirm(`Delete version ${map.version}? It can't be brought back.`)) return;
       guarded(button, error, async () => {
+        this.pictures.abort();
         await request(venuePath("maps", String(map.version)), { method: "DELETE" });
         await this.ended();
       });

@@ -1,4 +1,4 @@
-// The QR code that opens the phone page of the venue, with a token or key that may do nothing but locate there.
+// The QR code that opens the phone page of the venue with a key that may only locate there, or the page that records.
 
 import { address, path, request, requestJson } from "../api.js";
 import { byId, guarded, showError } from "../dom.js";
@@ -10,6 +10,7 @@ let shown = null;
 
 export function setUpShare() {
   byId("address").addEventListener("change", () => localStorage.setItem(REMEMBERED, byId("address").value));
+  byId("purpose").addEventListener("change", forgetCode);
   byId("make-code").addEventListener("click", (event) => guarded(event.target, byId("share-error"), makeCode));
   byId("print").addEventListener("click", () => print());
 }
@@ -17,8 +18,7 @@ export function setUpShare() {
 /** Show the form for the chosen venue, without a code. */
 export async function showShare() {
   showError(byId("share-error"), null);
-  byId("qr").hidden = true;
-  byId("go-link").textContent = "";
+  forgetCode();
   byId("make-code").disabled = currentVenue() === null;
   if (!currentVenue()) showError(byId("share-error"), new Error("Add a venue first, with the plus sign above."));
   const known = localStorage.getItem(REMEMBERED) ?? (await phoneAddress());
@@ -26,15 +26,32 @@ export async function showShare() {
   byId("address").value ||= known;
 }
 
+/** Ask for a code to record with. */
+export function chooseRecording() {
+  byId("purpose").value = "record";
+  forgetCode();
+}
+
+function forgetCode() {
+  byId("qr").hidden = true;
+  byId("go-link").textContent = "";
+  const records = byId("purpose").value === "record";
+  byId("validity").disabled = records;
+  byId("purpose-help").textContent = records
+    ? "Valid for a day, and only for whoever films: the map of a recording replaces the present one."
+    : "";
+}
+
 async function makeCode() {
   const venue = currentVenue();
-  const link = await linkTo(byId("address").value, venue.id);
+  const records = byId("purpose").value === "record";
+  const link = await linkTo(byId("address").value, venue.id, records);
   const response = await request(`assets/qr.svg?text=${encodeURIComponent(link)}`);
   if (shown) URL.revokeObjectURL(shown);
   shown = URL.createObjectURL(await response.blob());
-  Object.assign(byId("qr"), { src: shown, hidden: false, alt: `QR code of the phone page of ${venue.name}` });
+  Object.assign(byId("qr"), { src: shown, hidden: false, alt: `QR code of the ${records ? "recording" : "phone"} page of ${venue.name}` });
   Object.assign(byId("go-link"), { href: link, textContent: link.split("#")[0] });
-  sessionStorage.setItem(`roomfix.shared.${venue.id}`, "yes");
+  if (!records) sessionStorage.setItem(`roomfix.shared.${venue.id}`, "yes");
 }
 
 /** The address that phones reach this server at, as the server knows it; else the one of this page. */
@@ -43,12 +60,13 @@ async function phoneAddress() {
   return https ?? address("");
 }
 
-/** Return the link of the phone page. What lets the phone in stands in the fragment, which is never sent. */
-async function linkTo(base, venue) {
-  const link = new URL(path("go", venue), base.endsWith("/") ? base : `${base}/`);
+/** Return the link of the phone page, or of the page that records. What lets the phone in stands in the fragment, which is never sent. */
+async function linkTo(base, venue, records) {
+  const link = new URL(path(records ? "record" : "go", venue), base.endsWith("/") ? base : `${base}/`);
+  const scope = records ? "record" : "locate";
   const made =
-    byId("validity").value === "day"
-      ? (await requestJson("tokens", { method: "POST", json: { venue, expires_in_s: DAY_S } })).token
+    records || byId("validity").value === "day"
+      ? (await requestJson("tokens", { method: "POST", json: { venue, expires_in_s: DAY_S, scope } })).token
       : (await requestJson("keys", { method: "POST", json: { name: "QR code", scope: "locate", venue } })).text;
   return `${link.href}#token=${encodeURIComponent(made)}`;
 }

@@ -33,7 +33,7 @@ function steps(venue) {
   const link = (href, words) => el("a", { href }, words);
   return [
     ["Add a venue", venue ? `${venue.name} is chosen.` : "A building, or a part of one, under one name.", venue ? null : add],
-    ["Scan it", "Walk through it with a scanning app, export the scan, and drop the file here.", link("#scan", "Upload a scan")],
+    ["Scan it", "Film it with a phone's browser, or with a scanning app whose export you drop here.", link("#scan", "Upload a scan")],
     ["Show its plan", "A picture of the floor plan; two clicks tell its scale.", link("#plan", "Upload a plan")],
     ["Lay the scan over the plan", "Drag it there, then click a few pairs of points.", link("#align", "Align")],
     ["Draw places and ways", "Landmarks to go to, and links that can be walked.", link("#draw", "Draw")],

@@ -1,0 +1,1 @@
+"""Scans that phones film in the browser."""
