@@ -25,6 +25,7 @@ from app.engine.tracking.memory import (
     memory_from_json,
     memory_to_json,
 )
+from app.engine.tracking.plan_walk.plan_tracker import PlanTracker
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracked import Tracked
@@ -96,7 +97,7 @@ class SessionFrame:
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
-    tracker: Tracker = field(default_factory=Tracker)
+    tracker: Tracker | PlanTracker = field(default_factory=Tracker)
     frames: int = -1
     recent: list[SessionPoint] = field(default_factory=list)
     way: Way = field(default_factory=Way)
@@ -235,7 +236,8 @@ class SessionService:
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
             earth = earth_of(connection, session.venue_id, floors)
-        tracker, before = live.tracker, live.tracker.memory
+        tracker = self._tracker_for(live, has_map=opened is not None)
+        before = tracker.memory
         time_s = time.time() if frame.time_s is None else frame.time_s
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
         tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
@@ -280,6 +282,15 @@ class SessionService:
             guidance=guidance,
         )
 
+    def _tracker_for(self, live: _Live, *, has_map: bool) -> Tracker | PlanTracker:
+        """Return the session's tracker: one that goes by floor plans where anchors are all there is."""
+        kind = Tracker if has_map or self._anchors is None else PlanTracker
+        if not isinstance(live.tracker, kind):
+            before = live.tracker
+            live.tracker = kind(before.memory, self._tracking)
+            live.tracker.camera = before.camera
+        return live.tracker
+
     def _place(
         self, tracked: Tracked, floors: list[Floor], *, has_plan: bool
     ) -> tuple[Floor | None, PlanPoint | None]:
@@ -300,6 +311,7 @@ class SessionService:
             FirstFixes(sources),
             is_inside=lambda pose: not floors or floor_of(floors, pose) is not None,
             can_change_floor=lambda pose, away_s: self._can_change_floor(venue_id, floors, pose, away_s),
+            plans=self._features.plans(floors) if opened is None else None,
         )
 
     def _can_change_floor(self, venue_id: str, floors: list[Floor], pose: Pose, away_s: float) -> bool:
@@ -313,7 +325,7 @@ class SessionService:
     def _record(
         self,
         session: Session,
-        tracker: Tracker,
+        tracker: Tracker | PlanTracker,
         searched: bool,
         point: SessionPoint,
         corrected: Sequence[SessionPoint],
@@ -326,7 +338,7 @@ class SessionService:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep, corrected)
 
 
-def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> CameraHint | None:
+def _own_camera(session: Session, tracker: Tracker | PlanTracker, rgb: Rgb) -> CameraHint | None:
     """Return the session's camera; None for one that was searched for and doesn't fit the image, since the phone
     was turned: then it is searched for again."""
     stored = session.camera
