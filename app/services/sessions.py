@@ -305,13 +305,16 @@ class SessionService:
         sources: list[FixSource] = (
             [] if opened is None else [MapFixes(localizer_on(self._resources.settings, opened))]
         )
+        anchors = None
         if self._anchors is not None:
-            sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
+            anchors = AnchorFixes(partial(self._anchors.locate, venue_id, None), floors)
+            sources.append(anchors)
         return Surroundings(
             FirstFixes(sources),
             is_inside=lambda pose: not floors or floor_of(floors, pose) is not None,
             can_change_floor=lambda pose, away_s: self._can_change_floor(venue_id, floors, pose, away_s),
             plans=self._features.plans(floors) if opened is None else None,
+            anchors=anchors,
         )
 
     def _can_change_floor(self, venue_id: str, floors: list[Floor], pose: Pose, away_s: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -39,6 +40,21 @@ class AnchorSpec:
     pois: tuple[Poi, ...]
     store_images: bool = False
     max_age_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AroundPlace:
+    """The anchors of a floor within a distance of a point of its plan, metres."""
+
+    floor_id: str
+    x: float
+    y: float
+    within_m: float
+
+    def holds(self, spec: AnchorSpec) -> bool:
+        """Whether an anchor is one of them."""
+        is_near = math.hypot(spec.x - self.x, spec.y - self.y) <= self.within_m
+        return spec.floor_id == self.floor_id and is_near
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

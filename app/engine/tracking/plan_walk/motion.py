@@ -13,6 +13,7 @@ from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.odometry.turning import shift_between
 from app.engine.tracking.odometry.visual_odometry import ExpectedDistances, Odometry, OdometryStep
 from app.engine.tracking.plan_walk.particles import PlanMotion
+from app.engine.tracking.plan_walk.rematch import pose_by_matches
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, position_difference_m, rotation_from_vector
 from app.limits import limit
@@ -41,15 +42,21 @@ class PlanMotionOptions:
     turn_sigma_ratio: float = limit(
         0.02, "Sigma of a followed turn over the turn.", chosen="Recorded walks of roomfix simulate --no-map."
     )
+    rematched_sigma_ratio: float = limit(
+        0.25, "Sigma of a step by matches over its length.", chosen="By hand: distances by the plan alone."
+    )
+    rematched_turn_sigma_rad: float = limit(0.02, "Sigma of a turn by matches.", chosen="By hand: a degree.")
     pace_m_s: float = limit(1.2, "Pace of a walker who is not followed.", chosen="By hand: a usual pace.")
     blind_sigma_m_s: float = limit(
         0.5, "Sigma of the speed of a walker who is not followed.", chosen="By hand: half a usual pace."
     )
     seen_turn_sigma_rad: float = limit(
-        0.05, "Sigma of a turn by the shift of the whole picture.", chosen="By hand: three degrees."
+        0.15,
+        "Sigma of a turn by the shift of the whole picture, which a step towards something near shifts, too.",
+        chosen="Recorded walks of roomfix simulate --no-map.",
     )
     blind_turn_sigma_rad_s: float = limit(
-        0.35, "Sigma of the speed of a turn that nothing shows.", chosen="By hand: half of a walker's turn."
+        0.7, "Sigma of the speed of a turn that nothing shows.", chosen="By hand: 40 degrees a second."
     )
     gravity_weight: float = limit(
         0.1,
@@ -101,6 +108,7 @@ class PlanOdometry:
         self._gray: Gray | None = None
         self._time_s = 0.0
         self._speed_m_s = 0.0
+        self._expected: ExpectedDistances | None = None
         self.step: OdometryStep | None = None
 
     def start(self, frame: TrackingFrame, pose: Pose) -> None:
@@ -108,13 +116,17 @@ class PlanOdometry:
         self._odometry, self.pose = None, pose
         self.upright = Upright(np.array([0.0, 0.0, 1.0]))
         self._gray, self._time_s, self._speed_m_s = frame.gray, frame.time_s, 0.0
+        self._expected = None
 
     def motion(self, frame: TrackingFrame, camera: Camera) -> PlanMotion:
         """Return how the camera moved since the last frame; `step` says how odometry followed it, None where it
         didn't."""
         elapsed_s = max(frame.time_s - self._time_s, 0.0)
         self.step = self._followed(frame, camera, elapsed_s)
-        found = self._blind(frame, camera, elapsed_s) if self.step is None else self._seen(self.step)
+        if self.step is not None:
+            found = self._seen(self.step)
+        else:
+            found = self._rematched(frame, camera, elapsed_s) or self._blind(frame, camera, elapsed_s)
         self.upright = self.upright.after(self.pose, frame.gravity)
         if elapsed_s > 0.0:
             self._speed_m_s = float(np.linalg.norm(found.moved)) / elapsed_s
@@ -140,6 +152,7 @@ class PlanOdometry:
             self._odometry = Odometry(frame, None, pose=self.pose, expected=expected)
         elif has_walls:
             self._odometry.expected = expected
+        self._expected = expected
         self.pose = self._odometry.learn(camera)
 
     def _followed(self, frame: TrackingFrame, camera: Camera, elapsed_s: float) -> OdometryStep | None:
@@ -148,19 +161,39 @@ class PlanOdometry:
             return None
         predicted = self.pose if frame.motion is None else self.pose @ frame.motion
         step = odometry.step(frame, camera, predicted)
-        moved_m = 0.0 if step is None else position_difference_m(step.frame_from_camera, self.pose)
-        too_far = moved_m > MOTION.jerk_m + MOTION.max_speed_m_s * elapsed_s
-        if step is None or not step.can_be_trusted or too_far:
+        if step is None or not step.can_be_trusted or _is_leap(step.frame_from_camera, self.pose, elapsed_s):
             self._odometry = None
             return None
         return step
 
+    def _rematched(self, frame: TrackingFrame, camera: Camera, elapsed_s: float) -> PlanMotion | None:
+        """Return the motion by features of both frames, or None where too few agree."""
+        gray, expected = self._gray, self._expected
+        if frame.motion is not None or gray is None or expected is None or gray.shape != frame.gray.shape:
+            return None
+        pose = pose_by_matches(gray, self.pose, expected, frame.gray, camera)
+        if pose is None or _is_leap(pose, self.pose, elapsed_s):
+            return None
+        moved, turned = self._between(self.pose, pose)
+        self.pose = pose
+        ratio = OPTIONS.rematched_sigma_ratio * float(np.linalg.norm(moved))
+        return PlanMotion(
+            moved=moved,
+            moved_sigma_m=float(np.hypot(2.0 * OPTIONS.step_sigma_m, ratio)),
+            turned_rad=turned,
+            turned_sigma_rad=OPTIONS.rematched_turn_sigma_rad,
+        )
+
+    def _between(self, before: Pose, after: Pose) -> tuple[Array, float]:
+        """Return how far ahead and to the left (2,) a camera moved over the floor, and its turn to the left."""
+        level = self.upright.levelled
+        yaw = yaw_of(level @ before.rotation)
+        offset = level @ (after.translation - before.translation)
+        return _turned(offset[:2], -yaw), _angle(yaw_of(level @ after.rotation) - yaw)
+
     def _seen(self, step: OdometryStep) -> PlanMotion:
         before, self.pose = self.pose, step.frame_from_camera
-        level = self.upright.levelled
-        turned = _angle(yaw_of(level @ self.pose.rotation) - yaw_of(level @ before.rotation))
-        yaw, offset = yaw_of(level @ before.rotation), level @ (self.pose.translation - before.translation)
-        moved = _turned(offset[:2], -yaw)
+        moved, turned = self._between(before, self.pose)
         length_m = float(np.linalg.norm(moved))
         own = min(step.accuracy.position_m, 0.5 * length_m)
         sigma = [OPTIONS.step_sigma_m, OPTIONS.step_sigma_ratio * length_m, own]
@@ -173,12 +206,9 @@ class PlanOdometry:
 
     def _blind(self, frame: TrackingFrame, camera: Camera, elapsed_s: float) -> PlanMotion:
         """Return a motion by the phone's own odometry, else by the shift of the picture and a walker's pace."""
-        level = self.upright.levelled
         if frame.motion is not None:
             after = self.pose @ frame.motion
-            offset = level @ (after.translation - self.pose.translation)
-            moved, turned = _turned(offset[:2], -yaw_of(level @ self.pose.rotation)), 0.0
-            turned = _angle(yaw_of(level @ after.rotation) - yaw_of(level @ self.pose.rotation))
+            moved, turned = self._between(self.pose, after)
             self.pose = after
             ratio = OPTIONS.step_sigma_ratio * float(np.linalg.norm(moved))
             return PlanMotion(
@@ -202,6 +232,11 @@ class PlanOdometry:
             turned_rad=turned,
             turned_sigma_rad=sigma_rad,
         )
+
+
+def _is_leap(pose: Pose, before: Pose, elapsed_s: float) -> bool:
+    """Whether nobody moves as fast as this."""
+    return position_difference_m(pose, before) > MOTION.jerk_m + MOTION.max_speed_m_s * elapsed_s
 
 
 def _angle(radians: float) -> float:

@@ -39,6 +39,12 @@ class PlanTrackerOptions:
     unsure_every: int = limit(
         2, "The same while it is not, or not known at all.", chosen="By hand: a look costs several frames."
     )
+    anchor_reach_m: float = limit(
+        15.0, "Distance within which an anchor sees the same as a phone.", chosen="By hand: a long room."
+    )
+    everywhere_every: int = limit(
+        4, "Of this many questions to the anchors one is to all, wherever the place.", chosen="By hand."
+    )
     max_sigma_m: float = limit(
         1.5, "Position sigma above which no place is answered.", chosen="By hand: half a room."
     )
@@ -103,6 +109,7 @@ class PlanTracker:
         self._frame_id = self.memory.frame_id
         self._height_m = OPTIONS.height_m
         self._since_search = OPTIONS.sure_every
+        self._searches = 0
         self._has_fix = self.memory.last is not None
 
     def forget(self, memory: TrackingMemory) -> None:
@@ -152,6 +159,9 @@ class PlanTracker:
     ) -> Fix | NoFix | None:
         """Return the anchors' fix when one is due, None when none is."""
         self._since_search += 1
+        anchors = surroundings.anchors
+        if anchors is None:
+            return NoFix("no_map")
         is_known = belief is not None and belief.position_sigma_m <= OPTIONS.max_sigma_m
         if (self._has_fix and not self._settings.use_relocation) or (
             is_known and not self._settings.use_refresh
@@ -161,7 +171,18 @@ class PlanTracker:
         if self._since_search < (OPTIONS.sure_every if is_sure else OPTIONS.unsure_every):
             return None
         self._since_search = 0
-        return surroundings.source.locate(frame, camera, None, False)
+        self._searches += 1
+        plans, around = surroundings.plans, None
+        # Now and then all anchors are asked, as the place itself may be that of a look-alike.
+        if (
+            is_known
+            and belief is not None
+            and plans is not None
+            and self._searches % OPTIONS.everywhere_every
+        ):
+            within_m = OPTIONS.anchor_reach_m + 3.0 * belief.position_sigma_m
+            around = plans.around(belief.floor, belief.xy, within_m)
+        return anchors.locate(frame, camera, None, around=around)
 
     def _believe(self, fix: Fix, frame: TrackingFrame, plans: Plans) -> State:
         """Correct the particles by a fix, or begin at it; a fix that contradicts them waits for a second one."""

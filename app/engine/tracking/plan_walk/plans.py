@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.anchor import AroundPlace
 from app.engine.floors.floor import Floor
 from app.engine.floors.model import FloorFeatures
 from app.engine.floors.plan_point import floor_of
@@ -47,6 +48,15 @@ class Plans:
             [one for one in self.floors if one.plan_from_world is not None], placed.frame_from_camera
         )
         return None if floor is None else self.by_id[floor.id]
+
+    def around(self, floor_id: str, xy: NDArray[np.float64], within_m: float) -> AroundPlace:
+        """Return what is within a distance of a point (2,) of a floor, in the frame of the poses."""
+        floor = next(one for one in self.floors if one.id == floor_id)
+        scale = 1.0
+        if floor.plan_from_world is not None:
+            plan = PlanTransform(floor.plan_from_world)
+            xy, scale = plan.apply(np.array([*xy, 0.0]))[:2], plan.scale
+        return AroundPlace(floor_id, float(xy[0]), float(xy[1]), scale * within_m)
 
     def walls_in(self, frame_id: str) -> dict[str, FloorWalls | None]:
         """Return the walls of all floors whose poses are in a frame."""
