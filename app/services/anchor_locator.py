@@ -57,9 +57,9 @@ class AnchorLocator:
         timer = StageTimer()
         live = self._library.live(venue_id, floor_id if around is None else around.floor_id)
         if around is not None:
-            live = [anchor for anchor in live if around.holds(anchor.anchor.spec)]
+            live = [anchor for anchor in live if around.has_anchor(anchor.anchor.spec)]
         timer.lap("anchors")
-        found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer)
+        found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer, around)
         if found.plan_from_phone is not None:
             self._count_uses(found.anchors)
         return found

@@ -44,17 +44,23 @@ class AnchorSpec:
 
 @dataclass(frozen=True, slots=True)
 class AroundPlace:
-    """The anchors of a floor within a distance of a point of its plan, metres."""
+    """What may be seen from around a point of a floor's plan: anchors within `anchors_m` of it, by which a phone is
+    placed within `phone_m` of it, metres."""
 
     floor_id: str
     x: float
     y: float
-    within_m: float
+    anchors_m: float
+    phone_m: float
 
-    def holds(self, spec: AnchorSpec) -> bool:
-        """Whether an anchor is one of them."""
-        is_near = math.hypot(spec.x - self.x, spec.y - self.y) <= self.within_m
+    def has_anchor(self, spec: AnchorSpec) -> bool:
+        """Whether an anchor may be seen from there."""
+        is_near = math.hypot(spec.x - self.x, spec.y - self.y) <= self.anchors_m
         return spec.floor_id == self.floor_id and is_near
+
+    def has_phone(self, x: float, y: float) -> bool:
+        """Whether a phone can be at a point of the floor's plan."""
+        return math.hypot(x - self.x, y - self.y) <= self.phone_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.anchor import AroundPlace
 from app.engine.anchors.features import NO_WORDS, AnchorDescriber, AnchorFeatures
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live_anchor import LiveAnchor
@@ -96,10 +97,12 @@ def locate_by_anchors(
     camera: Camera,
     gravity: Sequence[float] | None,
     timer: StageTimer,
+    around: AroundPlace | None = None,
 ) -> AnchorLocalization:
     """Return the pose of an RGB image (height, width, 3) of a camera of that size, by the live anchors.
 
-    `gravity` is down in camera axes; without it the phone is assumed to be upright.
+    `gravity` is down in camera axes; without it the phone is assumed to be upright. A phone that is known to be
+    `around` a place can't be elsewhere, and there also less certain fixes are accepted.
     """
     if not live:
         return not_located("no_map", timer)
@@ -115,10 +118,10 @@ def locate_by_anchors(
     )
     timer.lap("describe")
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
-    fixes, matches = _fixes(candidates, phone, camera, down, timer)
+    fixes, matches = _fixes(candidates, phone, camera, down, timer, around)
     if not fixes and matches == 0 and measure_quality(gray).is_poor:
         return not_located("poor_image", timer)
-    return combine_fixes(fixes, matches, timer)
+    return combine_fixes(fixes, matches, timer, is_near=around is not None)
 
 
 def _fixes(
@@ -127,6 +130,7 @@ def _fixes(
     camera: Camera,
     gravity: Array | None,
     timer: StageTimer,
+    around: AroundPlace | None,
 ) -> tuple[list[tuple[LiveAnchor, AnchorFix]], int]:
     """Return the fixes by the anchors with the highest likeness, and the largest number of matches of an anchor."""
     alike = [likeness(anchor.features, phone) for anchor in candidates]
@@ -134,7 +138,7 @@ def _fixes(
     found: list[tuple[LiveAnchor, AnchorFix]] = []
     most = 0
     for row in ranked(alike)[: OPTIONS.matched_anchors]:
-        accepted = any(judge_fix(fix) is None for _, fix in found)
+        accepted = any(judge_fix(fix, around is not None) is None for _, fix in found)
         if accepted and alike[row] < OPTIONS.min_likeness_ratio * max(alike):
             break
         live = candidates[row]
@@ -147,9 +151,14 @@ def _fixes(
             timer,
         )
         most = max(most, matches)
-        if fix is not None:
+        if fix is not None and _may_be(fix, around):
             found.append((live, fix))
     return found, most
+
+
+def _may_be(fix: AnchorFix, around: AroundPlace | None) -> bool:
+    x, y, _ = fix.solution.plan_from_phone.translation
+    return around is None or around.has_phone(float(x), float(y))
 
 
 def ranked(alike: Sequence[int]) -> list[int]:
@@ -171,10 +180,15 @@ def roll_deg(gravity: Sequence[float] | None) -> float:
 
 
 def combine_fixes(
-    fixes: Sequence[tuple[LiveAnchor, AnchorFix]], matches: int, timer: StageTimer
+    fixes: Sequence[tuple[LiveAnchor, AnchorFix]],
+    matches: int,
+    timer: StageTimer,
+    *,
+    is_near: bool = False,
 ) -> AnchorLocalization:
-    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none."""
-    judged = [(anchor, fix, judge_fix(fix)) for anchor, fix in fixes]
+    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none. `is_near`
+    says that the phone is known to be near."""
+    judged = [(anchor, fix, judge_fix(fix, is_near)) for anchor, fix in fixes]
     accepted = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
     if not accepted:
         reasons = [reason for _, _, reason in judged if reason is not None]

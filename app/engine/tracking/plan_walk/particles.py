@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.tracking.plan_walk.walls import OPTIONS as WALLS
 from app.engine.tracking.plan_walk.walls import FloorWalls
 from app.limits import limit
 
@@ -118,7 +119,7 @@ class Particles:
             if stairs.to_floor not in self._names:
                 continue
             share, away = stairs.progress(self.xy[here])
-            on = (share > 0.5) & (away < _stairs_m()) & (walls.labels(self.xy[here]) == stairs.area)
+            on = (share > 0.5) & (away < WALLS.stairs_m) & (walls.labels(self.xy[here]) == stairs.area)
             self.floor[here[on]] = self._names.index(stairs.to_floor)
 
     def rescale(self, scale_sigma: float) -> None:
@@ -189,12 +190,6 @@ class Particles:
         self.xy, self.yaw, self.floor = self.xy[rows], self.yaw[rows], self.floor[rows]
         self.log_scale = self.log_scale[rows]
         self._weights = np.full(n, 1.0 / n)
-
-
-def _stairs_m() -> float:
-    from app.engine.tracking.plan_walk.walls import OPTIONS as WALLS
-
-    return WALLS.stairs_m
 
 
 def _angle(radians: Array) -> Array:

@@ -42,6 +42,16 @@ class PlanTrackerOptions:
     anchor_reach_m: float = limit(
         15.0, "Distance within which an anchor sees the same as a phone.", chosen="By hand: a long room."
     )
+    fix_reach_m: float = limit(
+        1.5,
+        "Beyond three sigmas of the place, how far a fix may be.",
+        chosen="By hand: look-alikes are farther.",
+    )
+    doubtful_m: float = limit(
+        6.0,
+        "Path without a fix after which all anchors are asked, too.",
+        chosen="By hand: the length of a room.",
+    )
     everywhere_every: int = limit(
         4, "Of this many questions to the anchors one is to all, wherever the place.", chosen="By hand."
     )
@@ -173,15 +183,15 @@ class PlanTracker:
         self._since_search = 0
         self._searches += 1
         plans, around = surroundings.plans, None
-        # Now and then all anchors are asked, as the place itself may be that of a look-alike.
-        if (
-            is_known
-            and belief is not None
-            and plans is not None
-            and self._searches % OPTIONS.everywhere_every
-        ):
-            within_m = OPTIONS.anchor_reach_m + 3.0 * belief.position_sigma_m
-            around = plans.around(belief.floor, belief.xy, within_m)
+        # Far from the last fix all anchors are asked now and then, as the place itself may be that of a look-alike.
+        is_doubtful = (
+            self.memory.unaided_m > OPTIONS.doubtful_m and self._searches % OPTIONS.everywhere_every == 0
+        )
+        if is_known and belief is not None and plans is not None and not is_doubtful:
+            reach_m = 3.0 * belief.position_sigma_m
+            around = plans.around(
+                belief.floor, belief.xy, OPTIONS.anchor_reach_m + reach_m, OPTIONS.fix_reach_m + reach_m
+            )
         return anchors.locate(frame, camera, None, around=around)
 
     def _believe(self, fix: Fix, frame: TrackingFrame, plans: Plans) -> State:

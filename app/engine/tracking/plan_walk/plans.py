@@ -49,14 +49,14 @@ class Plans:
         )
         return None if floor is None else self.by_id[floor.id]
 
-    def around(self, floor_id: str, xy: NDArray[np.float64], within_m: float) -> AroundPlace:
-        """Return what is within a distance of a point (2,) of a floor, in the frame of the poses."""
+    def around(self, floor_id: str, xy: NDArray[np.float64], anchors_m: float, phone_m: float) -> AroundPlace:
+        """Return what may be seen from around a point (2,) of a floor, in the frame of the poses."""
         floor = next(one for one in self.floors if one.id == floor_id)
         scale = 1.0
         if floor.plan_from_world is not None:
             plan = PlanTransform(floor.plan_from_world)
             xy, scale = plan.apply(np.array([*xy, 0.0]))[:2], plan.scale
-        return AroundPlace(floor_id, float(xy[0]), float(xy[1]), scale * within_m)
+        return AroundPlace(floor_id, float(xy[0]), float(xy[1]), scale * anchors_m, scale * phone_m)
 
     def walls_in(self, frame_id: str) -> dict[str, FloorWalls | None]:
         """Return the walls of all floors whose poses are in a frame."""
