@@ -42,25 +42,38 @@ class AnchorSpec:
     max_age_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AroundPlace:
-    """What may be seen from around a point of a floor's plan: anchors within `anchors_m` of it, by which a phone is
-    placed within `phone_m` of it, metres."""
+    """What a phone may see from around a point of a floor's plan: POIs within `sees_m` of it and `half_view_deg` of the
+    direction `heading_deg`, counter-clockwise from plan x; it is within `phone_m` of the point."""
 
     floor_id: str
     x: float
     y: float
-    anchors_m: float
     phone_m: float
+    heading_deg: float
+    half_view_deg: float
+    sees_m: float
 
     def has_anchor(self, spec: AnchorSpec) -> bool:
-        """Whether an anchor may be seen from there."""
-        is_near = math.hypot(spec.x - self.x, spec.y - self.y) <= self.anchors_m
-        return spec.floor_id == self.floor_id and is_near
+        """Whether the phone may see one of an anchor's POIs: without that the anchor places no phone."""
+        return spec.floor_id == self.floor_id and any(self._sees(poi.x, poi.y) for poi in spec.pois)
 
     def has_phone(self, x: float, y: float) -> bool:
-        """Whether a phone can be at a point of the floor's plan."""
+        """Whether the phone can be at a point of the floor's plan."""
         return math.hypot(x - self.x, y - self.y) <= self.phone_m
+
+    def _sees(self, x: float, y: float) -> bool:
+        along_x, along_y = x - self.x, y - self.y
+        away_m = math.hypot(along_x, along_y)
+        if away_m <= self.phone_m:
+            return True
+        aside_deg = math.degrees(math.atan2(along_y, along_x)) - self.heading_deg
+        # From elsewhere around the point the direction differs by up to this.
+        parallax_deg = math.degrees(math.asin(min(self.phone_m / away_m, 1.0)))
+        return away_m <= self.sees_m + self.phone_m and (
+            abs((aside_deg + 180.0) % 360.0 - 180.0) <= self.half_view_deg + parallax_deg
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,6 +28,16 @@ class ParticleOptions:
     least_effective_share: float = limit(
         0.5, "Share of effective particles below which they are drawn anew.", chosen="By hand: the usual one."
     )
+    scale_sigma: float = limit(
+        0.07,
+        "Relative sigma of the scale that the floor plan gives odometry.",
+        chosen="Recorded walks of roomfix simulate --no-map: steps were 0.98 to 1.12 times as long as true ones.",
+    )
+    scale_m: float = limit(
+        5.0,
+        "Path over which that scale changes: furniture, doors, other rooms.",
+        chosen="By hand: the length of a room.",
+    )
     fix_floor_m: float = limit(
         0.15,
         "Least sigma of a fix when particles are weighted by it, so that more than a few of them count.",
@@ -44,7 +54,7 @@ OPTIONS = ParticleOptions()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanMotion:
     """How a camera moved between two frames: ahead and to the left of where it looked (2,), metres, and its turn to the
-    left, radians, each with one sigma; `scale_sigma` is that of the length as a share, shared by all frames."""
+    left, radians, each with one sigma besides that of the scale."""
 
     moved: Array
     moved_sigma_m: float
@@ -79,12 +89,12 @@ class Particles:
     """Hypotheses of a camera's place: (n, 2) metres of the frame of the poses, floors, directions, and the logarithm of
     what odometry's lengths are multiplied by."""
 
-    def __init__(self, walls: Mapping[str, FloorWalls | None], fix: PlanFix, scale_sigma: float) -> None:
+    def __init__(self, walls: Mapping[str, FloorWalls | None], fix: PlanFix) -> None:
         self._walls = dict(walls)
         self._names = list(walls)
         self._random = np.random.default_rng(0)
         n = OPTIONS.count
-        self.log_scale = self._random.normal(0.0, scale_sigma, n)
+        self.log_scale = self._random.normal(0.0, OPTIONS.scale_sigma, n)
         self.xy, self.yaw, self.floor = self._drawn(fix)
         self._weights = np.full(n, 1.0 / n)
 
@@ -98,6 +108,7 @@ class Particles:
     def move(self, motion: PlanMotion) -> None:
         """Move all particles as odometry says, with its errors; who would go through a wall loses weight."""
         n = OPTIONS.count
+        self._drift(float(np.linalg.norm(motion.moved)))
         along = motion.moved * np.exp(self.log_scale)[:, None]
         along = along + self._random.normal(0.0, motion.moved_sigma_m / np.sqrt(2.0), (n, 2))
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
@@ -122,9 +133,11 @@ class Particles:
             on = (share > 0.5) & (away < WALLS.stairs_m) & (walls.labels(self.xy[here]) == stairs.area)
             self.floor[here[on]] = self._names.index(stairs.to_floor)
 
-    def rescale(self, scale_sigma: float) -> None:
-        """Forget what is known of odometry's scale: it begins anew with one that is known to within this share."""
-        self.log_scale = self._random.normal(0.0, scale_sigma, OPTIONS.count)
+    def _drift(self, path_m: float) -> None:
+        """Let the scale change with the path, to no more than what is not known of it at the start."""
+        kept = float(np.exp(-path_m / OPTIONS.scale_m))
+        fresh = OPTIONS.scale_sigma * float(np.sqrt(1.0 - kept**2))
+        self.log_scale = kept * self.log_scale + self._random.normal(0.0, fresh, OPTIONS.count)
 
     def share_near(self, fix: PlanFix, sigmas: float) -> float:
         """Return the weight of the particles from which a fix is no more than so many sigmas away."""

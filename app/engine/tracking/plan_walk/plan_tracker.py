@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.anchor import AroundPlace
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.fix import Fix, NoFix, confidence_of_sigma
 from app.engine.tracking.frame import TrackingFrame
@@ -40,7 +41,9 @@ class PlanTrackerOptions:
         2, "The same while it is not, or not known at all.", chosen="By hand: a look costs several frames."
     )
     anchor_reach_m: float = limit(
-        15.0, "Distance within which an anchor sees the same as a phone.", chosen="By hand: a long room."
+        14.0,
+        "Distance within which a phone recognizes a POI.",
+        chosen="By hand: a print of a metre at 400 pixels.",
     )
     fix_reach_m: float = limit(
         1.5,
@@ -56,7 +59,7 @@ class PlanTrackerOptions:
         4, "Of this many questions to the anchors one is to all, wherever the place.", chosen="By hand."
     )
     max_sigma_m: float = limit(
-        1.5, "Position sigma above which no place is answered.", chosen="By hand: half a room."
+        2.0, "Position sigma above which no place is answered.", chosen="By hand: half a room."
     )
     lost_sigma_m: float = limit(
         5.0, "Position sigma above which only a fix says where the camera is.", chosen="By hand: a room."
@@ -78,11 +81,6 @@ class PlanTrackerOptions:
         0.8, "Least height that is believed of a fix.", chosen="By hand: a child's."
     )
     most_height_m: float = limit(2.2, "Largest height that is believed of a fix.", chosen="By hand: held up.")
-    scale_sigma: float = limit(
-        0.08,
-        "Relative sigma of the scale that the floor plan gives odometry.",
-        chosen="Recorded walks of roomfix simulate --no-map.",
-    )
     tilt_sigma_deg: float = limit(
         2.0, "Sigma of the phone's tilt.", chosen="By hand: gravity's and odometry's."
     )
@@ -120,11 +118,12 @@ class PlanTracker:
         self._height_m = OPTIONS.height_m
         self._since_search = OPTIONS.sure_every
         self._searches = 0
+        self._is_begun = False
         self._has_fix = self.memory.last is not None
 
     def forget(self, memory: TrackingMemory) -> None:
         """Go back to an earlier memory: the last frame never was."""
-        self.memory, self._particles, self._pending = memory, None, None
+        self.memory, self._particles, self._pending, self._is_begun = memory, None, None, False
 
     def process(self, frame: TrackingFrame, surroundings: Surroundings) -> Tracked:
         """Answer for a frame: particles are moved by odometry, weighted by a fix, and their mean is the place."""
@@ -188,11 +187,20 @@ class PlanTracker:
             self.memory.unaided_m > OPTIONS.doubtful_m and self._searches % OPTIONS.everywhere_every == 0
         )
         if is_known and belief is not None and plans is not None and not is_doubtful:
-            reach_m = 3.0 * belief.position_sigma_m
-            around = plans.around(
-                belief.floor, belief.xy, OPTIONS.anchor_reach_m + reach_m, OPTIONS.fix_reach_m + reach_m
-            )
+            around = self._around(belief, plans, camera)
         return anchors.locate(frame, camera, None, around=around)
+
+    def _around(self, belief: PlanBelief, plans: Plans, camera: Camera) -> AroundPlace:
+        """Return what the camera may see from the place that is believed."""
+        upright = self._odometry.upright.levelled @ self._odometry.pose.rotation
+        half_view_deg = float(np.degrees(np.arctan2(0.5 * camera.width, camera.focal_px)))
+        return plans.around(
+            self._pose_at(belief, plans.by_id[belief.floor], upright),
+            belief.floor,
+            phone_m=OPTIONS.fix_reach_m + 3.0 * belief.position_sigma_m,
+            half_view_deg=half_view_deg + 3.0 * float(np.degrees(belief.yaw_sigma_rad)),
+            sees_m=OPTIONS.anchor_reach_m,
+        )
 
     def _believe(self, fix: Fix, frame: TrackingFrame, plans: Plans) -> State:
         """Correct the particles by a fix, or begin at it; a fix that contradicts them waits for a second one."""
@@ -217,14 +225,14 @@ class PlanTracker:
         if self._particles is None:
             # Nothing else says how the camera moves until the second fix.
             self._odometry.start(frame, pose)
-            self._particles = Particles(plans.walls_in(fix.frame_id), seen, OPTIONS.scale_sigma)
+            self._particles = Particles(plans.walls_in(fix.frame_id), seen)
             self._frame_id = fix.frame_id
             self._note_height(pose, floor)
             return "relocalized"
         self._pending = _Pending(
             seen,
             fix.frame_id,
-            Particles(plans.walls_in(fix.frame_id), seen, OPTIONS.scale_sigma),
+            Particles(plans.walls_in(fix.frame_id), seen),
             frame.time_s,
         )
         return "lost"
@@ -234,7 +242,7 @@ class PlanTracker:
     ) -> State:
         if self._particles is None:
             self._odometry.start(frame, fix.frame_from_camera)
-        self._particles = Particles(plans.walls_in(fix.frame_id), seen, OPTIONS.scale_sigma)
+        self._particles = Particles(plans.walls_in(fix.frame_id), seen)
         self._pending, self._frame_id, self._has_fix = None, fix.frame_id, True
         self._note_height(fix.frame_from_camera, floor)
         return state
@@ -263,8 +271,10 @@ class PlanTracker:
     def _resume(self, frame: TrackingFrame, plans: Plans) -> None:
         """Begin at the remembered place after a restart."""
         last, memory = self.memory.last, self.memory
-        if self._particles is not None or last is None or self._since_search < OPTIONS.sure_every:
+        if self._is_begun or last is None:
+            self._is_begun = True
             return
+        self._is_begun = True
         away_s = max(frame.time_s - memory.time_s, 0.0)
         sigma_m = float(np.hypot(memory.fix_accuracy.position_m, OPTIONS.resumed_m_s * away_s))
         floor = plans.floor_of(last)
@@ -279,7 +289,7 @@ class PlanTracker:
             yaw_sigma_rad=float(np.radians(memory.fix_accuracy.orientation_deg + 10.0 * away_s)),
         )
         self._odometry.start(frame, pose)
-        self._particles = Particles(plans.walls_in(last.frame_id), seen, OPTIONS.scale_sigma)
+        self._particles = Particles(plans.walls_in(last.frame_id), seen)
         self._frame_id = last.frame_id
         self._note_height(pose, floor)
 

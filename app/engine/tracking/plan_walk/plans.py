@@ -14,7 +14,8 @@ from app.engine.floors.model import FloorFeatures
 from app.engine.floors.plan_point import floor_of
 from app.engine.query.placed import WORLD, PlacedPose, plan_frame
 from app.engine.tracking.plan_walk.walls import FloorWalls
-from app.geometry.plan import PlanTransform
+from app.geometry.plan import PlanTransform, plan_position
+from app.geometry.se3 import Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,14 +50,23 @@ class Plans:
         )
         return None if floor is None else self.by_id[floor.id]
 
-    def around(self, floor_id: str, xy: NDArray[np.float64], anchors_m: float, phone_m: float) -> AroundPlace:
-        """Return what may be seen from around a point (2,) of a floor, in the frame of the poses."""
+    def around(
+        self, seen_from: Pose, floor_id: str, *, phone_m: float, half_view_deg: float, sees_m: float
+    ) -> AroundPlace:
+        """Return what may be seen from around a camera's pose in the frame of the poses, lengths in its metres."""
         floor = next(one for one in self.floors if one.id == floor_id)
-        scale = 1.0
-        if floor.plan_from_world is not None:
-            plan = PlanTransform(floor.plan_from_world)
-            xy, scale = plan.apply(np.array([*xy, 0.0]))[:2], plan.scale
-        return AroundPlace(floor_id, float(xy[0]), float(xy[1]), scale * anchors_m, scale * phone_m)
+        plan_from_frame = np.eye(4) if floor.plan_from_world is None else floor.plan_from_world
+        x, y, heading_deg = plan_position(plan_from_frame, seen_from)
+        scale = PlanTransform(plan_from_frame).scale
+        return AroundPlace(
+            floor_id=floor_id,
+            x=x,
+            y=y,
+            phone_m=scale * phone_m,
+            heading_deg=heading_deg,
+            half_view_deg=half_view_deg,
+            sees_m=scale * sees_m,
+        )
 
     def walls_in(self, frame_id: str) -> dict[str, FloorWalls | None]:
         """Return the walls of all floors whose poses are in a frame."""

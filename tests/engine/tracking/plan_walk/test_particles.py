@@ -44,40 +44,39 @@ def step(ahead_m: float, turn_deg: float = 0.0) -> PlanMotion:
 
 
 def test_particles_begin_at_a_fix_and_spread_with_the_path() -> None:
-    particles = Particles({"ground": None}, fix_at(0.0, 0.0), 0.1)
+    particles = Particles({"ground": None}, fix_at(0.0, 0.0))
     begun = particles.belief()
     assert begun.position_sigma_m == pytest.approx(FIX_SIGMA_M, rel=0.1)
     for _ in range(20):
         particles.move(step(0.3))
     after = particles.belief()
     assert np.linalg.norm(after.xy - [6.0, 0.0]) < 0.1
-    # A scale known to a tenth is 0.6 m after 6 m.
-    assert 0.6 < after.position_sigma_m < 0.8
+    # A scale known to 7 % that changes every 5 m is about 0.35 m after 6 m; steps and the fix add to it.
+    assert 0.35 < after.position_sigma_m < 0.55
 
 
 def test_a_fix_corrects_the_place_and_what_is_known_of_the_scale() -> None:
-    particles = Particles({"ground": None}, fix_at(0.0, 0.0, sigma_m=0.05), 0.1)
+    particles = Particles({"ground": None}, fix_at(0.0, 0.0, sigma_m=0.05))
     for _ in range(20):
         particles.move(step(0.3))
-    particles.correct(fix_at(6.6, 0.0, sigma_m=0.05))
+    before = float(np.mean(particles.log_scale))
+    particles.correct(fix_at(6.5, 0.0, sigma_m=0.05))
     belief = particles.belief()
-    assert np.linalg.norm(belief.xy - [6.6, 0.0]) < 0.05
+    assert np.linalg.norm(belief.xy - [6.5, 0.0]) < 0.05
     assert belief.position_sigma_m < 0.1
-    assert np.mean(particles.log_scale) == pytest.approx(np.log(1.1), abs=0.03)
-    assert np.std(particles.log_scale) < 0.05
+    # Odometry was 8 % short; the last metres say most of the scale that it has now.
+    assert np.mean(particles.log_scale) > before + 0.03
 
 
 def test_a_fix_far_away_finds_no_particles() -> None:
-    particles = Particles({"ground": None}, fix_at(0.0, 0.0), 0.1)
+    particles = Particles({"ground": None}, fix_at(0.0, 0.0))
     assert particles.share_near(fix_at(0.2, 0.1), 3.0) > 0.5
     assert particles.share_near(fix_at(3.0, 0.0), 3.0) == 0.0
     assert particles.share_near(fix_at(0.0, 0.0, yaw_deg=40.0), 3.0) == 0.0
 
 
 def test_a_corridor_keeps_its_walker_and_straightens_the_direction() -> None:
-    free, walled = (
-        Particles(each, fix_at(2.0, 1.0, yaw_deg=6.0), 0.05) for each in ({"ground": None}, walls())
-    )
+    free, walled = (Particles(each, fix_at(2.0, 1.0, yaw_deg=6.0)) for each in ({"ground": None}, walls()))
     for _ in range(40):
         for particles in (free, walled):
             particles.move(step(0.3))
@@ -88,7 +87,7 @@ def test_a_corridor_keeps_its_walker_and_straightens_the_direction() -> None:
 
 
 def test_who_climbs_the_stairs_is_on_the_other_floor_from_their_middle_on() -> None:
-    particles = Particles(walls(), fix_at(18.0, 1.0, yaw_deg=180.0, sigma_m=0.05), 0.02)
+    particles = Particles(walls(), fix_at(18.0, 1.0, yaw_deg=180.0, sigma_m=0.05))
     floors = []
     for _ in range(10):
         particles.move(step(0.3))
@@ -100,6 +99,6 @@ def test_who_climbs_the_stairs_is_on_the_other_floor_from_their_middle_on() -> N
 def test_without_areas_nothing_stops_a_walker() -> None:
     plan = collection(landmark("a", 1, 1))
     bare = FloorWalls.of(read_collection(plan, "ground")[1], lambda points: points)
-    particles = Particles({"ground": bare}, fix_at(0.0, 0.0), 0.1)
+    particles = Particles({"ground": bare}, fix_at(0.0, 0.0))
     particles.move(step(0.3))
     assert np.linalg.norm(particles.belief().xy - [0.3, 0.0]) < 0.05
