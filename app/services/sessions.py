@@ -271,6 +271,7 @@ class SessionService:
             plan,
             tracked.placed is not None,
             time_s,
+            0.0 if tracked.accuracy is None else tracked.accuracy.position_m,
         )
         return SessionResult(
             result=on_earth(answer, earth),
