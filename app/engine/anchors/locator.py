@@ -14,7 +14,7 @@ from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live_anchor import LiveAnchor
 from app.engine.anchors.match_anchor import match_anchor
 from app.engine.anchors.matching import likeness
-from app.engine.anchors.verification import confidence_of_fix, judge_fix
+from app.engine.anchors.verification import confidence_of_fix, is_stable, judge_fix
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.engine.stage_timer import StageTimer
@@ -54,6 +54,12 @@ class AnchorLocatorOptions:
         4.0,
         "Largest distance on the plan of two fixes that agree, divided by its standard deviation.",
         chosen="By hand; no measurement is recorded.",
+    )
+    rival_inlier_ratio: float = limit(
+        0.5,
+        "Least ratio of inliers of a stable fix elsewhere to those of the best one; above it the answer is ambiguous.",
+        chosen="Recorded walks of roomfix simulate --no-map: of look-alike corridors one was rejected for its sigma "
+        "alone; false matches are hardly ever stable.",
     )
     agreement_m: float = limit(
         0.3,
@@ -200,7 +206,8 @@ def combine_fixes(
     accepted.sort(key=lambda pair: -confidence_of_fix(pair[1]))
     anchor, best = accepted[0]
     agreeing = [pair for pair in accepted if _agree(anchor, best, *pair)]
-    if len(agreeing) < len(accepted):
+    rivals = [pair for pair in fixes if not _agree(anchor, best, *pair) and _rivals(best, pair[1])]
+    if len(agreeing) < len(accepted) or rivals:
         return not_located("ambiguous", timer, matches)
     pose, covariance = _joined([fix for _, fix in agreeing])
     timer.lap("pose")
@@ -233,6 +240,12 @@ def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bo
     difference = (a.solution.plan_from_phone.translation - b.solution.plan_from_phone.translation)[:2]
     sigma = float(np.hypot(a.noise_sigma_m, b.noise_sigma_m))
     return float(np.linalg.norm(difference)) <= max(OPTIONS.agreement_sigmas * sigma, OPTIONS.agreement_m)
+
+
+def _rivals(best: AnchorFix, other: AnchorFix) -> bool:
+    """Whether a fix elsewhere, not exact enough itself, has so many inliers that the two places look alike."""
+    enough = other.evidence.inliers >= OPTIONS.rival_inlier_ratio * best.evidence.inliers
+    return enough and is_stable(other.evidence)
 
 
 def _joined(fixes: Sequence[AnchorFix]) -> tuple[Pose, Array]:

@@ -132,9 +132,15 @@ def judge_fix(fix: AnchorFix, is_near: bool = False) -> Reason | None:
         (fix.position_sigma_m > max_sigma_m, "too_few_inliers"),
         (scale_error > OPTIONS.max_scale_error, "ambiguous"),
         (evidence.poi_error_share > 1.0, "ambiguous"),
-        (evidence.instability_deg > _max_instability_deg(evidence), "ambiguous"),
+        (not is_stable(evidence), "ambiguous"),
     )
     return next((reason for fails, reason in failed if fails), None)
+
+
+def is_stable(evidence: AnchorEvidence) -> bool:
+    """Return whether enough matches agree, and their halves give nearly the same relative pose."""
+    enough = evidence.inliers >= RELATIVE_POSE_OPTIONS.min_inliers
+    return enough and evidence.instability_deg <= _max_instability_deg(evidence)
 
 
 def _max_instability_deg(evidence: AnchorEvidence) -> float:
