@@ -26,6 +26,7 @@ from app.engine.tracking.memory import (
     memory_to_json,
 )
 from app.engine.tracking.plan_walk.plan_tracker import PlanTracker
+from app.engine.tracking.plan_walk.plans import Plans
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracked import Tracked
@@ -236,11 +237,12 @@ class SessionService:
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
             earth = earth_of(connection, session.venue_id, floors)
-        tracker = self._tracker_for(live, has_map=opened is not None)
+        plans = None if opened is not None or self._anchors is None else self._features.plans(floors)
+        tracker = _tracker_for(live, plans, self._tracking)
         before = tracker.memory
         time_s = time.time() if frame.time_s is None else frame.time_s
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
-        tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
+        tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors, plans))
         timer.lap("track")
         plan_reason = plan_reason_of(tracked, serving)
         floor, plan = self._place(tracked, floors, has_plan=plan_reason is None)
@@ -283,15 +285,6 @@ class SessionService:
             guidance=guidance,
         )
 
-    def _tracker_for(self, live: _Live, *, has_map: bool) -> Tracker | PlanTracker:
-        """Return the session's tracker: one that goes by floor plans where anchors are all there is."""
-        kind = Tracker if has_map or self._anchors is None else PlanTracker
-        if not isinstance(live.tracker, kind):
-            before = live.tracker
-            live.tracker = kind(before.memory, self._tracking)
-            live.tracker.camera = before.camera
-        return live.tracker
-
     def _place(
         self, tracked: Tracked, floors: list[Floor], *, has_plan: bool
     ) -> tuple[Floor | None, PlanPoint | None]:
@@ -301,7 +294,9 @@ class SessionService:
             return floor, None
         return floor, self._features.described(plan, floor)
 
-    def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
+    def _surroundings(
+        self, venue_id: str, opened: OpenMap | None, floors: list[Floor], plans: Plans | None
+    ) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
         sources: list[FixSource] = (
             [] if opened is None else [MapFixes(localizer_on(self._resources.settings, opened))]
@@ -314,7 +309,7 @@ class SessionService:
             FirstFixes(sources),
             is_inside=lambda pose: not floors or floor_of(floors, pose) is not None,
             can_change_floor=lambda pose, away_s: self._can_change_floor(venue_id, floors, pose, away_s),
-            plans=self._features.plans(floors) if opened is None else None,
+            plans=plans,
             anchors=anchors,
         )
 
@@ -340,6 +335,16 @@ class SessionService:
         keep = self._resources.settings.session_trajectory_points
         with self._resources.database.write(OPTIONS.record_wait_s) as connection:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep, corrected)
+
+
+def _tracker_for(live: _Live, plans: Plans | None, settings: TrackerSettings) -> Tracker | PlanTracker:
+    """Return the session's tracker: one that goes by `plans` where these have walls."""
+    kind = PlanTracker if plans is not None and plans.has_walls else Tracker
+    if not isinstance(live.tracker, kind):
+        before = live.tracker
+        live.tracker = kind(before.memory, settings)
+        live.tracker.camera = before.camera
+    return live.tracker
 
 
 def _own_camera(session: Session, tracker: Tracker | PlanTracker, rgb: Rgb) -> CameraHint | None:

@@ -41,6 +41,11 @@ class Plans:
         """Return the plans of floors whose features are given by the floor's id."""
         return Plans(floors, {floor.id: _plan_floor(floor, features[floor.id]) for floor in floors})
 
+    @property
+    def has_walls(self) -> bool:
+        """Whether the areas of any floor are known."""
+        return any(one.walls is not None for one in self.by_id.values())
+
     def floor_of(self, placed: PlacedPose) -> PlanFloor | None:
         """Return the floor on which a camera is placed."""
         if placed.frame_id != WORLD:
