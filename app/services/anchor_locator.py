@@ -6,6 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from app.engine.anchors.anchor import AroundPlace
 from app.engine.anchors.features import AnchorDescriber
 from app.engine.anchors.locator import AnchorLocalization, locate_by_anchors
 from app.engine.stage_timer import StageTimer
@@ -49,12 +50,16 @@ class AnchorLocator:
         rgb: Rgb,
         camera: Camera,
         gravity: Sequence[float] | None,
+        around: AroundPlace | None = None,
     ) -> AnchorLocalization:
-        """Return where an image was taken, by the anchors of a venue or of one floor (`locate_by_anchors`)."""
+        """Return where an image was taken, by the anchors of a venue, of one floor, or `around` a place
+        (`locate_by_anchors`)."""
         timer = StageTimer()
-        live = self._library.live(venue_id, floor_id)
+        live = self._library.live(venue_id, floor_id if around is None else around.floor_id)
+        if around is not None:
+            live = [anchor for anchor in live if around.has_anchor(anchor.anchor.spec)]
         timer.lap("anchors")
-        found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer)
+        found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer, around)
         if found.plan_from_phone is not None:
             self._count_uses(found.anchors)
         return found

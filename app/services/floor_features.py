@@ -14,6 +14,7 @@ from app.engine.floors.plan_point import PlanPoint
 from app.engine.floors.reading import GeoJson
 from app.engine.floors.sentences import listed, short
 from app.engine.navigation.network import check_walkable
+from app.engine.tracking.plan_walk.plans import Plans
 from app.errors import NotFoundError
 from app.limits import limit
 from app.lru import LruCache
@@ -30,6 +31,11 @@ class FeatureCacheOptions:
         256,
         "Floors whose features are kept in memory, those used last.",
         chosen="By hand: more floors than most servers have, at a few megabytes for a large one.",
+    )
+    plans: int = limit(
+        16,
+        "Venues whose walls are kept in memory, those used last.",
+        chosen="By hand: a megabyte for a floor of 100 m, and made again in a tenth of a second.",
     )
 
 
@@ -66,6 +72,7 @@ class FeatureLibrary:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._indexes: LruCache[tuple[str, str, str], PlaceIndex] = LruCache(OPTIONS.floors)
+        self._plans: LruCache[tuple[object, ...], Plans] = LruCache(OPTIONS.plans)
 
     def index(self, floor: Floor) -> PlaceIndex:
         """Return the areas and landmarks of a floor; an empty index for a floor without features."""
@@ -85,6 +92,13 @@ class FeatureLibrary:
     def features(self, floor: Floor) -> FloorFeatures:
         """Return the features of a floor."""
         return self.index(floor).features
+
+    def plans(self, floors: Sequence[Floor]) -> Plans:
+        """Return the plans of a venue's floors for a tracker that goes by them."""
+        key = tuple(_shape(floor) for floor in floors)
+        return self._plans.get_or_make(
+            key, lambda: Plans.of(floors, {floor.id: self.features(floor) for floor in floors})
+        )
 
     def described(self, plan: PlanPoint, floor: Floor) -> PlanPoint:
         """Return a plan point with its area and nearest landmark."""
@@ -107,3 +121,9 @@ class FeatureLibrary:
             known = sorted({area.id for floor in floors for area in self.features(floor).areas})
             raise NotFoundError(f"There is no area {short(text)} on these floors; there are {listed(known)}.")
         return found
+
+
+def _shape(floor: Floor) -> tuple[object, ...]:
+    """Return what a floor's walls and heights are made from."""
+    plan = None if floor.plan_from_world is None else floor.plan_from_world.tobytes()
+    return (floor.venue_id, floor.id, floor.z_min_m, floor.z_max_m, plan, floor.features_sha256)

@@ -79,11 +79,13 @@ class SessionGuide:
         plan: PlanPoint | None,
         located: bool = True,
         time_s: float = 0.0,
+        position_sigma_m: float = 0.0,
     ) -> dict[str, Any] | None:
         """Return what to tell a walker at a point of a floor's plan, None without a destination or a plan.
 
         Somebody who is not located is told to go on as told before, and when that is done, how to be located.
-        Plans the way when there is none yet, and again when the walker has left it. `time_s` is the frame's.
+        Plans the way when there is none yet, and again when the walker has left it. `time_s` is the frame's,
+        `position_sigma_m` one sigma of the point.
         """
         if destination is not None and not located:
             known = way.destination == destination and way.told is not None
@@ -108,7 +110,16 @@ class SessionGuide:
                 return problem
         assert way.route is not None  # noqa: S101 - planned above
         spoken = language_of(language)
-        told = guide(way.route, floor.id, plan.x, plan.y, plan.heading_deg, spoken, way.along_m)
+        told = guide(
+            way.route,
+            floor.id,
+            plan.x,
+            plan.y,
+            plan.heading_deg,
+            spoken,
+            way.along_m,
+            position_sigma_m=position_sigma_m,
+        )
         way.told, way.told_s = told, time_s
         way.off_route = way.off_route + 1 if told.off_route else 0
         if told.along_m is not None and not told.off_route:

@@ -25,6 +25,8 @@ from app.engine.tracking.memory import (
     memory_from_json,
     memory_to_json,
 )
+from app.engine.tracking.plan_walk.plan_tracker import PlanTracker
+from app.engine.tracking.plan_walk.plans import Plans
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracked import Tracked
@@ -96,7 +98,7 @@ class SessionFrame:
 class _Live:
     """What a session has in memory: lost without harm. `frames` says after which frame it is up to date."""
 
-    tracker: Tracker = field(default_factory=Tracker)
+    tracker: Tracker | PlanTracker = field(default_factory=Tracker)
     frames: int = -1
     recent: list[SessionPoint] = field(default_factory=list)
     way: Way = field(default_factory=Way)
@@ -241,10 +243,12 @@ class SessionService:
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
             earth = earth_of(connection, session.venue_id, floors)
-        tracker, before = live.tracker, live.tracker.memory
+        plans = None if opened is not None or self._anchors is None else self._features.plans(floors)
+        tracker = _tracker_for(live, plans, self._tracking)
+        before = tracker.memory
         time_s = time.time() if frame.time_s is None else frame.time_s
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
-        tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors))
+        tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors, plans))
         timer.lap("track")
         plan_reason = plan_reason_of(tracked, serving)
         floor, plan = self._place(tracked, floors, has_plan=plan_reason is None)
@@ -275,6 +279,7 @@ class SessionService:
             plan,
             tracked.placed is not None,
             time_s,
+            0.0 if tracked.accuracy is None else tracked.accuracy.position_m,
         )
         return SessionResult(
             result=on_earth(answer, earth),
@@ -295,17 +300,23 @@ class SessionService:
             return floor, None
         return floor, self._features.described(plan, floor)
 
-    def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
+    def _surroundings(
+        self, venue_id: str, opened: OpenMap | None, floors: list[Floor], plans: Plans | None
+    ) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
         sources: list[FixSource] = (
             [] if opened is None else [MapFixes(localizer_on(self._resources.settings, opened))]
         )
+        anchors = None
         if self._anchors is not None:
-            sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
+            anchors = AnchorFixes(partial(self._anchors.locate, venue_id, None), floors)
+            sources.append(anchors)
         return Surroundings(
             FirstFixes(sources),
             is_inside=lambda pose: not floors or floor_of(floors, pose) is not None,
             can_change_floor=lambda pose, away_s: self._can_change_floor(venue_id, floors, pose, away_s),
+            plans=plans,
+            anchors=anchors,
         )
 
     def _can_change_floor(self, venue_id: str, floors: list[Floor], pose: Pose, away_s: float) -> bool:
@@ -319,7 +330,7 @@ class SessionService:
     def _record(
         self,
         session: Session,
-        tracker: Tracker,
+        tracker: Tracker | PlanTracker,
         searched: bool,
         point: SessionPoint,
         corrected: Sequence[SessionPoint],
@@ -332,7 +343,17 @@ class SessionService:
             record_frame(connection, session, camera, memory_to_json(tracker.memory), point, keep, corrected)
 
 
-def _own_camera(session: Session, tracker: Tracker, rgb: Rgb) -> CameraHint | None:
+def _tracker_for(live: _Live, plans: Plans | None, settings: TrackerSettings) -> Tracker | PlanTracker:
+    """Return the session's tracker: one that goes by `plans` where these have walls."""
+    kind = PlanTracker if plans is not None and plans.has_walls else Tracker
+    if not isinstance(live.tracker, kind):
+        before = live.tracker
+        live.tracker = kind(before.memory, settings)
+        live.tracker.camera = before.camera
+    return live.tracker
+
+
+def _own_camera(session: Session, tracker: Tracker | PlanTracker, rgb: Rgb) -> CameraHint | None:
     """Return the session's camera; None for one that was searched for and doesn't fit the image, since the phone
     was turned: then it is searched for again."""
     stored = session.camera

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.api.test_anchors import MONITOR, SHIFT, anchor_body, down, poi, push
+from tests.plans import area, collection
 from tests.scenes import CAMERA_TEXT, Room, View, pose_at
 from tests.server import Server, running
 
@@ -94,6 +95,27 @@ def test_on_a_floor_with_a_place_in_the_world_it_has_a_pose(server: Server, vide
     assert np.linalg.norm(position - video[1].world_from_camera.translation) < 0.2
     assert answer["floor"] == "0"
     assert server.client.put("/venues/v/floors/0", json=floor).status_code == 200
+
+
+def test_on_a_plan_it_goes_on_where_no_anchor_sees_it_and_flow_loses_it(server: Server, room: Room) -> None:
+    x, y = SHIFT
+    walls = collection(area("room", x, y, x + room.size_m[0], y + room.size_m[1]))
+    assert server.client.put("/venues/v/floors/0/features", json=walls).status_code == 200
+    # A turn to the wall behind the monitoring camera, with a leap of three frames in the middle of it, and back a way.
+    steps = [step for step in range(30) if step not in (14, 15, 16)]
+    poses = [pose_at(1.7 + 0.04 * step, 1.15 + 0.02 * step, 1.4, 12.0 - 6.0 * step, 2.0) for step in steps]
+    video = [room.view(pose) for pose in poses]
+    answers = follow(server, video)
+    assert {answer["tracking"] for answer in answers} == {"tracking"}
+    assert not answers[-1]["anchors"]
+    assert answers[-1]["unaided_m"] > 0.5
+    errors_m = [off_m(answer, view) for answer, view in zip(answers, video, strict=True)]
+    assert all(
+        error_m < max(0.2, 3 * answer["accuracy"]["position_m"])
+        for error_m, answer in zip(errors_m, answers, strict=True)
+    )
+    assert max(errors_m) < 0.4
+    assert server.client.put("/venues/v/floors/0/features", json=collection()).status_code == 200
 
 
 def test_without_a_camera_or_in_another_room_it_does_not_start(server: Server, video: list[View]) -> None:

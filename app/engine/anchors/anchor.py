@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -39,6 +40,40 @@ class AnchorSpec:
     pois: tuple[Poi, ...]
     store_images: bool = False
     max_age_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AroundPlace:
+    """What a phone may see from around a point of a floor's plan: POIs within `sees_m` of it and `half_view_deg` of the
+    direction `heading_deg`, counter-clockwise from plan x; it is within `phone_m` of the point."""
+
+    floor_id: str
+    x: float
+    y: float
+    phone_m: float
+    heading_deg: float
+    half_view_deg: float
+    sees_m: float
+
+    def has_anchor(self, spec: AnchorSpec) -> bool:
+        """Whether the phone may see one of an anchor's POIs: without that the anchor places no phone."""
+        return spec.floor_id == self.floor_id and any(self._sees(poi.x, poi.y) for poi in spec.pois)
+
+    def has_phone(self, x: float, y: float) -> bool:
+        """Whether the phone can be at a point of the floor's plan."""
+        return math.hypot(x - self.x, y - self.y) <= self.phone_m
+
+    def _sees(self, x: float, y: float) -> bool:
+        along_x, along_y = x - self.x, y - self.y
+        away_m = math.hypot(along_x, along_y)
+        if away_m <= self.phone_m:
+            return True
+        aside_deg = math.degrees(math.atan2(along_y, along_x)) - self.heading_deg
+        # From elsewhere around the point the direction differs by up to this.
+        parallax_deg = math.degrees(math.asin(min(self.phone_m / away_m, 1.0)))
+        return away_m <= self.sees_m + self.phone_m and (
+            abs((aside_deg + 180.0) % 360.0 - 180.0) <= self.half_view_deg + parallax_deg
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.anchor import AroundPlace
 from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live_anchor import LiveAnchor
 from app.engine.anchors.match_anchor import match_anchor
 from app.engine.anchors.matching import likeness
-from app.engine.anchors.verification import confidence_of_fix, judge_fix
+from app.engine.anchors.verification import confidence_of_fix, is_stable, judge_fix
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.engine.stage_timer import StageTimer
@@ -53,6 +54,12 @@ class AnchorLocatorOptions:
         4.0,
         "Largest distance on the plan of two fixes that agree, divided by its standard deviation.",
         chosen="By hand; no measurement is recorded.",
+    )
+    rival_inlier_ratio: float = limit(
+        0.5,
+        "Least ratio of inliers of a stable fix elsewhere to those of the best one; above it the answer is ambiguous.",
+        chosen="Recorded walks of roomfix simulate --no-map: of look-alike corridors one was rejected for its sigma "
+        "alone; false matches are hardly ever stable.",
     )
     agreement_m: float = limit(
         0.3,
@@ -96,10 +103,12 @@ def locate_by_anchors(
     camera: Camera,
     gravity: Sequence[float] | None,
     timer: StageTimer,
+    around: AroundPlace | None = None,
 ) -> AnchorLocalization:
     """Return the pose of an RGB image (height, width, 3) of a camera of that size, by the live anchors.
 
-    `gravity` is down in camera axes; without it the phone is assumed to be upright.
+    `gravity` is down in camera axes; without it the phone is assumed to be upright. A phone that is known to be
+    `around` a place can't be elsewhere, and there also less certain fixes are accepted.
     """
     if not live:
         return not_located("no_map", timer)
@@ -113,10 +122,10 @@ def locate_by_anchors(
     phone = describer.describe_phone(gray, akaze, roll_deg(gravity))
     timer.lap("describe")
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
-    fixes, matches = _fixes(candidates, phone, camera, down, timer)
+    fixes, matches = _fixes(candidates, phone, camera, down, timer, around)
     if not fixes and matches == 0 and measure_quality(gray).is_poor:
         return not_located("poor_image", timer)
-    return combine_fixes(fixes, matches, timer)
+    return combine_fixes(fixes, matches, timer, is_near=around is not None)
 
 
 def _fixes(
@@ -125,6 +134,7 @@ def _fixes(
     camera: Camera,
     gravity: Array | None,
     timer: StageTimer,
+    around: AroundPlace | None,
 ) -> tuple[list[tuple[LiveAnchor, AnchorFix]], int]:
     """Return the fixes by the anchors with the highest likeness, and the largest number of matches of an anchor."""
     alike = [likeness(anchor.features, phone) for anchor in candidates]
@@ -132,7 +142,7 @@ def _fixes(
     found: list[tuple[LiveAnchor, AnchorFix]] = []
     most = 0
     for row in ranked(alike)[: OPTIONS.matched_anchors]:
-        accepted = any(judge_fix(fix) is None for _, fix in found)
+        accepted = any(judge_fix(fix, around is not None) is None for _, fix in found)
         if accepted and alike[row] < OPTIONS.min_likeness_ratio * max(alike):
             break
         live = candidates[row]
@@ -145,9 +155,14 @@ def _fixes(
             timer,
         )
         most = max(most, matches)
-        if fix is not None:
+        if fix is not None and _may_be(fix, around):
             found.append((live, fix))
     return found, most
+
+
+def _may_be(fix: AnchorFix, around: AroundPlace | None) -> bool:
+    x, y, _ = fix.solution.plan_from_phone.translation
+    return around is None or around.has_phone(float(x), float(y))
 
 
 def ranked(alike: Sequence[int]) -> list[int]:
@@ -169,10 +184,15 @@ def roll_deg(gravity: Sequence[float] | None) -> float:
 
 
 def combine_fixes(
-    fixes: Sequence[tuple[LiveAnchor, AnchorFix]], matches: int, timer: StageTimer
+    fixes: Sequence[tuple[LiveAnchor, AnchorFix]],
+    matches: int,
+    timer: StageTimer,
+    *,
+    is_near: bool = False,
 ) -> AnchorLocalization:
-    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none."""
-    judged = [(anchor, fix, judge_fix(fix)) for anchor, fix in fixes]
+    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none. `is_near`
+    says that the phone is known to be near."""
+    judged = [(anchor, fix, judge_fix(fix, is_near)) for anchor, fix in fixes]
     accepted = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
     if not accepted:
         reasons = [reason for _, _, reason in judged if reason is not None]
@@ -184,7 +204,8 @@ def combine_fixes(
     accepted.sort(key=lambda pair: -confidence_of_fix(pair[1]))
     anchor, best = accepted[0]
     agreeing = [pair for pair in accepted if _agree(anchor, best, *pair)]
-    if len(agreeing) < len(accepted):
+    rivals = [pair for pair in fixes if not _agree(anchor, best, *pair) and _rivals(best, pair[1])]
+    if len(agreeing) < len(accepted) or rivals:
         return not_located("ambiguous", timer, matches)
     pose, covariance = _joined([fix for _, fix in agreeing])
     timer.lap("pose")
@@ -217,6 +238,12 @@ def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bo
     difference = (a.solution.plan_from_phone.translation - b.solution.plan_from_phone.translation)[:2]
     sigma = float(np.hypot(a.noise_sigma_m, b.noise_sigma_m))
     return float(np.linalg.norm(difference)) <= max(OPTIONS.agreement_sigmas * sigma, OPTIONS.agreement_m)
+
+
+def _rivals(best: AnchorFix, other: AnchorFix) -> bool:
+    """Whether a fix elsewhere, not exact enough itself, has so many inliers that the two places look alike."""
+    enough = other.evidence.inliers >= OPTIONS.rival_inlier_ratio * best.evidence.inliers
+    return enough and is_stable(other.evidence)
 
 
 def _joined(fixes: Sequence[AnchorFix]) -> tuple[Pose, Array]:

@@ -64,6 +64,14 @@ class FixVerificationOptions:
         "Largest standard deviation of the position by noise and instability, of a camera that is not calibrated.",
         chosen=SEEDS_1_TO_3,
     )
+    near_noise_sigma_m: float = limit(
+        0.8,
+        "`max_noise_sigma_m` of a phone that is known to be near.",
+        chosen="Recorded walks of roomfix simulate --no-map: the errors of such fixes were below their sigmas.",
+    )
+    near_unstable_sigma_m: float = limit(
+        1.0, "`max_unstable_sigma_m` of a phone that is known to be near.", chosen="The same."
+    )
     max_scale_error: float = limit(
         0.1,
         "Largest difference between the logarithms of the scale of most POIs and of the common scale.",
@@ -101,13 +109,18 @@ OPTIONS = FixVerificationOptions()
 CONFIDENCE_OPTIONS = FixConfidenceOptions()
 
 
-def judge_fix(fix: AnchorFix) -> Reason | None:
+def judge_fix(fix: AnchorFix, is_near: bool = False) -> Reason | None:
     """Return why a fix is rejected, or None where it is accepted.
 
-    Of a calibrated camera the map and every POI must agree on the scale, else most of the POIs.
+    Of a calibrated camera the map and every POI must agree on the scale, else most of the POIs. A phone that `is_near`
+    by what is known already may be placed less exactly.
     """
     evidence = fix.evidence
-    max_sigma_m = OPTIONS.max_noise_sigma_m if fix.is_calibrated else OPTIONS.max_unstable_sigma_m
+    max_noise_m, max_sigma_m = OPTIONS.max_noise_sigma_m, OPTIONS.max_unstable_sigma_m
+    if is_near:
+        max_noise_m, max_sigma_m = OPTIONS.near_noise_sigma_m, OPTIONS.near_unstable_sigma_m
+    if fix.is_calibrated:
+        max_sigma_m = max_noise_m
     scale_error = evidence.worst_scale_error if fix.is_calibrated else evidence.scale_error
     failed: tuple[tuple[bool, Reason], ...] = (
         (evidence.inliers < RELATIVE_POSE_OPTIONS.min_inliers, "too_few_inliers"),
@@ -115,13 +128,19 @@ def judge_fix(fix: AnchorFix) -> Reason | None:
         (evidence.coverage < OPTIONS.min_coverage, "too_few_inliers"),
         (evidence.parallax_deg < OPTIONS.min_parallax_deg, "too_few_inliers"),
         (evidence.log_scale_sigma > TRIANGULATION_OPTIONS.max_log_scale_sigma, "too_few_inliers"),
-        (fix.noise_sigma_m > OPTIONS.max_noise_sigma_m, "too_few_inliers"),
+        (fix.noise_sigma_m > max_noise_m, "too_few_inliers"),
         (fix.position_sigma_m > max_sigma_m, "too_few_inliers"),
         (scale_error > OPTIONS.max_scale_error, "ambiguous"),
         (evidence.poi_error_share > 1.0, "ambiguous"),
-        (evidence.instability_deg > _max_instability_deg(evidence), "ambiguous"),
+        (not is_stable(evidence), "ambiguous"),
     )
     return next((reason for fails, reason in failed if fails), None)
+
+
+def is_stable(evidence: AnchorEvidence) -> bool:
+    """Return whether enough matches agree, and their halves give nearly the same relative pose."""
+    enough = evidence.inliers >= RELATIVE_POSE_OPTIONS.min_inliers
+    return enough and evidence.instability_deg <= _max_instability_deg(evidence)
 
 
 def _max_instability_deg(evidence: AnchorEvidence) -> float:

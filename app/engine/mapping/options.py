@@ -42,8 +42,9 @@ MOTION_KEYS = ("start", "speed_m_s", "direction_deg", "fps")
 KEYS = {
     "format", "keyframes", "features", "camera", "depth_scale", "depth_camera", "color_from_depth", "gravity",
     "world_from_scan", "mode", "max_time_difference_s", "refine_depth", "second_features", "store_images",
-    "blur_faces", "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg", "mount_deg",
-    "time_offset_s", "position_scale", "scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px", *MOTION_KEYS,
+    "blur_faces", "max_features_per_keyframe", "repair", "force", "axes", "poses", "quaternion", "rotate_deg",
+    "mount_deg", "time_offset_s", "position_scale", "scale", "swap_depth_bytes", "depth_along_rays", "depth_shift_px",
+    *MOTION_KEYS,
 }  # fmt: skip
 
 

@@ -26,6 +26,16 @@ class GuidanceOptions:
         "A walker this close to the destination has arrived.",
         chosen="By hand, on walks of `roomfix simulate` (docs/simulation.md), which counts an arrival within 3 m.",
     )
+    sure_sigma_m: float = limit(
+        0.3,
+        "Position sigma beyond which a walker must be closer to have arrived, by what it is more.",
+        chosen="By hand: places by a map are better known, and so are they told as before.",
+    )
+    least_arrived_m: float = limit(
+        0.6,
+        "A walker this close to the destination has arrived, however uncertain the place.",
+        chosen="By hand, on walks of `roomfix simulate --no-map` (docs/simulation.md).",
+    )
     now_m: float = limit(
         2.0,
         "A step this close is said alone; for a step farther ahead the way to it is said first.",
@@ -128,8 +138,9 @@ def guide(
     heading_deg: float | None = None,
     language: str = DEFAULT_LANGUAGE,
     progress_m: float = 0.0,
+    position_sigma_m: float = 0.0,
 ) -> Guidance:
-    """Return the guidance for a walker at plan position (x, y) of a floor, in metres.
+    """Return the guidance for a walker at plan position (x, y) of a floor, in metres, one sigma of which is given.
 
     `heading_deg` is the direction that the walker faces, counter-clockwise from plan x; one who faces another way than
     the route goes is told to turn first. `progress_m` is the walker's distance along the route so far; it decides where
@@ -144,7 +155,7 @@ def guide(
     off_route = nearest.away_m > _tolerance_m(route, nearest)
     # Near the destination in space, but not along the route, is the far side of a wall or loop.
     near_end = remaining_m <= 2 * OPTIONS.arrived_m
-    arrived = not off_route and near_end and _is_at_destination(route, floor, x, y)
+    arrived = not off_route and near_end and _is_at_destination(route, floor, x, y, position_sigma_m)
     current, following = _steps_at(route, nearest.along_m, arrived)
     ahead_m = max(following.along_m - nearest.along_m, 0.0)
     turn = following.turn
@@ -189,9 +200,10 @@ def _on_another_floor(speaker: Speaker) -> Guidance:
     )
 
 
-def _is_at_destination(route: Route, floor: str, x: float, y: float) -> bool:
+def _is_at_destination(route: Route, floor: str, x: float, y: float, sigma_m: float) -> bool:
     end = route.points[-1]
-    return floor == end.floor and math.hypot(end.x - x, end.y - y) <= OPTIONS.arrived_m
+    within_m = OPTIONS.arrived_m - max(sigma_m - OPTIONS.sure_sigma_m, 0.0)
+    return floor == end.floor and math.hypot(end.x - x, end.y - y) <= max(within_m, OPTIONS.least_arrived_m)
 
 
 def _way_to(

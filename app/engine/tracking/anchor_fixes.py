@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.anchors.anchor import AnchorSpec
+from app.engine.anchors.anchor import AnchorSpec, AroundPlace
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.locator import AnchorLocalization
 from app.engine.anchors.place_on_floor import place_on_floor, world_pose
@@ -42,8 +43,18 @@ class AnchorFixOptions:
 OPTIONS = AnchorFixOptions()
 
 
-# From an image, its camera and gravity to what the venue's anchors tell of it.
-LocateByAnchors = Callable[[Rgb, Camera, Sequence[float] | None], AnchorLocalization]
+class LocateByAnchors(Protocol):
+    """What a venue's anchors say of an image, its camera and gravity; all of them, or those around a place."""
+
+    def __call__(
+        self,
+        rgb: Rgb,
+        camera: Camera,
+        gravity: Sequence[float] | None,
+        around: AroundPlace | None = None,
+        /,
+    ) -> AnchorLocalization:
+        """Return where the image was taken."""
 
 
 class AnchorFixes:
@@ -54,13 +65,19 @@ class AnchorFixes:
         self._floors = floors
 
     def locate(
-        self, frame: TrackingFrame, camera: Camera | None, _near: Pose | None, _any_floor: bool = False
+        self,
+        frame: TrackingFrame,
+        camera: Camera | None,
+        _near: Pose | None,
+        _any_floor: bool = False,
+        around: AroundPlace | None = None,
     ) -> Fix | NoFix:
-        """Locate by the anchors that see what the frame shows; without a camera there is no fix."""
+        """Locate by the anchors that see what the frame shows, all of them or those around a place; without a camera
+        there is no fix."""
         if camera is None:
             return NoFix("no_match")
         full = camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
-        found = self._locate(frame.rgb, full, frame.gravity)
+        found = self._locate(frame.rgb, full, frame.gravity, around)
         if found.best is None or found.floor_id is None or found.plan_from_phone is None:
             return NoFix(found.reason or "no_match", found.support)
         if place_on_floor(self._floors, found.floor_id, found.plan_from_phone) is None:

@@ -108,6 +108,17 @@ def test_arriving(way: Route) -> None:
     assert not guide(way, "ground", 2, 5).arrived
 
 
+def test_a_walker_whose_place_is_uncertain_must_come_closer_to_have_arrived(way: Route) -> None:
+    sigmas_m = (0.0, 0.3, 0.8, 3.0)
+    assert [guide(way, "upper", 2, 3.5, position_sigma_m=sigma_m).arrived for sigma_m in sigmas_m] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+    assert guide(way, "upper", 2, 4.5, position_sigma_m=3.0).arrived
+
+
 def test_in_german(way: Route) -> None:
     assert (
         guide(way, "upper", 2, 2, language="de").instruction == "Gehen Sie 3 m bis zu Ihrem Ziel: Book shelf."

@@ -105,6 +105,11 @@ class OdometryOptions:
         "Known distances change the scale only when its sigma is at most this many times the one before.",
         chosen="roomfix track-anchors; docs/anchors.md.",
     )
+    expected_depth_sigma: float = limit(
+        0.19,
+        "Relative sigma of a distance by the floor plan; below 0.2 such a point counts as placed.",
+        chosen="By hand: odometry can start from such points, and furniture is nearer by more only here and there.",
+    )
     min_fix_sigma_m: float = limit(
         0.01,
         "Least standard deviation of the points of a fix.",

@@ -6,6 +6,7 @@ are placed by poses that come of those. No scale is ever assumed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,9 @@ from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose
 
+# From pixels (n, 2), their camera and its pose to how far away things are expected to be along the rays (n,), metres.
+ExpectedDistances = Callable[[NDArray[np.float64], Camera, Pose], NDArray[np.float64]]
+
 
 @dataclass(frozen=True, slots=True)
 class OdometryStep:
@@ -54,20 +58,34 @@ class OdometryStep:
 class Odometry:
     """Follows points from frame to frame. Knows nothing of maps."""
 
-    def __init__(self, frame: TrackingFrame, fix: Fix, lens: Lens | None = None) -> None:
+    def __init__(
+        self,
+        frame: TrackingFrame,
+        fix: Fix | None,
+        lens: Lens | None = None,
+        *,
+        pose: Pose | None = None,
+        expected: ExpectedDistances | None = None,
+    ) -> None:
         """Start from a fix. Of a `lens` that isn't stated `lens` becomes what keyframes and a monitoring camera's view
-        show of it; cameras that are given are behind it as it is."""
+        show of it; cameras that are given are behind it as it is.
+
+        With `expected` distances new points begin there, not where their neighbours are; then odometry can start from a
+        `pose` without a fix, and its scale is that of the expected distances.
+        """
         self.lens = lens
         self._gray = frame.gray
         self._points = self._by_two_views = TrackedPoints.none()
         self._next_id = 0
-        self._pose = fix.frame_from_camera
+        self._pose = fix.frame_from_camera if fix is not None else pose or Pose.identity()
         self._window = Window()
         self._anchors: tuple[str, ...] = ()
         self._scale_sigma = np.inf
         self._since_keyframe = 0
-        self.absorb(fix)
-        self._refill(fix.camera, fix.frame_from_camera)
+        self.expected = expected
+        if fix is not None:
+            self.absorb(fix)
+            self._refill(fix.camera, fix.frame_from_camera)
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -310,6 +328,11 @@ class Odometry:
         if len(self._points) >= OPTIONS.refill_share * OPTIONS.wanted_points:
             return
         corners = find_corners(self._gray, self._points.pixels, OPTIONS.wanted_points - len(self._points))
+        if self.expected is not None and len(corners):
+            expected_m, share = self.expected(corners, camera, pose), OPTIONS.expected_depth_sigma
+            fresh = TrackedPoints.new(self._new_ids(len(corners)), corners, camera, pose, expected_m, share)
+            self._points = self._points.joined(fresh)
+            return
         placed = self._points.take(self._points.is_placed)
         if len(placed) and len(corners):
             distances = np.linalg.norm(placed.points_in_frame - pose.translation, axis=1)

@@ -1,0 +1,1 @@
+"""Following a camera on floor plans alone: odometry, rare fixes, and walls that nobody walks through."""

@@ -1,0 +1,72 @@
+"""A step that flow can't follow: features of both frames are matched, however far they moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.tracking.odometry.visual_odometry import ExpectedDistances
+from app.geometry.camera import Camera, tangent_of_px
+from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.se3 import Pose
+from app.geometry.triangulation import homogeneous
+from app.limits import limit
+from app.vision.images import Gray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RematchOptions:
+    """How two frames are matched, and when their relative pose is believed."""
+
+    features: int = limit(700, "ORB features of a frame.", chosen="By hand: about 10 ms for both frames.")
+    max_ratio: float = limit(
+        0.85, "Largest ratio of the two least distances.", chosen="By hand: a usual one."
+    )
+    max_error_tangent: float = limit(
+        tangent_of_px(8.0),
+        "Inlier threshold: the reprojection error over the focal length.",
+        chosen="By hand: distances by the plan are off by a fifth.",
+    )
+    min_inliers: int = limit(20, "Fewest inliers.", chosen="By hand: chance finds ten.")
+    min_inlier_ratio: float = limit(0.4, "Least ratio of inliers to matches.", chosen="By hand.")
+
+
+OPTIONS = RematchOptions()
+
+
+def pose_by_matches(
+    before: Gray, pose_before: Pose, expected: ExpectedDistances, now: Gray, camera: Camera
+) -> Pose | None:
+    """Return the pose of a frame by what it shows of the frame before, which is as far from there as expected, or None
+    where too little agrees."""
+    orb = cv2.ORB.create(nfeatures=OPTIONS.features, fastThreshold=8)
+    points_a, features_a = orb.detectAndCompute(before, None)
+    points_b, features_b = orb.detectAndCompute(now, None)
+    if features_a is None or features_b is None or min(len(points_a), len(points_b)) < OPTIONS.min_inliers:
+        return None
+    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(features_a, features_b, k=2)
+    good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < OPTIONS.max_ratio * p[1].distance]
+    if len(good) < OPTIONS.min_inliers:
+        return None
+    pixels_a = np.array([points_a[match.queryIdx].pt for match in good])
+    pixels_b = np.array([points_b[match.trainIdx].pt for match in good])
+    rays = homogeneous(camera.normalize(pixels_a)) @ pose_before.rotation.T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    points = pose_before.translation + rays * expected(pixels_a, camera, pose_before)[:, None]
+    found = estimate_pose_lo_ransac(
+        pixels_b,
+        points,
+        camera,
+        max_error_px=OPTIONS.max_error_tangent * camera.focal_px,
+        max_iterations=500,
+    )
+    if found is None:
+        return None
+    count = int(np.count_nonzero(found.inlier_mask))
+    is_sure = count >= max(OPTIONS.min_inliers, OPTIONS.min_inlier_ratio * len(good))
+    return found.world_from_camera if is_sure else None
