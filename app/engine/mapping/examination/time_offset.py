@@ -125,8 +125,10 @@ def fit_time_offset(evidence: Evidence, camera: Camera, track: Track, times_s: A
 def offset_changes(evidence: Evidence, camera: Camera, track: Track, times_s: Array) -> bool:
     """Return whether the first half of the scan shows another offset than the last, as clocks that don't run alike."""
     early = evidence.first < np.median(evidence.first)
-    halves = [fit_time_offset(evidence.of_pairs(half), camera, track, times_s) for half in (early, ~early)]
-    return None not in halves and abs(np.subtract(*halves)) > OPTIONS.apart_s
+    first_s, last_s = (
+        fit_time_offset(evidence.of_pairs(half), camera, track, times_s) for half in (early, ~early)
+    )
+    return first_s is not None and last_s is not None and abs(first_s - last_s) > OPTIONS.apart_s
 
 
 def _of_used_frames(evidence: Evidence, times_s: Array) -> tuple[Evidence, Array]:
