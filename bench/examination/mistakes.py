@@ -26,6 +26,7 @@ from bench.examination.scan_copy import RawDepth, ScanCopy
 LATE_S = 0.2
 # Rows of a trajectory this near to each other meet any time within the importer's tolerance.
 DENSE_S = 0.04
+CLOCK_RATIO = 1.02
 FOCAL_RATIO = 1.12
 # A bracket that was taken for straight, about an axis of no special direction.
 MOUNT_DEG = (3.0, -3.2, 2.4)
@@ -97,6 +98,11 @@ def _late(seconds: float) -> Callable[[ScanCopy], ScanCopy]:
         return replace(copy, times_s=copy.times_s + late_s)
 
     return make
+
+
+def _fast_clock(copy: ScanCopy) -> ScanCopy:
+    first_s = copy.scan.frames[0].timestamp_s
+    return replace(copy, times_s=first_s + CLOCK_RATIO * (copy.times_s - first_s))
 
 
 def _one_frame_late(copy: ScanCopy) -> ScanCopy:
@@ -222,6 +228,7 @@ MISTAKES = (
     Mistake("positions in millimetres", ("position_scale",), _written(position_scale=1000.0)),
     Mistake("positions in feet", ("position_scale",), _written(position_scale=FEET_PER_M)),
     Mistake("poses 0.2 s late", ("time_offset",), _late(LATE_S)),
+    Mistake("poses by a clock 2 % fast", ("time_offset",), _fast_clock),
     Mistake("poses one frame late", ("time_offset",), _one_frame_late),
     Mistake("focal length 12 % off", ("focal_length",), _focal),
     Mistake("camera mounted 5 degrees off", ("camera_mount",), _mounted),

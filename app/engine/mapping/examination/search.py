@@ -20,7 +20,7 @@ from app.engine.mapping.examination.camera_mount import fit_camera_mount, joined
 from app.engine.mapping.examination.evidence import Evidence
 from app.engine.mapping.examination.outcome import Finding
 from app.engine.mapping.examination.readings import other_orders, other_readings
-from app.engine.mapping.examination.time_offset import Track, fit_time_offset
+from app.engine.mapping.examination.time_offset import Track, fit_time_offset, offset_changes
 from app.geometry.camera import Camera
 from app.geometry.intrinsics_check import square_pixels
 from app.importers.association import Trajectory
@@ -329,10 +329,12 @@ def _time_offsets(state: State) -> Iterator[Remedy]:
         return
     total_s = state.convention.time_offset_s + offset_s
     word = "late" if offset_s > 0 else "early"
+    changes = offset_changes(state.evidence, state.camera, track, state.times_s)
     yield Remedy(
         code="time_offset",
         says=f"The times of the poses are {abs(offset_s):.3f} s {word}: the pose of a picture is found "
-        f"{abs(offset_s):.3f} s {'after' if offset_s > 0 else 'before'} its time",
+        f"{abs(offset_s):.3f} s {'after' if offset_s > 0 else 'before'} its time"
+        + (", but the offset changes within the scan: the two clocks don't run alike" if changes else ""),
         options={"time_offset_s": round(total_s, 3)},
         state=replace(
             state,
@@ -343,6 +345,7 @@ def _time_offsets(state: State) -> Iterator[Remedy]:
         ),
         found=agreement(evidence, rays, poses),
         least_gain=OPTIONS.fit_gain,
+        is_determined=not changes,
     )
 
 

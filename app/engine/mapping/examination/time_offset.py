@@ -37,6 +37,12 @@ class TimeOffsetOptions:
         "Matches of a pair that a search looks at.",
         chosen="By hand: the search then takes half a second.",
     )
+    apart_s: float = limit(
+        0.08,
+        "Time offsets by the first and the last half of a scan that differ by more than this are of two clocks that "
+        "don't run alike.",
+        chosen="By hand: twice the error of an offset by half of the pairs.",
+    )
     min_pair_share: float = limit(
         0.6, "Pairs whose moved times still lie within the scan, for an offset to count.", chosen="By hand."
     )
@@ -114,6 +120,15 @@ def fit_time_offset(evidence: Evidence, camera: Camera, track: Track, times_s: A
         cost, bounds=(grid[best] - step, grid[best] + step), method="bounded", options={"maxiter": 25}
     )
     return float(found.x) if found.fun < costs[best] else float(grid[best])
+
+
+def offset_changes(evidence: Evidence, camera: Camera, track: Track, times_s: Array) -> bool:
+    """Return whether the first half of the scan shows another offset than the last, as clocks that don't run alike."""
+    early = evidence.first < np.median(evidence.first)
+    first_s, last_s = (
+        fit_time_offset(evidence.of_pairs(half), camera, track, times_s) for half in (early, ~early)
+    )
+    return first_s is not None and last_s is not None and abs(first_s - last_s) > OPTIONS.apart_s
 
 
 def _of_used_frames(evidence: Evidence, times_s: Array) -> tuple[Evidence, Array]:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.engine.mapping.examination.evidence import FrameMatcher, gather_evidence
+from app.engine.mapping.examination.time_offset import Track, offset_changes
+from app.engine.mapping.options import parse_build_options
+from app.engine.progress import NoProgress
 from app.geometry.se3 import Pose, rotation_from_vector
-from app.importers.conventions import PoseConvention
+from app.importers.conventions import PoseArrays, PoseConvention
+from app.importers.registry import open_scan
 from tests.engine.mapping.examination.scans import OPTIONS, examined, with_poses, write, written
 from tests.scenes import Room, View, pose_at, scan_files
 
@@ -76,3 +82,23 @@ def test_a_camera_at_an_angle_to_its_poses_is_named_and_mended(room: Room, tmp_p
     assert found.remedy is not None
     assert found.remedy["mount_deg"] == pytest.approx(mounted.mount_deg, abs=0.5)
     assert examined(tmp_path, {**OPTIONS, **found.remedy}).verdict == "confirmed"
+
+
+def test_clocks_that_do_not_run_alike_show_another_offset_later(room: Room, tmp_path: Path) -> None:
+    def at(row: float) -> Pose:
+        return pose_at(2.0 + 0.08 * row, 1.5, yaw_deg=40.0 + 0.6 * row**2, pitch_deg=-4.0)
+
+    views = [room.view(at(row)) for row in range(12)]
+    parsed = parse_build_options(dict(OPTIONS))
+    scan = open_scan(write(scan_files(views), tmp_path), parsed.format, parsed.scan)
+    with ThreadPoolExecutor(2) as executor:
+        evidence = gather_evidence(FrameMatcher(scan), 12, executor, NoProgress())
+    times_s = np.array([frame.timestamp_s for frame in scan.frames])
+    rows_s = times_s[0] + 0.1 * np.arange(-4, 20)
+
+    def changes(poses: list[Pose]) -> bool:
+        track = Track.of_frames(rows_s, PoseArrays.of(poses), PoseConvention())
+        return offset_changes(evidence, scan.camera, track, times_s)
+
+    assert not changes([at(row - 1.0) for row in range(-4, 20)])
+    assert changes([at(row - (0.0 if row < 6 else 2.0)) for row in range(-4, 20)])
