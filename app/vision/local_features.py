@@ -15,7 +15,7 @@ from app.errors import InvalidInputError
 from app.limits import limit
 from app.vision.features import Descriptors, LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray, shrink
-from app.vision.learned.xfeat import decode
+from app.vision.learned.xfeat import DenseDescriptors, decode
 from app.vision.onnx_session import open_session
 
 MODELS_DIR = Path(__file__).parent.parent / "models"
@@ -276,13 +276,18 @@ class XFeat:
 
     def extract(self, gray: Gray) -> LocalFeatures:
         """Return the features of a grey image (height, width)."""
+        return self.describe(gray)[0]
+
+    def describe(self, gray: Gray) -> tuple[LocalFeatures, DenseDescriptors]:
+        """Return the features of a grey image (height, width), and the descriptors of all its cells."""
         small, scale = shrink(gray, self._max_side_px)
         # The network takes multiples of 32: the remainder is cropped, because stretching would distort the picture.
         height, width = (max(32, side // 32 * 32) for side in small.shape)
         image = small[:height, :width].astype(np.float32)[None, None] / 255.0
         outputs = self._session.run(["features", "keypoints", "reliability"], {"image": image})
         keypoints_px, _, descriptors = decode(outputs[0], outputs[1], outputs[2], self._max_features)
-        return LocalFeatures(((keypoints_px + 0.5) / scale - 0.5).astype(np.float32), descriptors)
+        found = LocalFeatures(((keypoints_px + 0.5) / scale - 0.5).astype(np.float32), descriptors)
+        return found, DenseDescriptors.of(outputs[0], (height, width), scale)
 
     def for_faint_images(self) -> LocalFeatureExtractor | None:
         """Return None."""

@@ -3,6 +3,8 @@
 NumPy, SciPy and OpenCV only. `export_xfeat.py` checks it against the PyTorch reference.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -45,6 +47,44 @@ class DecodingOptions:
 
 
 OPTIONS = DecodingOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class DenseDescriptors:
+    """The network's descriptors of all cells of a picture: `cells` (rows * columns, 64) for an input of
+    `input_shape` (height, width), to which the picture was reduced by `scale`."""
+
+    cells: Floats
+    input_shape: tuple[int, int]
+    scale: float
+
+    @staticmethod
+    def of(features: Floats, input_shape: tuple[int, int], scale: float) -> DenseDescriptors:
+        """Return the descriptors of the network's output (1, 64, H/8, W/8)."""
+        return DenseDescriptors(
+            np.ascontiguousarray(features.reshape(features.shape[1], -1).T), input_shape, scale
+        )
+
+    def contains(self, points_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (n, 2) of the picture are at least half a cell inside what the network saw."""
+        u, v = self._in_input(points_px).T
+        height, width = self.input_shape
+        margin = CELL_PX / 2
+        return np.asarray((u >= margin) & (v >= margin) & (u < width - margin) & (v < height - margin))
+
+    def sample(self, count: int) -> Floats:
+        """Return the unit descriptors (m, 64) of at most `count` cells, spread at random, always the same ones."""
+        chosen = self.cells[np.random.default_rng(0).permutation(len(self.cells))[:count]]
+        return np.asarray(chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1e-12))
+
+    def at(self, points_px: NDArray[np.float64]) -> Floats:
+        """Return the unit descriptors (n, 64) at points (n, 2) of the picture, interpolated between the cells."""
+        u, v = self._in_input(points_px).T
+        sampled = _sampler(u, v, self.input_shape, _linear_weights) @ self.cells
+        return np.asarray(sampled / np.maximum(np.linalg.norm(sampled, axis=1, keepdims=True), 1e-12))
+
+    def _in_input(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray((points_px + 0.5) * self.scale - 0.5)
 
 
 def decode(
@@ -106,7 +146,12 @@ def _cubic_weights(fraction: Floats) -> Floats:
     return np.concatenate([far_weights[:, :1], near_weights, far_weights[:, 1:]], axis=1)
 
 
-def _sampler(u_px: Pixels, v_px: Pixels, image_shape: tuple[int, ...], weigh: Weights) -> csr_array:
+def _sampler(
+    u_px: Pixels | NDArray[np.float64],
+    v_px: Pixels | NDArray[np.float64],
+    image_shape: tuple[int, ...],
+    weigh: Weights,
+) -> csr_array:
     """Return the matrix (N, cells) that samples a map of cells of 8x8 pixels at the given pixels.
 
     Pixel p of n is at p / (n - 1) * n / 8 - 1/2 cells: like the reference, which mixes the two conventions for the
@@ -121,7 +166,9 @@ def _sampler(u_px: Pixels, v_px: Pixels, image_shape: tuple[int, ...], weigh: We
     return csr_array((weights.ravel(), cells.ravel(), starts), shape=(len(cells), height * width))
 
 
-def _taps(position_px: Pixels, size_px: int, weigh: Weights) -> tuple[NDArray[np.int32], Floats]:
+def _taps(
+    position_px: Pixels | NDArray[np.float64], size_px: int, weigh: Weights
+) -> tuple[NDArray[np.int32], Floats]:
     """Return the cells (N, 2 or 4) around positions along one axis, and their weights, 0 outside the map."""
     cells = size_px // CELL_PX
     position = (position_px * (cells / (size_px - 1)) - 0.5).astype(np.float32)
