@@ -292,7 +292,9 @@ class SessionService:
     def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
         sources: list[FixSource] = (
-            [] if opened is None else [MapFixes(localizer_on(self._resources.settings, opened))]
+            []
+            if opened is None
+            else [MapFixes(localizer_on(self._resources.settings, opened, second_look=False))]
         )
         if self._anchors is not None:
             sources.append(AnchorFixes(partial(self._anchors.locate, venue_id, None), floors))
