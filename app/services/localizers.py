@@ -24,9 +24,10 @@ def limits_for(settings: Settings, opened: OpenMap) -> Limits:
     return replace(own, **{name: value for name, value in stated.items() if value is not None})
 
 
-def localizer_on(settings: Settings, opened: OpenMap) -> Localizer:
-    """Return the localizer on an open map."""
-    return Localizer(opened, LocalizerSettings(limits=limits_for(settings, opened)))
+def localizer_on(settings: Settings, opened: OpenMap, *, second_look: bool = True) -> Localizer:
+    """Return the localizer on an open map; without a second look a frame that is not located is answered sooner."""
+    own = LocalizerSettings(limits=limits_for(settings, opened), second_look=second_look)
+    return Localizer(opened, own)
 
 
 def vdm_localizer_on(settings: Settings, opened: OpenMap) -> VdmLocalizer:

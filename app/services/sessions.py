@@ -305,7 +305,9 @@ class SessionService:
     ) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
         sources: list[FixSource] = (
-            [] if opened is None else [MapFixes(localizer_on(self._resources.settings, opened))]
+            []
+            if opened is None
+            else [MapFixes(localizer_on(self._resources.settings, opened, second_look=False))]
         )
         anchors = None
         if self._anchors is not None:

@@ -47,5 +47,11 @@ class DenseDescriptors:
         mixed = (1 - down) * upper + down * lower
         return np.asarray(mixed / np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), MIN_LENGTH))
 
+    def sample(self, count: int) -> NDArray[np.float32]:
+        """Return the unit descriptors (m, d) of at most `count` cells, spread at random, always the same ones."""
+        rows = self.cells.reshape(-1, self.cells.shape[-1])
+        chosen = rows[np.random.default_rng(0).permutation(len(rows))[:count]]
+        return np.asarray(chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), MIN_LENGTH))
+
     def _cell_coordinates(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
         return (self.input_px(points_px) + 0.5) / self.cell_px - 0.5

@@ -16,6 +16,7 @@ from app.engine.mapping.options import parse_build_options
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.engine.query.localizer import Localizer
+from app.engine.query.settings import LocalizerSettings
 from app.vision.images import decode_image
 from bench.baselines.plain import PLAIN_NAMES, PlainName, PlainPipeline
 from bench.evaluation.dataset import Split
@@ -25,7 +26,8 @@ from bench.evaluation.variations import Variation
 from bench.rooms.rooms import Room, RoomSplit, open_split
 
 OURS = "roomfix"
-PIPELINES = (OURS, *(f"plain {name}" for name in PLAIN_NAMES))
+ONE_LOOK = "roomfix, one look"
+PIPELINES = (OURS, ONE_LOOK, *(f"plain {name}" for name in PLAIN_NAMES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +121,8 @@ def _compare_split(
     executor: Executor,
     progress: Progress,
 ) -> Iterator[RoomResult]:
-    built = build_map(frames.database, parse_build_options(dict(room.options)), models, executor, progress)
+    options = parse_build_options({**room.options, "second_features": True})
+    built = build_map(frames.database, options, models, executor, progress)
     for pipeline in pipelines:
         locate = _locator(pipeline, frames, built, models)
         for variation in variations:
@@ -137,8 +140,9 @@ def _compare_split(
 def _locator(
     pipeline: str, frames: Split, built: BuiltMap, models: VisionModels
 ) -> Localizer | PlainPipeline:
-    if pipeline == OURS:
-        return Localizer.of(built.artifact, built.index, models)
+    if pipeline in (OURS, ONE_LOOK):
+        settings = LocalizerSettings(second_look=pipeline == OURS)
+        return Localizer.of(built.artifact, built.index, models, settings)
     name: PlainName = next(each for each in PLAIN_NAMES if pipeline == f"plain {each}")
     return PlainPipeline(name, frames.database, built.keyframes, built.world_from_scan, models)
 

@@ -17,7 +17,7 @@ from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.evaluation.variations import VARIATIONS, parse_variations
 from bench.figures.shown import FiguresTitle, Shown
-from bench.rooms.compare import OURS, PIPELINES, RoomResult, compare_room
+from bench.rooms.compare import ONE_LOOK, OURS, PIPELINES, RoomResult, compare_room
 from bench.rooms.rooms import rooms_in
 
 
@@ -96,7 +96,7 @@ def _cells(results: Sequence[RoomResult]) -> list[str]:
     def percent(count: int) -> str:
         return f"{100 * count / queries:.1f}"
 
-    ours = results[0].pipeline == OURS
+    ours = results[0].pipeline in (OURS, ONE_LOOK)
     refused = f"{sum(r.right_refused for r in results)} of {sum(r.refused for r in results)}"
     return [
         str(queries),

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from app.errors import InvalidInputError
 from app.vision.features import LocalFeatureExtractor
 from app.vision.images import Gray, to_gray
-from app.vision.local_features import FEATURE_NAMES, create_extractor
+from app.vision.local_features import FEATURE_NAMES, XFeat, create_extractor
 from tests.scenes import CAMERA, Room, pose_at
 
 # What shrinks its input first finds other details in a crop: it is asked on pictures that it takes as they are.
@@ -91,3 +91,24 @@ def test_an_enlarged_picture_has_its_features_at_the_enlarged_places(gray: Gray,
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="sift"):
         create_extractor("brief")
+
+
+def test_xfeat_describes_every_cell_of_a_picture() -> None:
+    # A size that is reduced and cropped.
+    picture = cv2.resize(to_gray(Room(3).view(pose_at(1.0, 1.3)).rgb), (850, 610))
+    features, dense = XFeat().describe(np.asarray(picture, np.uint8))
+    pixels = features.keypoints_px.astype(np.float64)
+    similar = np.einsum("nd,nd->n", features.descriptors, dense.at(pixels))
+    assert np.quantile(similar, 0.1) > 0.95
+    assert np.median(np.einsum("nd,nd->n", features.descriptors, dense.at(pixels + 80.0))) < 0.8
+    others = dense.sample(50)
+    assert others.shape == (50, 64)
+    assert np.allclose(np.linalg.norm(others, axis=1), 1.0, atol=1e-5)
+    assert dense.contains(
+        np.array([[425.0, 300.0], [1.0, 300.0], [849.0, 300.0], [425.0, 609.0]])
+    ).tolist() == [
+        True,
+        False,
+        False,
+        False,
+    ]

@@ -16,13 +16,14 @@ from app.vision.global_descriptor import GlobalDescriptor
 from app.vision.images import Rgb
 from app.vision.index import GlobalIndex
 from app.vision.learned.lighterglue import LighterGlue
+from app.vision.local_features import XFeat
 
 
 @dataclass(frozen=True, slots=True)
 class SecondLook:
     """What describes a picture for the map's second features, and matches it with them."""
 
-    extractor: LocalFeatureExtractor
+    extractor: XFeat
     network: LighterGlue
 
 
@@ -60,9 +61,7 @@ class OpenMap:
             descriptor=models.global_descriptor,
             extractor=extractor,
             faint_extractor=extractor.for_faint_images(),
-            second_look=None
-            if artifact.second is None
-            else SecondLook(models.extractor("xfeat"), models.lighterglue),
+            second_look=None if artifact.second is None else SecondLook(models.xfeat, models.lighterglue),
         )
 
     def similar(self, rgb: Rgb, count: int, allowed: NDArray[np.int64] | None = None) -> list[int]:

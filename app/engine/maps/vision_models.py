@@ -10,7 +10,7 @@ from app.vision.faces.detector import FaceDetector, open_face_detector
 from app.vision.features import LocalFeatureExtractor
 from app.vision.global_descriptor import DEFAULT_MODEL, GlobalDescriptor
 from app.vision.learned.lighterglue import LighterGlue
-from app.vision.local_features import create_extractor
+from app.vision.local_features import XFeat, create_extractor
 
 
 class VisionModels:
@@ -32,13 +32,24 @@ class VisionModels:
         self._extractors: dict[str, LocalFeatureExtractor] = {}
         self._descriptor: GlobalDescriptor | None = None
         self._lighterglue: LighterGlue | None = None
+        self._xfeat: XFeat | None = None
 
     def extractor(self, name: str) -> LocalFeatureExtractor:
         """Return the extractor of that name; raises `InvalidInputError` for an unknown one."""
+        if name == "xfeat":
+            return self.xfeat
         with self._lock:
             if name not in self._extractors:
                 self._extractors[name] = create_extractor(name, self._threads)
             return self._extractors[name]
+
+    @property
+    def xfeat(self) -> XFeat:
+        """XFeat's extractor, which also describes every cell of a picture."""
+        with self._lock:
+            if self._xfeat is None:
+                self._xfeat = XFeat(threads=self._threads)
+            return self._xfeat
 
     @property
     def global_descriptor(self) -> GlobalDescriptor:

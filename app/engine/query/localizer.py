@@ -23,8 +23,9 @@ from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.placed import Accuracy
 from app.engine.query.pose import pose_in_map
 from app.engine.query.query import Query
-from app.engine.query.second_look import OPTIONS as SECOND_LOOK
-from app.engine.query.second_look import SecondMatcher
+from app.engine.query.second.agreement import Agreement
+from app.engine.query.second.look import OPTIONS as SECOND_LOOK
+from app.engine.query.second.look import SecondMatcher
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.verification import (
     Evidence,
@@ -110,7 +111,11 @@ class Localizer:
             result = _later(result, self._second_attempt(matcher, descriptor))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
             result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
-        if settings.second_look and result.reason in UNSURE and opened.second_look is not None:
+        if (
+            settings.second_look
+            and result.reason in (*UNSURE, "ambiguous")
+            and opened.second_look is not None
+        ):
             result = _later(result, self._second_look(matcher, opened.second_look, similar))
         if result.world_from_camera is None:
             result = replace(result, hints=(*picture_hints(query.gray, matcher.feature_count), *result.hints))
@@ -143,7 +148,15 @@ class Localizer:
             self.settings,
             covisible=options.covisible,
             look_alikes=options.look_alikes,
-            limits=replace(self.limits, min_inliers=options.min_inliers),
+            rival_support_ratio=options.max_rival_balance_ratio,
+            limits=replace(
+                self.limits,
+                min_inliers=options.min_inliers,
+                min_coverage=options.min_coverage,
+                min_unrepeated_share=options.min_unrepeated_share,
+                min_agreeing_cells=options.min_agreeing_cells,
+                max_disagreeing_share=options.max_disagreeing_share,
+            ),
         )
         matches = matcher.match(similar[: options.keyframes])
         if matches.feature_count < options.min_matches:
@@ -168,8 +181,7 @@ class Localizer:
             checked = check_intrinsics(best, camera, self.estimate, partial(self.find_camera, query=query))
             best, camera = checked.best, checked.camera
         rival = self._rival(matcher, best, camera)
-        if rival is not None and rival.inliers.feature_count > best.inliers.feature_count:
-            best, rival = rival, best
+        best, rival = self._ordered(matcher, best, rival, camera)
         sigmas = focal_sigma_of(known, camera), 0.0 if lens is None else lens.sigma
         return self._conclude(matcher, best, rival, checked, sigmas)
 
@@ -238,6 +250,17 @@ class Localizer:
         rival = self._hypothesis(matcher, rest, camera, first)
         return None if rival is None or same_place(rival.pose, best.pose) else rival
 
+    def _ordered(
+        self, matcher: Matcher, best: Hypothesis, rival: Hypothesis | None, camera: Camera
+    ) -> tuple[Hypothesis, Hypothesis | None]:
+        """Return the pose that more speaks for, and the other one where that is not much less."""
+        if rival is None:
+            return best, None
+        own, other = (_support(matcher, each, camera) for each in (best, rival))
+        if other > own:
+            best, rival, own, other = rival, best, other, own
+        return best, rival if other > self.settings.rival_support_ratio * own else None
+
     def estimate(
         self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
     ) -> PnpEstimate | None:
@@ -303,7 +326,10 @@ class Localizer:
             best.matches, inliers, camera, distance_m, None if rival is None else rival.inliers
         )
         unrepeated = matcher.unrepeated_count(inliers)
-        evidence = replace(evidence, position_sigma_m=own.position_m, unrepeated=unrepeated)
+        agreement = _agreement(matcher, best, camera)
+        evidence = replace(
+            evidence, position_sigma_m=own.position_m, unrepeated=unrepeated, agreement=agreement
+        )
         reason = judge(evidence, accuracy.position_m, self.limits)
         if reason is None:
             share = contradicted_in_map(
@@ -312,6 +338,17 @@ class Localizer:
             evidence = replace(evidence, contradicted=share)
             reason = judge(evidence, accuracy.position_m, self.limits)
         return evidence, reason
+
+
+def _agreement(matcher: Matcher, found: Hypothesis, camera: Camera) -> Agreement | None:
+    """Return how far the picture of a second look agrees with a pose; None for a first one, which can't compare it."""
+    return matcher.agreement(found.pose, camera) if isinstance(matcher, SecondMatcher) else None
+
+
+def _support(matcher: Matcher, found: Hypothesis, camera: Camera) -> int:
+    """Return how much speaks for a pose: cells that agree more than disagree, or inliers where none are compared."""
+    agreement = _agreement(matcher, found, camera)
+    return found.inliers.feature_count if agreement is None else agreement.balance
 
 
 def _later(first: Localization, second: Localization) -> Localization:

@@ -52,6 +52,11 @@ class LocalizerSettings:
     min_rival_inliers: int = limit(
         8, "Fewest inliers of a rival.", chosen="By hand: twice what a pose needs."
     )
+    rival_support_ratio: float = limit(
+        0.0,
+        "A rival with less support than this ratio of the best pose's is no rival.",
+        chosen="By hand: by inliers, max_rival_share decides; a second look has its own ratio.",
+    )
     convincing_inliers_factor: float = limit(
         5,
         "A first pose with this many times min_inliers, and convincing_coverage, needs no covisible keyframes.",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Support
+from app.engine.query.second.agreement import Agreement
 from app.geometry.camera import Camera
 from app.limits import limit
 
@@ -33,7 +34,8 @@ class Evidence:
     pose doesn't explain, `pose_only` the inliers that the rival doesn't; `keyframe_distance_m` how far the nearest
     keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers; `unrepeated` the
     inliers on things of which no view resembles anything elsewhere (None: not counted); `contradicted` the share of
-    the picture that speaks against the pose (`app.engine.query.contradiction`).
+    the picture that speaks against the pose (`app.engine.query.contradiction`); `agreement` how far the picture looks
+    as the pose says (None: not compared).
     """
 
     matches: int = 0
@@ -47,6 +49,7 @@ class Evidence:
     position_sigma_m: float = float("inf")
     unrepeated: int | None = None
     contradicted: float = 0.0
+    agreement: Agreement | None = None
 
     @property
     def support(self) -> Support:
@@ -107,6 +110,16 @@ class Limits:
         chosen="By hand: the length of a large room.",
     )
     min_confidence: float = limit(0.8, "Least confidence of a trusted pose.", chosen=CHOSEN)
+    min_agreeing_cells: int = limit(
+        0,
+        "Fewest cells of the picture that look as the pose says; of a second look alone.",
+        chosen="By hand: the first look does not compare them.",
+    )
+    max_disagreeing_share: float = limit(
+        1.0,
+        "Largest share of the cells that do not look so, of those that do and do not; of a second look alone.",
+        chosen="By hand, as above.",
+    )
 
     @staticmethod
     def none() -> Limits:
@@ -123,6 +136,8 @@ class Limits:
             max_position_sigma_m=float("inf"),
             max_keyframe_distance_m=float("inf"),
             min_confidence=0.0,
+            min_agreeing_cells=0,
+            max_disagreeing_share=1.0,
         )
 
 
@@ -191,10 +206,20 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         (_is_repeated(evidence, limits), "ambiguous"),
         (evidence.contradicted > limits.max_contradicted_share, "ambiguous"),
         (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
+        (_is_unlike(evidence, limits), "ambiguous"),
         (confidence_of(evidence) < limits.min_confidence, "too_few_inliers"),
         (evidence.keyframe_distance_m > limits.max_keyframe_distance_m, "outside_venue"),
     )
     return next((reason for fails, reason in failed if fails), None)
+
+
+def _is_unlike(evidence: Evidence, limits: Limits) -> bool:
+    """Whether the picture does not look as the pose says, where that was compared."""
+    found = evidence.agreement
+    if found is None:
+        return False
+    too_few = found.agreeing < limits.min_agreeing_cells
+    return too_few or found.disagreeing_share > limits.max_disagreeing_share
 
 
 def _is_repeated(evidence: Evidence, limits: Limits) -> bool:

@@ -3,6 +3,8 @@
 NumPy, SciPy and OpenCV only. `export_xfeat.py` checks it against the PyTorch reference.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -106,7 +108,12 @@ def _cubic_weights(fraction: Floats) -> Floats:
     return np.concatenate([far_weights[:, :1], near_weights, far_weights[:, 1:]], axis=1)
 
 
-def _sampler(u_px: Pixels, v_px: Pixels, image_shape: tuple[int, ...], weigh: Weights) -> csr_array:
+def _sampler(
+    u_px: Pixels | NDArray[np.float64],
+    v_px: Pixels | NDArray[np.float64],
+    image_shape: tuple[int, ...],
+    weigh: Weights,
+) -> csr_array:
     """Return the matrix (N, cells) that samples a map of cells of 8x8 pixels at the given pixels.
 
     Pixel p of n is at p / (n - 1) * n / 8 - 1/2 cells: like the reference, which mixes the two conventions for the
@@ -121,7 +128,9 @@ def _sampler(u_px: Pixels, v_px: Pixels, image_shape: tuple[int, ...], weigh: We
     return csr_array((weights.ravel(), cells.ravel(), starts), shape=(len(cells), height * width))
 
 
-def _taps(position_px: Pixels, size_px: int, weigh: Weights) -> tuple[NDArray[np.int32], Floats]:
+def _taps(
+    position_px: Pixels | NDArray[np.float64], size_px: int, weigh: Weights
+) -> tuple[NDArray[np.int32], Floats]:
     """Return the cells (N, 2 or 4) around positions along one axis, and their weights, 0 outside the map."""
     cells = size_px // CELL_PX
     position = (position_px * (cells / (size_px - 1)) - 0.5).astype(np.float32)

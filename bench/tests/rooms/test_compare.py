@@ -92,8 +92,8 @@ def test_rooms_are_those_that_the_folder_holds(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", PLAIN_NAMES)
 def test_a_picture_matches_itself(name: str, views: list[View]) -> None:
     features = plain_features(name)  # type: ignore[arg-type]
-    points_px, descriptors = features.extract(views[3].rgb)
-    a, b = features.match(descriptors, descriptors)
-    assert points_px.shape == (len(descriptors), 2)
-    assert len(a) > 0.8 * len(descriptors)
-    assert (points_px[a] == points_px[b]).mean() > 0.95
+    found = features.extract(views[3].rgb)
+    a, b = features.match(found, found)
+    assert found.points_px.shape == (len(found.descriptors), 2)
+    assert len(a) > 0.8 * len(found)
+    assert (found.points_px[a] == found.points_px[b]).mean() > 0.95

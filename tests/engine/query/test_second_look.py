@@ -8,16 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.engine.mapping.build_map import BuiltMap, build_map
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.open_map import OpenMap
+from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import NoProgress
 from app.engine.query.localizer import Localizer
+from app.engine.query.second.agreement import Agreement, agreement_in_map
+from app.engine.query.second.look import resembles_elsewhere
 from app.engine.query.settings import LocalizerSettings
 from app.geometry.camera_hint import hint_of
+from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
+from app.vision.images import to_gray
 from tests.rendered_maps import models
 from tests.scenes import CAMERA, Room, pose_at, scan_files
 
@@ -53,6 +59,66 @@ def test_what_the_first_look_misses_is_located(opened: OpenMap, room: Room) -> N
     assert np.linalg.norm(found.world_from_camera.translation - SEEN_FROM.translation) < 0.05
     assert found.evidence.inliers > 60
     assert found.hints == ()
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_right_pose_agrees_all_over_the_picture(opened: OpenMap, room: Room, number: int) -> None:
+    pose = pose_at(1.45 + 0.1 * number, 1.3, yaw_deg=12.0 * number - 10)
+    found = agreement(opened, room, pose, pose)
+    assert found.agreeing >= 20
+    assert found.disagreeing_share < 0.1
+    assert found.balance == found.agreeing - found.disagreeing
+
+
+@pytest.mark.parametrize(
+    "claimed",
+    [pose_at(1.5, 1.3, yaw_deg=24.0), pose_at(1.5, 1.9, yaw_deg=4.0), pose_at(1.5, 1.3, 2.0, yaw_deg=4.0)],
+    ids=["turned", "beside", "above"],
+)
+def test_a_wrong_pose_disagrees(opened: OpenMap, room: Room, claimed: Pose) -> None:
+    found = agreement(opened, room, SEEN_FROM, claimed)
+    assert found.disagreeing_share > 0.4
+
+
+def test_agreement_counts_the_keyframes_that_are_allowed(opened: OpenMap, room: Room) -> None:
+    none = agreement(opened, room, SEEN_FROM, SEEN_FROM, allowed=np.zeros(0, np.int64))
+    assert (none.agreeing, none.disagreeing, none.disagreeing_share) == (0, 0, 0.0)
+
+
+def agreement(
+    opened: OpenMap, room: Room, asked: Pose, claimed: Pose, allowed: NDArray[np.int64] | None = None
+) -> Agreement:
+    _, picture = models().xfeat.extract_dense(to_gray(room.view(asked).rgb))
+    return agreement_in_map(opened, claimed, CAMERA, picture, allowed)
+
+
+def test_a_feature_is_repeated_where_its_like_is_at_another_place(opened: OpenMap) -> None:
+    unit = np.eye(64, dtype=np.float16)
+    alike = np.zeros(64, np.float16)
+    alike[[0, 1]] = 0.96, 0.28
+    own = features_at([[0, 0, 0]] * 2, unit[:2])
+    rows, flat = np.array([0, 1]), np.ones(3, np.float32)
+    assert resembles_elsewhere(own, rows, features_at([[5, 0, 0]], alike[None]), flat).tolist() == [
+        True,
+        False,
+    ]
+    assert resembles_elsewhere(own, rows, features_at([[3, 0, 0]], alike[None]), flat).tolist() == [
+        False,
+        False,
+    ]
+    above, by_height = features_at([[0, 0, 3]], alike[None]), np.array([1, 1, 3], np.float32)
+    assert resembles_elsewhere(own, rows, above, by_height).tolist() == [True, False]
+
+
+def features_at(points: list[list[float]], descriptors: NDArray[np.float16]) -> SecondFeatures:
+    count = len(points)
+    return SecondFeatures(
+        offsets=np.array([0, count]),
+        keypoints_px=np.zeros((count, 2), np.float32),
+        points_in_world=np.array(points, np.float32),
+        point_sigma_m=np.zeros(count, np.float32),
+        descriptors=descriptors,
+    )
 
 
 def test_another_room_is_not_located(opened: OpenMap, foreign_room: Room) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.query.matches import Matches
+from app.engine.query.second.agreement import Agreement
 from app.engine.query.verification import (
     CONFIDENCE,
     ConfidenceModel,
@@ -106,6 +107,26 @@ def test_what_another_place_explains_must_not_be_more_than_what_is_nowhere_else(
     limits = replace(EDGE, max_rival_share=1.0)
     assert judge(replace(AT_THE_EDGE, unrepeated=20, rival=20), 0.1, limits) is None
     assert judge(replace(AT_THE_EDGE, unrepeated=20, rival=21), 0.1, limits) == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("agreement", "reason"),
+    [
+        (None, None),
+        (Agreement(agreeing=6, disagreeing=2), None),
+        (Agreement(agreeing=5, disagreeing=0), "ambiguous"),
+        (Agreement(agreeing=6, disagreeing=3), "ambiguous"),
+        (Agreement(), "ambiguous"),
+    ],
+    ids=str,
+)
+def test_a_picture_must_look_as_the_pose_says_where_that_was_compared(
+    agreement: Agreement | None, reason: str | None
+) -> None:
+    limits = replace(EDGE, min_agreeing_cells=6, max_disagreeing_share=0.25)
+    evidence = replace(AT_THE_EDGE, agreement=agreement)
+    assert judge(evidence, 0.125, limits) == reason
+    assert judge(evidence, 0.125, EDGE) is None
 
 
 # A clear view of a room that is in the map.

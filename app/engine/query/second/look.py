@@ -9,11 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.open_map import OpenMap, SecondLook
+from app.engine.maps.second_features import SecondFeatures
+from app.engine.query.localization import votes_of
 from app.engine.query.matches import Matches, QueryMatcher, excluded_keyframes
 from app.engine.query.query import Query
+from app.engine.query.second.agreement import Agreement, agreement_in_map
 from app.engine.stage_timer import clock_s
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
 from app.limits import limit
 from app.vision.learned.lighterglue import PictureFeatures
+from app.vision.repetition import PLACE
+
+Rows = NDArray[np.intp]
+
+FITTED = (
+    "By hand, on candidates in desk_rs (docs/figures/unseen.md) and of the demonstration's upper corridors in a map "
+    "of its ground floor."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,15 +36,14 @@ class SecondLookOptions:
     max_features: int = limit(
         512, "Features of the frame that are matched.", chosen="By hand: bounds the time of the network."
     )
-    min_inliers: int = limit(
-        40,
-        "Fewest inliers of a pose.",
-        chosen="By hand: 46 pictures of other places in a map of a desk reach 26 at most.",
+    min_inliers: int = limit(20, "Fewest inliers of a pose.", chosen=FITTED)
+    min_coverage: float = limit(
+        0.12, "Least share of the image's grid cells that hold inliers.", chosen=FITTED
     )
     min_matches: int = limit(
         20,
         "Fewest features of the frame that match the most similar keyframes; with fewer no pose is looked for.",
-        chosen="By hand: half of min_inliers, since keyframes that are matched later add some.",
+        chosen="By hand: as many as a pose needs inliers.",
     )
     min_distance_elsewhere: float = limit(
         0.15,
@@ -50,6 +62,30 @@ class SecondLookOptions:
         2,
         "Keyframes of other places that look like one of the best two, which are matched too.",
         chosen="By hand, as above.",
+    )
+    twins: int = limit(
+        20,
+        "Keyframes of other places, which look most like each of the two that were matched best, whose features are "
+        "compared with the inliers'.",
+        chosen=FITTED,
+    )
+    max_similarity_elsewhere: float = limit(
+        0.8, "A feature with a larger cosine to one at another place is repeated.", chosen=FITTED
+    )
+    min_unrepeated_share: float = limit(
+        0.6, "Least share of the inliers that are not repeated.", chosen=FITTED
+    )
+    min_agreeing_cells: int = limit(
+        7, "Fewest cells of the picture that look as the pose says.", chosen=FITTED
+    )
+    max_disagreeing_share: float = limit(
+        0.35, "Largest share of cells that do not, of those that do and do not.", chosen=FITTED
+    )
+    max_rival_balance_ratio: float = limit(
+        0.5,
+        "Another pose counts when its agreeing cells less the disagreeing ones are more than this share of those of "
+        "the best.",
+        chosen=FITTED,
     )
 
 
@@ -73,12 +109,15 @@ class SecondMatcher:
         self.query = query
         self._map, self._first, self._network = opened, first, look.network
         started = clock_s()
-        found = look.extractor.extract(query.gray)
+        found, self._picture = look.extractor.extract_dense(query.gray)
         query.spent_s["describe"] += clock_s() - started
         count = OPTIONS.max_features
         descriptors = np.asarray(found.descriptors[:count], np.float32)
         self._own = PictureFeatures(found.keypoints_px[:count], descriptors, query.size_px)
         self._matches: dict[int, Matches] = {}
+        # By keyframe: the row of the map's feature that each feature of the query matches.
+        self._map_rows: dict[int, dict[int, int]] = {}
+        self._axis_weights = PLACE.axis_weights(opened.artifact.metadata.z_up)
         self._excluded = excluded_keyframes(opened.artifact, query.allowed)
 
     @property
@@ -100,8 +139,28 @@ class SecondMatcher:
         return Matches.merge([self._matches[keyframe] for keyframe in new])
 
     def unrepeated_count(self, matches: Matches) -> int:
-        """Return how many features have a distinct match: it is distinct by every view of what was matched."""
-        return matches.distinct_count
+        """Return how many features have a distinct match, among these of this query, whose feature of the map resembles
+        none in the keyframes of other places that look most like those that were matched best."""
+        matches = matches.take(matches.distinct)
+        voted = [vote.keyframe for vote in votes_of(matches, matches)[:2]]
+        twins = self._map.retrieval.look_alikes_of(voted, OPTIONS.twins, self.query.allowed)
+        second = self._map.artifact.second
+        if second is None or not twins or not len(matches):
+            return matches.distinct_count
+        rows = np.array(
+            [
+                self._map_rows[keyframe][row]
+                for keyframe, row in zip(matches.keyframes, matches.query_rows, strict=True)
+            ]
+        )
+        repeated = resembles_elsewhere(
+            second, rows, second.take(list(dict.fromkeys(twins))), self._axis_weights
+        )
+        return len(np.unique(matches.query_rows[~repeated]))
+
+    def agreement(self, world_from_camera: Pose, camera: Camera) -> Agreement:
+        """Return how far the picture looks as a pose says."""
+        return agreement_in_map(self._map, world_from_camera, camera, self._picture, self.query.allowed)
 
     def _are_distinct(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which things at world points (n, 3) resemble nothing elsewhere by the map's own features of them."""
@@ -119,6 +178,7 @@ class SecondMatcher:
             second.keypoints_px[span], second.descriptors[span], (camera.width, camera.height)
         )
         a, b, probability = self._network.match(self._own, theirs)
+        self._map_rows[keyframe] = dict(zip(a.tolist(), (span.start + b).tolist(), strict=True))
         return Matches(
             points_px=self._own.keypoints_px[a].astype(np.float64),
             points_in_world=second.points_in_world[span][b].astype(np.float64),
@@ -128,3 +188,14 @@ class SecondMatcher:
             distances=(1.0 - probability).astype(np.float32),
             distinct=self._are_distinct(second.points_in_world[span][b].astype(np.float64)),
         )
+
+
+def resembles_elsewhere(
+    second: SecondFeatures, rows: Rows, others: SecondFeatures, axis_weights: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """Return which features of a map, by their rows (n,), resemble one of `others` at another place."""
+    similar = second.descriptors[rows].astype(np.float32) @ others.descriptors.astype(np.float32).T
+    own, there = (each * axis_weights for each in (second.points_in_world[rows], others.points_in_world))
+    squares = (own**2).sum(axis=1)[:, None] + (there**2).sum(axis=1) - 2.0 * own @ there.T
+    elsewhere = squares > PLACE.radius_m**2
+    return np.asarray(((similar > OPTIONS.max_similarity_elsewhere) & elsewhere).any(axis=1))
