@@ -5,7 +5,7 @@ COPY pyproject.toml constraints.txt README.md ./
 COPY app ./app
 COPY migrations ./migrations
 RUN python -m venv /opt/roomfix \
- && /opt/roomfix/bin/pip install --no-cache-dir --constraint constraints.txt '.[postgresql,scans,sfm]'
+ && /opt/roomfix/bin/pip install --no-cache-dir --constraint constraints.txt '.[faces,postgresql,scans,sfm]'
 
 FROM python:3.12-slim
 COPY --from=build /opt/roomfix /opt/roomfix

@@ -51,7 +51,11 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
         routes=routes,
         anchors=AnchorService(resources, maps, describer),
         locate=LocateService(resources, maps, features, locator),
-        uploads=UploadFolder(resources.settings.uploads_dir, resources.settings.max_archive_bytes),
+        uploads=UploadFolder(
+            resources.settings.uploads_dir,
+            resources.settings.max_archive_bytes,
+            is_store_here=resources.settings.blob_url is None,
+        ),
         keys=KeyService(resources.database, resources.settings.admin_key),
         recordings=RecordingService(resources),
         sessions=SessionService(resources, maps, features, routes, locator, tracking),

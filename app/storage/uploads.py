@@ -30,6 +30,7 @@ from app.storage.db import now
 UPLOAD_ID = re.compile(r"[0-9a-f]{32}")
 DATA_SUFFIX = ".part"
 FACTS_SUFFIX = ".json"
+STAGED_SUFFIX = ".new"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +83,14 @@ class Upload:
 
 
 class UploadFolder:
-    """The uploads of one machine. What is on the disk is all there is: a restart changes nothing."""
+    """The uploads of one machine. What is on the disk is all there is: a restart changes nothing.
 
-    def __init__(self, folder: Path, max_bytes: int) -> None:
+    `is_store_here` says that whole uploads are then copied to a store on the same disk.
+    """
+
+    def __init__(self, folder: Path, max_bytes: int, *, is_store_here: bool = True) -> None:
         self._folder, self.max_bytes = folder, max_bytes
+        self._copies = 2 if is_store_here else 1
 
     def create(self, length: int, venue_id: str | None) -> Upload:
         """Begin an upload.
@@ -102,16 +107,17 @@ class UploadFolder:
         others = list(self._uploads())
         if len(others) >= OPTIONS.max_open:
             raise BusyError("There are too many unfinished uploads; finish or delete some.")
-        expected = sum(each.facts.length - each.offset for each in others)
+        expected = sum(self._copies * each.facts.length - each.offset for each in others)
         free = shutil.disk_usage(self._folder).free - expected - OPTIONS.spare_bytes
-        if length > free:
+        if self._copies * length > free:
             raise StorageFullError(
-                f"The upload has {length:,} bytes, and {max(free, 0):,} are free; nothing was stored."
+                f"The upload needs {self._copies * length:,} bytes of the disk until it is stored, and "
+                f"{max(free, 0):,} are free; nothing was stored."
             )
         upload_id = uuid.uuid4().hex
         self._data(upload_id).touch(exist_ok=False)
         # The facts come last: an upload without them is none.
-        staged = self._facts(upload_id).with_suffix(".new")
+        staged = self._facts(upload_id).with_suffix(STAGED_SUFFIX)
         staged.write_text(json.dumps(asdict(UploadFacts(length, venue_id))), encoding="utf-8")
         staged.replace(self._facts(upload_id))
         return self.get(upload_id)
@@ -174,6 +180,7 @@ class UploadFolder:
 
     def _remove(self, upload_id: str) -> None:
         self._facts(upload_id).unlink(missing_ok=True)
+        self._data(upload_id).with_suffix(STAGED_SUFFIX).unlink(missing_ok=True)
         self._data(upload_id).unlink(missing_ok=True)
 
     def _uploads(self) -> Iterator[Upload]:
