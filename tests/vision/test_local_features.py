@@ -96,7 +96,7 @@ def test_an_unknown_name_is_refused() -> None:
 def test_xfeat_describes_every_cell_of_a_picture() -> None:
     # A size that is reduced and cropped.
     picture = cv2.resize(to_gray(Room(3).view(pose_at(1.0, 1.3)).rgb), (850, 610))
-    features, dense = XFeat().describe(np.asarray(picture, np.uint8))
+    features, dense = XFeat().extract_dense(np.asarray(picture, np.uint8))
     pixels = features.keypoints_px.astype(np.float64)
     similar = np.einsum("nd,nd->n", features.descriptors, dense.at(pixels))
     assert np.quantile(similar, 0.1) > 0.95
