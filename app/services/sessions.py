@@ -243,12 +243,12 @@ class SessionService:
         with self._resources.database.read() as connection:
             floors = list_floors(connection, session.venue_id)
             earth = earth_of(connection, session.venue_id, floors)
-        plans = None if opened is not None or self._anchors is None else self._features.plans(floors)
-        tracker = _tracker_for(live, plans, self._tracking)
+        surroundings = self._surroundings(session.venue_id, opened, floors)
+        tracker = _tracker_for(live, surroundings.plans, self._tracking)
         before = tracker.memory
         time_s = time.time() if frame.time_s is None else frame.time_s
         taken = TrackingFrame.of(rgb, time_s, frame.gravity, behind_lens, frame.motion)
-        tracked = tracker.process(taken, self._surroundings(session.venue_id, opened, floors, plans))
+        tracked = tracker.process(taken, surroundings)
         timer.lap("track")
         plan_reason = plan_reason_of(tracked, serving)
         floor, plan = self._place(tracked, floors, has_plan=plan_reason is None)
@@ -270,7 +270,26 @@ class SessionService:
             **_camera_of(session, camera or tracker.camera),
             timings_ms={**timer.milliseconds, "total": timer.total_ms},
         )
-        guidance = self._guide.guidance(
+        return SessionResult(
+            result=on_earth(answer, earth),
+            session=session.id,
+            frame=point.frame,
+            tracking=tracked.state,
+            unaided_m=tracked.unaided_m,
+            trajectory=tuple(live.recent),
+            guidance=self._guidance(live, session, floor, plan, tracked, time_s),
+        )
+
+    def _guidance(
+        self,
+        live: _Live,
+        session: Session,
+        floor: Floor | None,
+        plan: PlanPoint | None,
+        tracked: Tracked,
+        time_s: float,
+    ) -> dict[str, Any] | None:
+        return self._guide.guidance(
             live.way,
             session.venue_id,
             session.destination,
@@ -279,16 +298,7 @@ class SessionService:
             plan,
             tracked.placed is not None,
             time_s,
-            0.0 if tracked.accuracy is None else tracked.accuracy.position_m,
-        )
-        return SessionResult(
-            result=on_earth(answer, earth),
-            session=session.id,
-            frame=point.frame,
-            tracking=tracked.state,
-            unaided_m=tracked.unaided_m,
-            trajectory=tuple(live.recent),
-            guidance=guidance,
+            tracked.accuracy.position_m if tracked.accuracy else 0.0,
         )
 
     def _place(
@@ -300,9 +310,7 @@ class SessionService:
             return floor, None
         return floor, self._features.described(plan, floor)
 
-    def _surroundings(
-        self, venue_id: str, opened: OpenMap | None, floors: list[Floor], plans: Plans | None
-    ) -> Surroundings:
+    def _surroundings(self, venue_id: str, opened: OpenMap | None, floors: list[Floor]) -> Surroundings:
         """Return what gives fixes, the map and the anchors where it shows nothing, and where a camera can be."""
         sources: list[FixSource] = (
             []
@@ -317,7 +325,7 @@ class SessionService:
             FirstFixes(sources),
             is_inside=lambda pose: not floors or floor_of(floors, pose) is not None,
             can_change_floor=lambda pose, away_s: self._can_change_floor(venue_id, floors, pose, away_s),
-            plans=plans,
+            plans=None if opened is not None or anchors is None else self._features.plans(floors),
             anchors=anchors,
         )
 

@@ -65,9 +65,10 @@ class PlanMotion:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanBelief:
     """Place (2,), direction in radians counter-clockwise from x, and floor of a camera, with one sigma of the place as
-    the root mean square error, and of the direction."""
+    the root mean square error, and of the direction; `floor_share` is the probability of the floor."""
 
     floor: str
+    floor_share: float
     xy: Array
     yaw_rad: float
     position_sigma_m: float
@@ -182,6 +183,7 @@ class Particles:
         length = min(float(np.hypot(sin, cos)), 1.0 - 1e-12)
         return PlanBelief(
             floor=self._names[row],
+            floor_share=float(by_floor[row] / by_floor.sum()),
             xy=xy,
             yaw_rad=float(np.arctan2(sin, cos)),
             position_sigma_m=spread,

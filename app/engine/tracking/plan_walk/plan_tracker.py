@@ -61,6 +61,11 @@ class PlanTrackerOptions:
     max_sigma_m: float = limit(
         2.0, "Position sigma above which no place is answered.", chosen="By hand: half a room."
     )
+    min_floor_share: float = limit(
+        0.95,
+        "Probability of a floor below which no place is answered: half way up the stairs.",
+        chosen="By hand: a wrong floor is worse than none, and nobody needs an arrow on stairs.",
+    )
     lost_sigma_m: float = limit(
         5.0, "Position sigma above which only a fix says where the camera is.", chosen="By hand: a room."
     )
@@ -157,7 +162,7 @@ class PlanTracker:
         belief = self._particles.belief()
         if belief.position_sigma_m > OPTIONS.lost_sigma_m:
             self._particles = None
-        if belief.position_sigma_m > OPTIONS.max_sigma_m:
+        if belief.position_sigma_m > OPTIONS.max_sigma_m or belief.floor_share < OPTIONS.min_floor_share:
             return self._nothing(NoFix("no_match"))
         return self._answer(frame, plans, belief, support, fix, state, before)
 

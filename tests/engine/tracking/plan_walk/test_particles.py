@@ -88,12 +88,16 @@ def test_a_corridor_keeps_its_walker_and_straightens_the_direction() -> None:
 
 def test_who_climbs_the_stairs_is_on_the_other_floor_from_their_middle_on() -> None:
     particles = Particles(walls(), fix_at(18.0, 1.0, yaw_deg=180.0, sigma_m=0.05))
-    floors = []
+    floors, shares = [], []
     for _ in range(10):
         particles.move(step(0.3))
         floors.append(particles.belief().floor)
+        shares.append(particles.belief().floor_share)
     assert floors[:5] == ["ground"] * 5
     assert floors[-2:] == ["upper"] * 2
+    assert min(shares[:4]) > 0.95
+    assert min(shares) < 0.8
+    assert shares[-1] > 0.95
 
 
 def test_without_areas_nothing_stops_a_walker() -> None:
