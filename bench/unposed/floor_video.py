@@ -66,7 +66,7 @@ def evaluate_video(
             workers=1,
             progress=lambda done, total: progress.report("render", done, total),
         )
-        truth, queries = _scan_of(video), _queries_of(video)
+        truth, queries = scan_of(video), queries_of(video)
         path = folder / "video.mp4"
         if not path.is_file():
             write_video(truth, path, FPS)
@@ -85,7 +85,8 @@ def evaluate_video(
     shown.write("evaluate-video", figures_title)
 
 
-def _scan_of(video: FloorVideo) -> Scan:
+def scan_of(video: FloorVideo) -> Scan:
+    """Return the frames of the video with their true poses."""
     from bench.recordings.floor_video import FPS
     from bench.recordings.scan import SCAN_CAMERA
 
@@ -98,7 +99,8 @@ def _scan_of(video: FloorVideo) -> Scan:
     )
 
 
-def _queries_of(video: FloorVideo) -> FormatQueries:
+def queries_of(video: FloorVideo) -> FormatQueries:
+    """Return the phone pictures."""
     frames = tuple(Frame(q.name, 0.0, q.path, q.path, q.world_from_camera) for q in video.queries)
     scan = Scan(
         camera=video.queries[0].camera,

@@ -59,7 +59,8 @@ class ClosureOptions:
     min_error_m: float = limit(
         0.03,
         "Least median error of the held-back loops before the correction for which it is applied.",
-        chosen="By hand: with right poses it is 0.014 m on redkitchen, by what depth and lens are off by.",
+        chosen="By hand: twice what depth and lens make of right poses, 0.016 m on redkitchen and 0.015 m on "
+        "freiburg1_rpy (`roomfix evaluate-drift SCAN --drift 0`).",
     )
     max_left_ratio: float = limit(
         0.6,
