@@ -71,7 +71,7 @@ def test_every_call_but_health_asks_for_the_key(locked: Server) -> None:
                     json={"id": "x", "name": "x"},
                 )
                 assert_problem(answer, 401, "unauthenticated")
-                assert answer.headers["www-authenticate"] == "Bearer"
+                assert answer.headers["www-authenticate"] == 'Bearer realm="roomfix"'
 
 
 def test_the_right_key_opens(locked: Server) -> None:
