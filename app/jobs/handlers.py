@@ -12,9 +12,9 @@ from datetime import timedelta
 from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
 from app.jobs.lease import LeaseWatch
 from app.limits import limit
+from app.services.builds.run_build import run_build, scratch_folder
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.run_build import run_build, scratch_folder
 from app.storage.builds import Build, State, finish_build, report_progress
 from app.storage.leases import list_leases, take_back
 from app.storage.sweep import GRACE, discard_blobs, sweep_blobs, sweep_scratch

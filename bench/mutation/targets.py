@@ -41,7 +41,7 @@ TARGETS = (
     ),
     Target("app/storage/maps.py", (ALONE, "tests/storage/test_maps.py")),
     Target(
-        "app/services/run_build.py",
+        "app/services/builds/run_build.py",
         (f"{SERVICES}/test_publishing.py", f"{SERVICES}/test_run_build.py"),
     ),
 )

@@ -9,8 +9,8 @@ import pytest
 from app.jobs.handlers import recover
 from app.jobs.lease import LeaseWatch
 from app.jobs.worker_name import worker_name
+from app.services.builds.run_build import scratch_folder
 from app.services.resources import Resources
-from app.services.run_build import scratch_folder
 from app.settings import Settings
 from app.storage.builds import claim_build, create_build, get_build
 from app.storage.venues import create_venue

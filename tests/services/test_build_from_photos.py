@@ -11,10 +11,10 @@ from app.engine.mapping.structure import reconstruction
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
 from app.geometry.camera_hint import parse_camera_hint
+from app.services.builds.run_build import run_build
 from app.services.locate_result import LocateRequest
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.run_build import run_build
 from app.services.submit_build import submit_build
 from app.services.wiring import wire_services
 from app.settings import Settings

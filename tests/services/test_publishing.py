@@ -17,12 +17,14 @@ from app.engine.mapping.register_scan import UnregisteredScanError
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
 from app.geometry.se3 import Pose
+from app.services.builds.place_scan import replacement_warnings
+from app.services.builds.run_build import run_build
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.run_build import contradiction_warnings, run_build
 from app.services.submit_build import submit_build
 from app.settings import Settings
 from app.storage.builds import claim_build, get_build
+from app.storage.floors import put_floor
 from app.storage.maps import MapVersion, get_map, list_keyframe_images, list_maps
 from app.storage.venues import create_venue
 from tests.scenes import CAMERA_TEXT, Room, View, pose_at, scan_files, zipped
@@ -53,6 +55,21 @@ class Venue:
         assert (build.state, build.map_version, build.report) == ("succeeded", version, published.statistics)
         assert published.build_id == build.id
         return published
+
+    def place_floor(self, floor_id: str) -> None:
+        """Add a floor whose plan has its axes in the world's."""
+        with self.resources.database.write() as connection:
+            put_floor(
+                connection,
+                "v",
+                floor_id,
+                name="",
+                level=0,
+                z_min_m=0.0,
+                z_max_m=3.0,
+                plan_from_world=np.eye(4),
+                plan_residual_m=None,
+            )
 
     def versions(self) -> int:
         """Return how many versions there are."""
@@ -163,18 +180,53 @@ def test_gravity_that_shows_a_leaning_world_makes_an_upright_one(mapped: Venue, 
     assert any("does not point up" in warning for warning in found.statistics["warnings"])
 
 
-@pytest.mark.parametrize(("located", "contradicts"), [(30, True), (9, False), (0, False)])
-def test_a_map_that_knows_the_scan_and_puts_it_elsewhere_is_replaced_by_force_alone(
-    located: int, contradicts: bool
+@pytest.mark.parametrize(
+    ("located", "floors", "refused"),
+    [
+        (30, (), "contradicts the present map.*the map locates 30.*map is what is wrong"),
+        (30, ("ground",), "contradicts the present map.*plan of floor ground was placed"),
+        (
+            9,
+            ("ground", "upper"),
+            "another place.*locates 9,.*plan of floors ground, upper was placed.*world_from_scan",
+        ),
+        (0, ("a", "b", "c", "d", "e"), "floors a, b, c and 2 more was placed"),
+        (9, (), None),
+        (0, (), None),
+    ],
+)
+def test_a_scan_that_was_not_found_in_the_map_replaces_it_by_force_where_that_does_harm(
+    located: int, floors: tuple[str, ...], refused: str | None
 ) -> None:
     error = UnregisteredScanError(40, located, 4)
-    asked, forced = BuildOptions(), BuildOptions(force=True)
-    if not contradicts:
-        assert contradiction_warnings(error, asked) == ()
-        return
-    with pytest.raises(InvalidScanError, match=r'the map locates 30.*"force": true'):
-        contradiction_warnings(error, asked)
-    assert "as force says" in contradiction_warnings(error, forced)[0]
+    if refused is None:
+        (warning,) = replacement_warnings(error, BuildOptions(), floors)
+        assert "seems to show another place" in warning
+    else:
+        with pytest.raises(InvalidScanError, match=f'(?s){refused}.*"force": true'):
+            replacement_warnings(error, BuildOptions(), floors)
+    (warning,) = replacement_warnings(error, BuildOptions(force=True), floors)
+    assert "as force says" in warning
+    assert ("Place the floors anew" in warning) == bool(floors)
+
+
+ASIDE = Pose(np.eye(3), np.array([1.0, 0.0, 0.0]))
+
+
+def test_a_given_placement_is_held_against_the_present_map(mapped: Venue, hall: list[View]) -> None:
+    aside = ASIDE.matrix.tolist()
+    with pytest.raises(
+        InvalidScanError, match=r"1\.00 m and 0\.0 degrees from where the present map finds it"
+    ):
+        mapped.build(hall, mode="extend", world_from_scan=aside, store_images=False)
+    mapped.place_floor("ground")
+    with pytest.raises(InvalidScanError, match="plan of floor ground was placed"):
+        mapped.build(hall, world_from_scan=aside, store_images=False)
+    assert mapped.versions() == 1
+    forced = mapped.build(hall, world_from_scan=aside, force=True, store_images=False)
+    assert placed(forced) == ("given", True)
+    assert off_m(forced, ASIDE) < 1e-9
+    assert any("1.00 m" in warning for warning in forced.statistics["warnings"])
 
 
 RAISED = Pose(np.eye(3), np.array([0.0, 0.0, 0.1]))
@@ -196,7 +248,19 @@ def test_a_scan_of_another_place_replaces_the_map_but_does_not_extend_it(
     with pytest.raises(InvalidScanError, match="can't be placed"):
         mapped.build(other, mode="extend", store_images=False)
     assert mapped.versions() == 1
-    assert placed(mapped.build(other, gravity=[0, 0, -1], store_images=False)) == ("gravity", True)
+    found = mapped.build(other, gravity=[0, 0, -1], store_images=False)
+    assert placed(found) == ("gravity", True)
+    assert any("another place" in warning for warning in found.statistics["warnings"])
+
+
+def test_floors_are_not_left_in_the_world_of_another_scan(mapped: Venue, foreign_room: Room) -> None:
+    other = [foreign_room.view(pose) for pose in POSES[:4]]
+    mapped.place_floor("ground")
+    with pytest.raises(InvalidScanError, match="floor ground was placed"):
+        mapped.build(other, store_images=False)
+    assert mapped.versions() == 1
+    given = mapped.build(other, world_from_scan=IDENTITY, store_images=False)
+    assert placed(given) == ("given", True)
 
 
 def test_a_map_grows_by_a_scan_and_keeps_the_pictures_of_all_keyframes(

@@ -10,10 +10,10 @@ import pytest
 
 from app.errors import CancelledBuildError, MapDamagedError
 from app.jobs.handlers import handle_build
-from app.services import run_build as module
+from app.services.builds import run_build as module
+from app.services.builds.run_build import run_build
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.run_build import run_build
 from app.services.submit_build import submit_build, withdraw_build
 from app.settings import Settings
 from app.storage.builds import Build, claim_build, get_build

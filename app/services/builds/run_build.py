@@ -7,87 +7,31 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from app.engine.mapping.build_map import BuiltMap, build_map, scan_placement
+from app.engine.mapping.build_map import BuiltMap, build_map
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
-from app.engine.mapping.register_scan import UnregisteredScanError, middle_of, register_scan
 from app.engine.mapping.self_check import SelfCheck, check_map
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.open_map import OpenMap
 from app.engine.maps.surroundings import with_places
 from app.engine.progress import Progress
-from app.engine.query.localizer import Localizer
-from app.errors import CancelledBuildError, ConflictError, InvalidScanError, MapDamagedError
-from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.errors import CancelledBuildError, ConflictError, MapDamagedError
 from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
-from app.importers.frames import Frame, FrameSource
-from app.limits import limit
-from app.services.examine_scan import WITHOUT_SCALE, ExaminedScan, read_scan
+from app.importers.frames import Frame
+from app.services.builds.place_scan import Placement, PresentMap, place_scan
+from app.services.examine_scan import ExaminedScan, read_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
+from app.storage.floors import list_floors
 from app.storage.map_files import file_checksum
-from app.storage.maps import KeyframeImages, MapVersion, list_keyframe_images, publish_map
+from app.storage.maps import KeyframeImages, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 
 log = logging.getLogger("roomfix.builds")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlacementOptions:
-    """When a scan lies where its own poses say, and when the present map contradicts it."""
-
-    same_frame_m: float = limit(
-        0.05,
-        "A registration within this of the scan's own frame says that the frame is the world already.",
-        chosen="By hand: the scan's own poses are then better than any registration.",
-    )
-    same_frame_rad: float = limit(
-        0.0175,
-        "The same for the attitude: one degree.",
-        chosen="By hand: as same_frame_m, over three metres.",
-    )
-    upright_rad: float = limit(
-        0.05,
-        "A world whose z leans by less than this from what a registered scan's gravity says has z up.",
-        chosen="By hand: three degrees, what gravity and registration are off by together.",
-    )
-    contradicting_frames: int = limit(
-        5,
-        "Frames of the scan located in the present map, but apart from each other, that contradict it.",
-        chosen="By hand: fewer may be look-alikes.",
-    )
-    contradicting_share: float = limit(
-        0.25,
-        "The same as a share of the frames that were tried.",
-        chosen="By hand: a part of the scan is elsewhere.",
-    )
-
-
-OPTIONS = PlacementOptions()
-LEANING_WORLD = (
-    "The z axis of the map before does not point up, by this scan's gravity: the new map has another, upright world. "
-    "Floors and anchors that were placed in the world before have to be placed anew."
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """`world_from_scan`, and where it comes from: `given`, `gravity`, `registered` or `scan_frame`; `z_up` says
-    whether the world's z axis is known to point up by it."""
-
-    world_from_scan: Pose
-    source: str
-    z_up: bool
-    figures: dict[str, Any]
-    warnings: tuple[str, ...] = ()
 
 
 def run_build(build: Build, resources: Resources, library: MapLibrary, progress: Progress) -> int:
@@ -101,12 +45,12 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
         root = _unpack(build, resources, folder, progress)
         progress.report("read", 0, 1)
         unpacked = time.perf_counter()
-        present = _present_map(build, options, library)
-        z_is_up = present is not None and present[1].z_up
+        present = _present_map(build, options, library, resources)
+        z_is_up = present is not None and present.version.z_up
         examined = read_scan(root, build.options, resources, progress, up_is_known=z_is_up, scratch=folder)
         source, options = examined.scan, examined.options
         seen = time.perf_counter()
-        placement = _place(source, options, present, resources, progress)
+        placement = place_scan(source, options, present, resources.executor, progress)
         placed = time.perf_counter()
         built = build_map(
             source,
@@ -143,18 +87,23 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
 
 
 def _present_map(
-    build: Build, options: BuildOptions, library: MapLibrary
-) -> tuple[OpenMap, MapVersion] | None:
+    build: Build, options: BuildOptions, library: MapLibrary, resources: Resources
+) -> PresentMap | None:
     """Return the map that serves. One that can't be opened, as after a change of the global descriptor, is what
     a new build replaces, so it doesn't stand in its way."""
     try:
         # The version before a damaged one may give the world, but isn't what is to be extended.
-        return library.active(build.venue_id, is_whole=options.mode == "extend")
+        found = library.active(build.venue_id, is_whole=options.mode == "extend")
     except (ConflictError, MapDamagedError) as error:
         if options.mode == "extend":
             raise
         log.warning("the present map of venue %s can't be used: %s", build.venue_id, error)
         return None
+    if found is None:
+        return None
+    with resources.database.read() as connection:
+        floors = list_floors(connection, build.venue_id)
+    return PresentMap(*found, tuple(floor.id for floor in floors if floor.plan_from_world is not None))
 
 
 def scratch_folder(resources: Resources, build: Build) -> Path:
@@ -194,69 +143,6 @@ def _unpack(build: Build, resources: Resources, folder: Path, progress: Progress
     return extract_archive(archive, folder / "scan", limits, report)
 
 
-def _place(
-    source: FrameSource,
-    options: BuildOptions,
-    present: tuple[OpenMap, MapVersion] | None,
-    resources: Resources,
-    progress: Progress,
-) -> Placement:
-    own = scan_placement(options, source)
-    if options.world_from_scan is not None:
-        return Placement(own, "given", True, {})
-    by_gravity = options.gravity is not None or source.gravity is not None
-    alone = Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
-    in_metres = present is not None and source.has_scale and present[1].has_scale
-    if present is not None and options.mode == "extend" and not in_metres:
-        raise InvalidScanError(WITHOUT_SCALE)
-    if present is None or not in_metres:
-        return alone
-    try:
-        found = register_scan(source, Localizer(present[0]), resources.executor, progress)
-    except UnregisteredScanError as error:
-        if options.mode == "extend":
-            raise
-        warnings = contradiction_warnings(error, options)
-        return Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {}, warnings)
-    figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
-    middle = middle_of(source.frames)
-    registered, as_given = found.world_from_scan @ middle, own @ middle
-    same = (
-        position_difference_m(registered, as_given) < OPTIONS.same_frame_m
-        and attitude_difference_rad(registered, as_given) < OPTIONS.same_frame_rad
-    )
-    # When the scan is in the present map's frame already, its own poses are better than any registration.
-    world_from_scan = own if same else found.world_from_scan
-    if present[1].z_up or not by_gravity:
-        return Placement(world_from_scan, "registered", present[1].z_up, figures)
-    # What gravity makes upright turns the present world by as much as that one leans.
-    leaning = (world_from_scan @ own.inverse()).rotation[2, 2] < np.cos(OPTIONS.upright_rad)
-    if not leaning or options.mode == "extend":
-        return Placement(world_from_scan, "registered", not leaning, figures)
-    return Placement(own, "gravity", True, figures, (LEANING_WORLD,))
-
-
-def contradiction_warnings(error: UnregisteredScanError, options: BuildOptions) -> tuple[str, ...]:
-    """Return what to warn of when a scan that can't be registered replaces the present map.
-
-    Raises `InvalidScanError` when the map knows the scan's pictures and puts them elsewhere, unless `force` is given.
-    """
-    if (
-        error.located < OPTIONS.contradicting_share * error.tried
-        or error.located < OPTIONS.contradicting_frames
-    ):
-        return ()
-    told = (
-        f"The new scan contradicts the present map: of {error.tried} of its frames the map locates {error.located}, "
-        f"and by its poses only {error.agreeing} of them lie as they do in the map"
-    )
-    if not options.force:
-        raise InvalidScanError(
-            f'{told}. If the map is what is wrong, or the place was changed, give "force": true to replace it.'
-        )
-    return (f"{told}; it was replaced all the same, as force says.",)
-
-
 def _publish(
     build: Build,
     examined: ExaminedScan,
@@ -264,7 +150,7 @@ def _publish(
     placement: Placement,
     check: SelfCheck,
     seconds: dict[str, float],
-    present: tuple[OpenMap, MapVersion] | None,
+    present: PresentMap | None,
     resources: Resources,
     folder: Path,
     written: set[str],
@@ -276,7 +162,7 @@ def _publish(
     artifact, index = check.stated_in(built.artifact), built.index
     images = _store_images(built, options, resources, written)
     if options.mode == "extend" and present is not None:
-        opened, old = present
+        opened = present.map
         artifact, index = join_maps(
             opened.artifact,
             opened.index,
@@ -285,7 +171,7 @@ def _publish(
             resources.models.extractor(options.features).binary,
         )
         with resources.database.read() as connection:
-            before = list_keyframe_images(connection, build.venue_id, old.version)
+            before = list_keyframe_images(connection, build.venue_id, present.version.version)
         # Pictures are kept for all keyframes or for none.
         images = [*before, *images] if len(before) == opened.artifact.keyframe_count and images else []
     artifact_path, index_path = folder / "map.rfmap", folder / "global.faiss"

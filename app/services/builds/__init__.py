@@ -1,0 +1,1 @@
+"""Builds: from a row in the database to a published map version."""
