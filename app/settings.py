@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, ValidationError, field_validator
+from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from app.errors import InvalidInputError
 
 # As browsers write it in the header `Origin`; of apps in a web view too, such as capacitor://localhost.
 ORIGIN = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://[^/?#\s\"']+")
@@ -151,3 +155,20 @@ class Settings(BaseSettings):
     def cache_dir(self) -> Path:
         """Where blobs of a remote store are kept for memory-mapping."""
         return self.data_dir / "cache"
+
+
+def read_settings(given: Mapping[str, Any]) -> Settings:
+    """Return the settings of the environment, with those that are given in place of it.
+
+    Raises `InvalidInputError` that names each setting that can't be used.
+    """
+    try:
+        return Settings(**given)
+    except ValidationError as error:
+        raise InvalidInputError(" ".join(map(_in_words, error.errors()))) from None
+
+
+def _in_words(error: ErrorDetails) -> str:
+    # Without the value, which may be a key.
+    name = "_".join(map(str, error["loc"])).upper()
+    return f"ROOMFIX_{name}: {error['msg'].removeprefix('Value error, ')}."

@@ -162,7 +162,8 @@ def install_error_handlers(app: FastAPI) -> None:
 def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None:
     """Return the headers that a status code asks for."""
     if status == 401:
-        return {"WWW-Authenticate": "Bearer"}
+        # RFC 6750, section 3: the scheme is followed by a parameter; some clients fail where it is not.
+        return {"WWW-Authenticate": 'Bearer realm="roomfix"'}
     if status == 412:
         return {"Tus-Version": TUS_VERSION}
     if isinstance(error, errors.RateLimitError):

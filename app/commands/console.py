@@ -11,8 +11,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -25,7 +23,7 @@ from rich.progress import (
 )
 
 from app.errors import InvalidInputError
-from app.settings import Settings
+from app.settings import Settings, read_settings
 
 console = Console()
 # What a command reports goes to standard output; what happens meanwhile to standard error.
@@ -39,16 +37,7 @@ def settings_from(**given: Any) -> Settings:
 
     Raises `InvalidInputError` that names each setting that can't be used.
     """
-    try:
-        return Settings(**{name: value for name, value in given.items() if value is not None})
-    except ValidationError as error:
-        raise InvalidInputError(" ".join(map(_setting_in_words, error.errors()))) from None
-
-
-def _setting_in_words(error: ErrorDetails) -> str:
-    # Without the value, which may be a key.
-    name = "_".join(map(str, error["loc"])).upper()
-    return f"ROOMFIX_{name}: {error['msg'].removeprefix('Value error, ')}."
+    return read_settings({name: value for name, value in given.items() if value is not None})
 
 
 class BarProgress:

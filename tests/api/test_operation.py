@@ -71,7 +71,7 @@ def test_every_call_but_health_asks_for_the_key(locked: Server) -> None:
                     json={"id": "x", "name": "x"},
                 )
                 assert answer.status_code == 401
-                assert answer.headers["www-authenticate"] == "Bearer"
+                assert answer.headers["www-authenticate"] == 'Bearer realm="roomfix"'
                 if method != "HEAD":
                     assert_problem(answer, 401, "unauthenticated")
 

@@ -173,7 +173,7 @@ def test_the_key_is_a_header_or_a_subprotocol(tmp_path_factory: pytest.TempPathF
             ):
                 pass
             assert refused.value.status_code == 401
-            assert refused.value.headers["www-authenticate"] == "Bearer"
+            assert refused.value.headers["www-authenticate"] == 'Bearer realm="roomfix"'
             assert ("not taken from the address" in refused.value.json()["detail"]) == bool(query)
 
 

@@ -86,11 +86,11 @@ def refusal(
 ) -> str:
     """Return what is said of an unknown name.
 
-    `known` are the names that could stand in its place, `others` those that belong elsewhere in the request; those that
-    are `given` too were not meant.
+    `known` are the names that could stand in its place, of which those that are `given` too were not meant; `others`
+    are those that belong elsewhere in the request.
     """
-    left = {key: entry for key, entry in {**others, **known}.items() if key not in set(given)}
-    meant = probably_meant(name, left)
+    missing = {key: known[key] for key in known if key not in set(given)}
+    meant = probably_meant(name, {**others, **missing})
     if meant is not None:
         return f"this {kind} is not known; did you mean {meant}?"
     if not known:
