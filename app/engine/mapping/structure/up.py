@@ -85,15 +85,16 @@ def down_by_sensor(
 
     None where they are few, or differ too much.
     """
-    turned = [part.poses[row].rotation @ np.array(down) for row, down in downs.items() if row in part.poses]
-    if len(turned) < OPTIONS.min_sensed:
+    found = [part.poses[row].rotation @ np.array(down) for row, down in downs.items() if row in part.poses]
+    if len(found) < OPTIONS.min_sensed:
         return None
+    turned = unit_rays(np.stack(found))
     # The componentwise median: frames that were taken in a jolt count little.
-    median = np.median(np.stack(turned), axis=0)
+    median = np.median(turned, axis=0)
     if np.linalg.norm(median) < MIN_MEAN:
         return None
     mean = unit_rays(median[None])[0]
-    apart_deg = float(np.median(np.degrees(np.arccos(np.clip(np.stack(turned) @ mean, -1.0, 1.0)))))
+    apart_deg = float(np.median(np.degrees(np.arccos(np.clip(turned @ mean, -1.0, 1.0)))))
     if apart_deg > OPTIONS.max_sensed_deg:
         return None
     return _direction(mean, "sensor", {"pictures": len(turned), "apart_deg": round(apart_deg, 2)})

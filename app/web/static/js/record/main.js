@@ -31,6 +31,7 @@ let film = null;
 let camera = null;
 let isOffline = false;
 let isFilming = false;
+let isFull = false;
 
 async function start() {
   const token = new URLSearchParams(location.hash.slice(1)).get("token");
@@ -118,13 +119,19 @@ async function beginFilm() {
 
 /** Return why no frame may be kept now, null where one may. */
 async function mayKeep() {
-  if (work.frames >= MAX_FRAMES) return "full";
+  if (isFull || work.frames >= MAX_FRAMES) return "full";
   return (await pending.count(work.recording)) >= MAX_PENDING ? "waiting" : null;
 }
 
 async function keep(frame) {
   const number = work.frames;
-  await pending.put({ recording: work.recording, number, ...frame });
+  try {
+    await pending.put({ recording: work.recording, number, ...frame });
+  } catch {
+    // The phone's disk has no room: what is kept so far becomes the map.
+    isFull = true;
+    return;
+  }
   work.frames += 1;
   remember();
   size.add(number, frame.picture);
