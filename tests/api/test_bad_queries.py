@@ -66,12 +66,14 @@ def test_no_image_at_all(museum: Server) -> None:
     with museum.unchanged():
         for request in (
             {"data": {"venue": "museum"}},
-            {"data": {"venue": "museum", "image": "a text"}},
             {"json": {"venue": "museum"}},
             {},
         ):
             sentence = assert_problem(museum.client.post("/locate", **request), 422, "invalid_request")
             assert "image" in sentence
+        # As `curl -d` sends it.
+        text = museum.client.post("/locate", data={"venue": "museum", "image": "a text"})
+        assert "curl: -F image=@FILE" in assert_problem(text, 422, "invalid_input")
         # The picture itself as the body, but half of it.
         cut = {"content": b"\xff\xd8", "headers": {"Content-Type": "image/jpeg"}}
         answer = museum.client.post("/locate", params={"venue": "museum"}, **cut)

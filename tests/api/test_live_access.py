@@ -170,11 +170,14 @@ def test_nothing_secret_is_logged_at_debug_level(server: LiveServer, queries: li
         open_stream(server, session, secrets[-1], picture)
         submitted = client.post("/database/build", data={"venue": VENUE}, files={"archive": picture})
         build = submitted.json()["build"]
+        recording = client.post("/recordings", json={"venue": VENUE}).json()["recording"]
+        begun = client.post("/uploads", headers={"Upload-Length": "10", "Tus-Resumable": "1.0.0"})
+        upload = begun.headers["location"].rsplit("/", 1)[-1]
         # Ended, so that its events end too.
         client.delete(f"/database/builds/{build}")
         ids = {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "version": "1",
-            "keyframe": "0", "key": "0" * 16,
+            "keyframe": "0", "key": "0" * 16, "recording": recording, "number": "0", "upload": upload,
         }  # fmt: skip
         answers = whole_api(client, ids, secrets, picture)
         metrics = client.get("/metrics").text

@@ -51,6 +51,9 @@ def test_every_operation_refuses_an_unknown_query_parameter(server: Server) -> N
     with server.unchanged():
         for method, path, _ in calls:
             answer = server.client.request(method, path, params={UNKNOWN: "1"})
+            if method == "HEAD":
+                assert answer.status_code == 422
+                continue
             assert f"query.{UNKNOWN}" in assert_problem(answer, 422, "invalid_request"), (method, path)
 
 
@@ -68,7 +71,7 @@ def test_every_json_body_refuses_an_unknown_key(server: Server) -> None:
     assert len(calls) > 20
     with server.unchanged():
         for method, path, _ in calls:
-            if path in OTHERS_PROTOCOLS:
+            if path in OTHERS_PROTOCOLS or method == "HEAD":
                 continue
             answer = server.client.request(method, path, json={UNKNOWN: "1"})
             assert UNKNOWN in assert_problem(answer, 422, "invalid_request"), (method, path)

@@ -69,7 +69,7 @@ def test_a_room_that_is_there_twice_is_ambiguous(
     venue = museum.add_venue("vdm-twins")
     moved = np.eye(4)
     moved[0, 3] = 30.0
-    again = {"mode": "extend", "world_from_scan": moved.tolist()}
+    again = {"mode": "extend", "world_from_scan": moved.tolist(), "force": True}
     museum.add_maps(venue, (scan_zip, {"gravity": [0, 0, -1]}), (scan_zip, again))
     for query in queries:
         result = museum.locate(query.jpeg(), venue=venue, method="vdm")

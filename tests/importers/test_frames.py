@@ -41,7 +41,9 @@ def test_seven_scenes_is_detected(tmp_path: Path, name: str | None) -> None:
 def test_other_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidScanError, match="can't be told"):
         open_scan(tmp_path)
-    with pytest.raises(InvalidScanError, match=r"not known; use auto, tum, 12scenes, 7scenes, .* or images"):
+    with pytest.raises(
+        InvalidScanError, match=r"not known; use auto, tum, 12scenes, 7scenes, .* or recording"
+    ):
         open_scan(write_tum(tmp_path), "kitti")
     with pytest.raises(InvalidScanError, match="does not exist"):
         open_scan(tmp_path / "nowhere")

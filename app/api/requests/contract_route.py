@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,13 +109,13 @@ def summary_of(endpoint: Callable[..., Any]) -> str:
 async def refuse_unknown_names(request: Request) -> None:
     """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant."""
     declared = request.scope["route"].declared
-    if declared.files and declared.media_types == FORM_MEDIA_TYPES:
-        refuse_form_without_files(declared, request)
     # A picture that is the body itself has the fields of its form in the query.
     is_raw_form = takes_picture(declared) and is_raw(request.headers)
     errors = [] if is_raw_form else _query_errors(declared, request)
     form = await _form(declared, request)
     if form is not None:
+        if declared.files and declared.media_types == FORM_MEDIA_TYPES:
+            refuse_file_as_text(declared, request, form)
         others = {**declared.query, **declared.nested}
         errors += _errors("body", "form field", form, declared.form, others)
     elif declared.media_types is None and media_type(request.headers) == JSON_MEDIA_TYPE:
@@ -126,9 +126,10 @@ async def refuse_unknown_names(request: Request) -> None:
         raise RequestValidationError(errors)
 
 
-def refuse_form_without_files(declared: DeclaredNames, request: Request) -> None:
-    """Raise `InvalidInputError` for the one kind of form that can't hold a file; it is what `curl -d` sends."""
-    if media_type(request.headers) == URLENCODED:
+def refuse_file_as_text(declared: DeclaredNames, request: Request, form: Iterable[str]) -> None:
+    """Raise `InvalidInputError` for a file in the one kind of form that can't hold it; it is what `curl -d` sends."""
+    holds_file = any(name in declared.files or name not in declared.form for name in form)
+    if holds_file and media_type(request.headers) == URLENCODED:
         name = "archive" if "archive" in declared.files else min(declared.files)
         raw = ", or the picture alone with its own Content-Type" if takes_picture(declared) else ""
         raise InvalidInputError(

@@ -70,7 +70,9 @@ class FixVerificationOptions:
         chosen="Recorded walks of roomfix simulate --no-map: the errors of such fixes were below their sigmas.",
     )
     near_unstable_sigma_m: float = limit(
-        1.0, "`max_unstable_sigma_m` of a phone that is known to be near.", chosen="The same."
+        1.0,
+        "`max_unstable_sigma_m` of a phone that is known to be near.",
+        chosen="By hand: as near_noise_sigma_m.",
     )
     max_scale_error: float = limit(
         0.1,

@@ -204,6 +204,7 @@ class Session(TypedDict):
     camera: Any
     destination: str | None
     language: str | None
+    share: bool
     tracking: Tracking
     frames: int
     created_at: str

@@ -178,6 +178,7 @@ export interface Session {
   camera: unknown;
   destination: string | null;
   language: string | null;
+  share: boolean;
   tracking: Tracking;
   frames: number;
   created_at: string;
