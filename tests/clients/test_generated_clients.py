@@ -121,8 +121,8 @@ def test_openapi_python_client_leaves_nothing_out(folder: Path, document: dict[s
         answers = re.findall(r"(?<!_)response_(2\d\d) = (.*)", module.read_text(encoding="utf-8"))
         assert answers, module
         for status, value in answers:
-            # An answer to HEAD has no body either.
-            is_empty = status == "204" or module.name == "get_upload_offset.py"
+            # The protocol of uploads answers with headers alone.
+            is_empty = status == "204" or module.name in ("create_upload.py", "get_upload_offset.py")
             assert is_empty or not value.startswith(("cast(Any", "response.json()")), module
     run(folder, sys.executable, "-c", IMPORT_ALL, PYTHONPATH=str(GENERATOR))
     shutil.rmtree(folder / "client")
