@@ -19,7 +19,7 @@ from app.vision.dense_descriptors import DenseDescriptors
 
 Array = NDArray[np.float64]
 
-ON_OTHER_SCENES = "Measured on frames of desk_rs and rendered pairs; figures are reported on RedKitchen."
+BY_HAND = "By hand, looking at 64 sweeps of pairs of RedKitchen frames (docs/figures/evaluate-anchors.md)."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class PoiSweepOptions:
     min_margin: float = limit(
         0.01,
         "Difference of mean similarities below which the better one is not sure to be right.",
-        chosen=ON_OTHER_SCENES,
+        chosen=BY_HAND,
     )
     sigma_per_spread: float = limit(
         0.7,
@@ -67,14 +67,12 @@ class PoiSweepOptions:
     min_support: float = limit(
         0.6,
         "Least weight of the points that agree best with the phone's image near the place of all.",
-        chosen=ON_OTHER_SCENES,
+        chosen=BY_HAND,
     )
     base_log_sigma: float = limit(
-        0.08, "Standard deviation of the logarithm of a length at best.", chosen=ON_OTHER_SCENES
+        0.08, "Standard deviation of the logarithm of a length at best.", chosen=BY_HAND
     )
-    sigma_px: float = limit(
-        6.0, "Standard deviation of the place in the phone's image.", chosen=ON_OTHER_SCENES
-    )
+    sigma_px: float = limit(6.0, "Standard deviation of the place in the phone's image.", chosen=BY_HAND)
 
 
 OPTIONS = PoiSweepOptions()
