@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from app.engine.mapping.examination.consistency import DRIFT
 from app.engine.mapping.examination.examine import examine_scan
 from app.engine.mapping.examination.outcome import Examination, Finding, RefusedScanError
 from app.engine.mapping.loops.close import ClosedLoops, close_loops
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.structure.estimate import EstimatedScan, estimate_poses
-from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.errors import InvalidScanError
 from app.importers.frames import Scan
@@ -46,13 +47,6 @@ class ExaminedScan:
         estimated = () if self.estimate is None else self.estimate.warnings
         examined = estimated if self.examination is None else self.examination.warnings
         return examined if self.loops is None else (*examined, *self.loops.warnings)
-
-    def with_loops_closed(self, models: VisionModels, executor: Executor, progress: Progress) -> ExaminedScan:
-        """Return the scan with the drift of its positions corrected, where loops of its own confirm that."""
-        if self.options.scan.motion is not None:
-            return self
-        closed = close_loops(self.scan, models, executor, progress)
-        return replace(self, scan=closed.scan, loops=closed)
 
     def repairs_report(self) -> dict[str, Any]:
         """Return the first lines of the build's report, none where nothing was repaired or estimated."""
@@ -98,10 +92,16 @@ def read_scan(
             '"estimate" to have them estimated from the pictures.'
         )
     scan = open_scan(root, parsed.format, given)
-    examined = examined_scan(
-        root, scan, options, resources.executor, progress, up_is_known=up_is_known, scratch=scratch
+    return examined_scan(
+        root,
+        scan,
+        options,
+        resources.executor,
+        progress,
+        up_is_known=up_is_known,
+        scratch=scratch,
+        close=partial(close_loops, models=resources.models, executor=resources.executor, progress=progress),
     )
-    return examined.with_loops_closed(resources.models, resources.executor, progress)
 
 
 def examined_scan(
@@ -113,15 +113,18 @@ def examined_scan(
     *,
     up_is_known: bool = False,
     scratch: Path | None = None,
+    close: Callable[[Scan], ClosedLoops] | None = None,
 ) -> ExaminedScan:
     """Examine the scan of a folder, read with the options of a request; `scratch` is as in `ScanOptions`.
 
-    With `repair` the options of a remedy that is beyond doubt are added and the scan is read and examined again. Raises
-    `RefusedScanError` for a scan that is refused, with what was found and the option that would mend it.
+    With `repair` the options of a remedy that is beyond doubt are added and the scan is read and examined again. With
+    `close` a scan of which nothing but drift is wrong has its loops closed, and is examined again when that corrected
+    it. Raises `RefusedScanError` for a scan that is refused, with what was found and the option that would mend it.
     """
     values = dict(options)
     parsed = parse_build_options(values)
     repairs: list[Finding] = []
+    closed: ClosedLoops | None = None
     while True:
         if parsed.scan.motion is not None:
             return ExaminedScan(scan=scan, options=parsed, examination=None)
@@ -133,11 +136,18 @@ def examined_scan(
             progress,
             up_is_known=up_is_known or parsed.world_from_scan is not None,
         )
+        if close is not None and closed is None and all(one.code == DRIFT for one in found.wrong):
+            closed = close(scan)
+            scan = closed.scan
+            if closed.is_applied and any(one.code == DRIFT for one in found.findings):
+                continue
         if found.verdict != "refused":
-            return ExaminedScan(scan=scan, options=parsed, examination=found, repairs=tuple(repairs))
+            return ExaminedScan(
+                scan=scan, options=parsed, examination=found, repairs=tuple(repairs), loops=closed
+            )
         if not parsed.repair or found.remedy is None or len(repairs) >= MAX_REPAIRS:
             raise RefusedScanError(found)
         repairs.extend(found.wrong)
         values.update(found.remedy)
         parsed = parse_build_options(values)
-        scan = open_scan(root, parsed.format, replace(parsed.scan, scratch=scratch))
+        scan, closed = open_scan(root, parsed.format, replace(parsed.scan, scratch=scratch)), None

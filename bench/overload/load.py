@@ -92,7 +92,7 @@ async def at_a_rate(seen: Observed, url: str, request: bytes, per_second: float,
 
 
 async def go_away(url: str, request: bytes, clients: int, seconds: float, seed: int = 0) -> None:
-    """Let so many clients ask, evenly over the time, and close their connection before the answer."""
+    """Let a number of clients ask, evenly over the time, and close their connection before the answer."""
     rng, began = random.Random(seed), time.perf_counter()
 
     async def one(wait_s: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +16,9 @@ from app.commands.console import progress_bars
 from bench.commands.demo import DEFAULT_DIR
 from bench.demo import VENUE
 from bench.figures.shown import FiguresTitle, Shown
-from bench.pages.phone_page import PhonePageReport, phone_page, record_walk, report_of, served
+from bench.pages.phone_page import PhonePageReport, phone_page, record_walk, report_of
 from bench.recordings.phone_walk import PhoneWalk, render_phone_walk
+from bench.server_process import server_process
 
 # Frames of the walk that are asked for one by one, to compare with what the page takes.
 SINGLE_EVERY = 24
@@ -39,10 +41,10 @@ def evaluate_phone_page(
             walk_dir or data_dir / "phone-walk",
             progress=lambda done, total: bars.report("render", done, total),
         )
-    with served(data_dir) as address:
-        single_ms = locate_ms(address, walk)
+    with tempfile.TemporaryDirectory() as folder, server_process(data_dir, Path(folder) / "log") as server:
+        single_ms = locate_ms(server.url, walk)
         with phone_page(walk) as page:
-            reports = [report_of(record_walk(page, address, walk, picture), walk) for _ in range(2)]
+            reports = [report_of(record_walk(page, server.url, walk, picture), walk) for _ in range(2)]
     shown = Shown()
     shown.table(_table(reports))
     shown.line(

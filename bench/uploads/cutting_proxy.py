@@ -15,7 +15,7 @@ RESET = struct.pack("ii", 1, 0)
 
 
 class CuttingProxy:
-    """Passes bytes between clients and a server; breaks the connection each time that so many have come from clients.
+    """Passes bytes between clients and a server; breaks the connection after each given number of them from clients.
 
     `cut_at` are byte counts, rising, over all connections together.
     """
@@ -65,7 +65,7 @@ class CuttingProxy:
 
 @contextlib.contextmanager
 def cutting_proxy(server_url: str, length: int, cuts: int) -> Iterator[CuttingProxy]:
-    """Give a proxy that breaks so many times, evenly, while `length` bytes pass."""
+    """Give a proxy that breaks a number of times, evenly, while `length` bytes pass."""
     proxy = CuttingProxy(server_url, [length * (i + 1) // (cuts + 1) for i in range(cuts)])
     try:
         yield proxy

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from app.engine.mapping.examination.outcome import RefusedScanError
+from app.engine.mapping.loops.close import close_loops
 from app.engine.mapping.options import parse_build_options
 from app.engine.progress import NoProgress
 from app.importers.conventions import PoseConvention
 from app.importers.registry import open_scan
 from app.services.examine_scan import ExaminedScan, examined_scan
+from tests.drifting import around, drifted
 from tests.engine.mapping.examination.scans import OPTIONS, with_poses, write, written
-from tests.scenes import DEPTH_SCALE, View, scan_files
+from tests.rendered_maps import models
+from tests.scenes import DEPTH_SCALE, Room, View, scan_files
 
 
 @pytest.fixture(scope="module")
@@ -57,3 +61,24 @@ def test_what_has_no_certain_remedy_stays_refused(
     with pytest.raises(RefusedScanError, match="stand still") as refused:
         examine(folder, executor, repair=True)
     assert "repair" not in str(refused.value)
+
+
+def test_drift_that_its_own_loops_mend_is_no_reason_to_refuse_a_scan(
+    room: Room, executor: Executor, tmp_path: Path
+) -> None:
+    views = [room.view(pose) for pose in around(2, 32)]
+    folder = write(with_poses(views, lambda poses: drifted(poses, 0.03, 0.012)), tmp_path)
+    parsed = parse_build_options(OPTIONS)
+    scan = open_scan(folder, parsed.format, parsed.scan)
+    with pytest.raises(RefusedScanError) as refused:
+        examined_scan(folder, scan, OPTIONS, executor, NoProgress())
+    assert [finding.code for finding in refused.value.examination.wrong] == ["poses_drift"]
+    close = partial(close_loops, models=models(), executor=executor, progress=NoProgress())
+    found = examined_scan(folder, scan, OPTIONS, executor, NoProgress(), close=close)
+    assert found.examination is not None
+    assert "poses_drift" not in [finding.code for finding in found.examination.findings]
+    assert found.loops is not None
+    assert found.loops.is_applied
+    assert found.scan is found.loops.scan
+    (warning,) = found.warnings
+    assert warning.startswith("The scan's positions drift")

@@ -85,7 +85,7 @@ def kept(page: Any) -> int:
 
 
 def film(page: Any, count: int) -> None:
-    """Film until so many frames are kept."""
+    """Film until a number of frames are kept."""
     page.get_by_role("button", name=re.compile("Start filming|Go on filming|Film more")).click()
     wait_for(lambda: page.wait_for_timeout(100) or kept(page) >= count, 60)
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.deps import State, VenueId, require
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
-from app.api.sessions import TrackingState, TrajectoryPoint
+from app.api.sessions import POINT, TrackingState, TrajectoryPoint
 from app.limits import limit
 from app.storage.db import now
 from app.storage.shared_sessions import SharedSession, list_shared
@@ -51,17 +51,7 @@ EXAMPLE: dict[str, Any] = {
     "phone": "4d0f6a1b",
     "active_at": "2026-03-01T09:00:01Z",
     "tracking": "lost",
-    "place": {
-        "frame": 12,
-        "time_s": 1.2,
-        "tracking": "tracking",
-        "floor": "0",
-        "x": 14.865,
-        "y": 17.163,
-        "heading_deg": 307.5,
-        "pose": None,
-        "position_m": 0.017,
-    },
+    "place": {**POINT, "pose": None},
     "lost": [{"floor": "0", "x": 14.865, "y": 17.163, "frames": 8}],
 }
 

@@ -107,9 +107,8 @@ def place_scan(
     own = scan_placement(options, source)
     given = options.world_from_scan is not None
     by_gravity = options.gravity is not None or source.gravity is not None
-    alone = Placement(own, "gravity" if by_gravity else "scan_frame", by_gravity, {})
-    if given:
-        alone = Placement(own, "given", True, {})
+    by_itself = "given" if given else "gravity" if by_gravity else "scan_frame"
+    alone = Placement(own, by_itself, given or by_gravity, {})
     in_metres = present is not None and source.has_scale and present.version.has_scale
     if present is not None and options.mode == "extend" and not in_metres and not given:
         raise InvalidScanError(WITHOUT_SCALE)
@@ -158,8 +157,8 @@ def _given(
         told += f"; the plan of {_listed(present.placed_floors)} was placed in the world of the present map"
     if not options.force and (options.mode == "extend" or present.placed_floors):
         raise InvalidScanError(
-            f"{told}. Leave world_from_scan out to place the scan by the map, check that it isn't inverted, "
-            'or give "force": true to build all the same.'
+            f"{told}. Leave world_from_scan out to place the scan by the map, or check that it isn't inverted. If the "
+            'map is what is wrong, or two places look alike, give "force": true to build all the same.'
         )
     return replace(given, figures=figures, warnings=(f"{told}.",))
 
@@ -214,7 +213,7 @@ def replacement_warnings(
     else:
         found = (
             f"The new scan seems to show another place than the present map: of {error.tried} of its frames the map "
-            f"locates {error.located}, so where the scan lies in the world of the present map is not known"
+            f"locates {error.located}, so that its place in the world of the present map is not known"
         )
         remedy = (
             "Give world_from_scan if it is known, or scan a part of what the map holds too; or give "

@@ -113,7 +113,7 @@ class RecordingService:
             return RecordingState(recording, stored(connection, recording_id), build)
 
     def finish(self, recording_id: str, frames: int, options: Mapping[str, Any]) -> str:
-        """Queue a build of a recording of so many frames and return the build's id.
+        """Queue a build of a recording that has `frames` frames, and return the build's id.
 
         A recording that is being built, or has become a map, keeps that build; one whose build has failed is built
         again, with these options. Raises `NotFoundError`, `InvalidInputError` for options that can't be meant, and

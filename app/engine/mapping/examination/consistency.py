@@ -89,6 +89,8 @@ class ConsistencyOptions:
 
 
 OPTIONS = ConsistencyOptions()
+# What closing loops may mend.
+DRIFT = "poses_drift"
 
 
 def judge_consistency(
@@ -148,11 +150,11 @@ def _drift(frames: FrameMatcher, camera: Camera, poses: PoseArrays) -> Finding |
     if off_m <= allowed_m:
         return None
     return Finding(
-        code="poses_drift",
+        code=DRIFT,
         severity="wrong" if off_m > OPTIONS.wrong_ratio * allowed_m else "doubtful",
         sentence=f"The poses drift: frames far apart in time that see the same place put it {off_m:.2g} m apart "
-        f"(median of {len(errors)} pairs), so that one place has two. Close loops in the tracking, or give the scan "
-        "in parts.",
+        f"(median of {len(errors)} pairs), so that one place has two. A build corrects that where the scan's own loops "
+        "show how; else close loops in the tracking, or give the scan in parts.",
         figures={"drift_m": round(off_m, 3), "far_pairs": len(errors)},
     )
 

@@ -48,7 +48,7 @@ class ClosureOptions:
     )
     held_every: int = limit(
         3,
-        "Every so many of the groups of loops are held back.",
+        "Of this many groups of loops one is held back.",
         chosen="By hand: most are used, enough judge.",
     )
     min_held: int = limit(

@@ -141,7 +141,7 @@ class Particles:
         self.log_scale = kept * self.log_scale + self._random.normal(0.0, fresh, OPTIONS.count)
 
     def share_near(self, fix: PlanFix, sigmas: float) -> float:
-        """Return the weight of the particles from which a fix is no more than so many sigmas away."""
+        """Return the weight of the particles that a fix is at most a number of its sigmas away from."""
         same = self.floor == self._names.index(fix.floor)
         away = np.linalg.norm(self.xy - fix.xy, axis=1) / max(fix.position_sigma_m, OPTIONS.fix_floor_m)
         turned = np.abs(_angle(self.yaw - fix.yaw_rad)) / max(fix.yaw_sigma_rad, OPTIONS.fix_floor_rad)

@@ -94,6 +94,9 @@ class PlanTrackerOptions:
         "Growth of the sigma of a place that was remembered while no frame came.",
         chosen="By hand: a pace.",
     )
+    resumed_deg_s: float = limit(
+        10.0, "The same of the heading's sigma.", chosen="By hand: a turn on the spot takes longer."
+    )
 
 
 OPTIONS = PlanTrackerOptions()
@@ -291,7 +294,9 @@ class PlanTracker:
             xy=pose.translation[:2],
             yaw_rad=yaw_of(pose.rotation),
             position_sigma_m=sigma_m,
-            yaw_sigma_rad=float(np.radians(memory.fix_accuracy.orientation_deg + 10.0 * away_s)),
+            yaw_sigma_rad=float(
+                np.radians(memory.fix_accuracy.orientation_deg + OPTIONS.resumed_deg_s * away_s)
+            ),
         )
         self._odometry.start(frame, pose)
         self._particles = Particles(plans.walls_in(last.frame_id), seen)

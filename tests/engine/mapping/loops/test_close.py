@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,33 +15,15 @@ from app.engine.mapping.loops.places import choose_places, ways_m
 from app.engine.progress import NoProgress
 from app.geometry.alignment import align_points
 from app.geometry.camera_hint import parse_camera_hint
-from app.geometry.se3 import Pose, position_difference_m, rotation_from_vector
+from app.geometry.se3 import Pose, position_difference_m
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
+from tests.drifting import around, drifted
 from tests.rendered_maps import models
 from tests.scenes import CAMERA_TEXT, DEPTH_SCALE, Room, pose_at, scan_files
 
 ROUNDS = 2
 A_ROUND = 16
-
-
-def around(count: int, radius_m: float = 0.7) -> list[Pose]:
-    """Twice around the middle of the room, looking outwards."""
-    angles = np.linspace(0, 2 * np.pi * ROUNDS, count, endpoint=False)
-    return [
-        pose_at(2.0 + radius_m * np.cos(a), 1.5 + radius_m * np.sin(a), 1.4, float(np.degrees(a)))
-        for a in angles
-    ]
-
-
-def drifted(path: Sequence[Pose], stretched: float, turn_rad: float) -> list[Pose]:
-    """Steps too long by a ratio and turned too far."""
-    found = [path[0]]
-    for a, b in pairwise(path):
-        step = a.inverse() @ b
-        turn = rotation_from_vector([0.0, turn_rad, 0.0])
-        found.append(found[-1] @ Pose(turn @ step.rotation, (1 + stretched) * step.translation))
-    return found
 
 
 def error_m(path: Sequence[Pose], true: Sequence[Pose]) -> float:
@@ -61,7 +42,7 @@ def with_poses(scan: Scan, poses: Sequence[Pose]) -> Scan:
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory: pytest.TempPathFactory, room: Room) -> Scan:
     root = tmp_path_factory.mktemp("around")
-    views = [room.view(pose) for pose in around(ROUNDS * A_ROUND)]
+    views = [room.view(pose) for pose in around(ROUNDS, ROUNDS * A_ROUND)]
     for name, data in scan_files(views).items():
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
