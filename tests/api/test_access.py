@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+import time_machine
 from fastapi.testclient import TestClient
 from starlette.testclient import WebSocketDenialResponse
 
 from tests.server import Server, assert_problem, running
 
 KEY = "the-right-key"
+NOON = "2027-03-01T12:00:00Z"
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,13 @@ def unlimited(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         yield server
 
 
+@pytest.fixture
+def one_moment() -> Iterator[None]:
+    """A clock that stands still: counts of a minute would else get calls back while a slow test goes on."""
+    with time_machine.travel(NOON, tick=False):
+        yield
+
+
 def bearer(key: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {key}"}
 
@@ -43,11 +52,12 @@ def client_from(server: Server, address: str) -> TestClient:
     return TestClient(server.client.app, base_url="http://127.0.0.1", client=(address, 50_000))
 
 
+@pytest.mark.usefixtures("one_moment")
 def test_a_thousand_wrong_keys_are_throttled_and_a_right_key_from_elsewhere_is_not(locked: Server) -> None:
     guesser, elsewhere = client_from(locked, "203.0.113.7"), client_from(locked, "198.51.100.4")
     statuses = [guesser.get("/venues", headers=bearer(f"guess-{i}")).status_code for i in range(1000)]
     assert statuses[:20] == [401] * 20
-    assert set(statuses[21:]) == {429}
+    assert set(statuses[20:]) == {429}
     # Else the right one could be found by guessing on.
     refused = guesser.get("/venues", headers=bearer(KEY))
     assert_problem(refused, 429, "too_many_requests")
@@ -63,6 +73,7 @@ def test_calls_without_a_key_are_no_guesses(locked: Server) -> None:
     assert forgetful.get("/venues", headers=bearer(KEY)).status_code == 200
 
 
+@pytest.mark.usefixtures("one_moment")
 def test_addresses_of_one_subscriber_count_together(locked: Server) -> None:
     for i in range(40):
         client_from(locked, f"2001:db8:1:2::{i:x}").get("/venues", headers=bearer("guess"))
@@ -70,6 +81,7 @@ def test_addresses_of_one_subscriber_count_together(locked: Server) -> None:
     assert client_from(locked, "2001:db8:1:3::99").get("/venues", headers=bearer("guess")).status_code == 401
 
 
+@pytest.mark.usefixtures("one_moment")
 def test_a_key_is_limited_by_address_and_says_what_is_left(locked: Server) -> None:
     client = client_from(locked, "192.0.2.1")
     answers = [client.get("/venues", headers=bearer(KEY)) for _ in range(35)]

@@ -128,7 +128,8 @@ export class SessionStream {
       next = performance.now() + 1000 / MAX_FPS;
       const { blob, hints, size } = await this.camera.take();
       const data = await blob?.arrayBuffer();
-      if (open.done || !data) continue;
+      // While the camera worked the other side may have closed; the event of it comes later.
+      if (open.socket.readyState !== WebSocket.OPEN || !data) continue;
       if (!unanswered) open.heardAt = performance.now();
       open.socket.send(JSON.stringify(hints));
       open.socket.send(data);
