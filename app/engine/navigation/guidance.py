@@ -28,7 +28,7 @@ class GuidanceOptions:
     )
     sure_sigma_m: float = limit(
         0.125,
-        "Position sigma up to which a walker within `arrived_m` has arrived; one less sure of the place must be closer.",
+        "Position sigma up to which a walker within `arrived_m` has arrived; beyond it one must be closer.",
         chosen="By hand: above the sigmas of places by a map; 1.75 m and two of it are 2 m.",
     )
     arrived_sigmas: float = limit(

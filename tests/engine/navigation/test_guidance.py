@@ -109,7 +109,7 @@ def test_arriving(way: Route) -> None:
 
 
 def test_a_walker_whose_place_is_uncertain_must_come_closer_to_have_arrived(way: Route) -> None:
-    sigmas_m = (0.0, 0.3, 0.8, 3.0)
+    sigmas_m = (0.0, 0.2, 0.3, 3.0)
     assert [guide(way, "upper", 2, 3.5, position_sigma_m=sigma_m).arrived for sigma_m in sigmas_m] == [
         True,
         True,
