@@ -141,6 +141,16 @@ def create_app(
         redoc_url=None,
         generate_unique_id_function=operation_id,
     )
+    include_routers(app)
+    install_pages(app, access)
+    install_openapi(app)
+    install_error_handlers(app)
+    install_middleware(app, settings, metrics)
+    return app
+
+
+def include_routers(app: FastAPI) -> None:
+    """Add the calls."""
     for router in (
         locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
         map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
@@ -148,11 +158,6 @@ def create_app(
         transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
     ):  # fmt: skip
         app.include_router(router)
-    install_pages(app, access)
-    install_openapi(app)
-    install_error_handlers(app)
-    install_middleware(app, settings, metrics)
-    return app
 
 
 def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
