@@ -30,6 +30,8 @@ from app.api import (
 from app.api.access import audit, keys
 from app.api.access.open_host import OpenHostMiddleware
 from app.api.access.throttle import Throttle
+from app.api.answers.drawings import Drawings
+from app.api.answers.writing import WritingMiddleware
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
@@ -106,7 +108,15 @@ def create_app(
         services = wire_services(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
         throttle = Throttle(settings.calls_per_minute, settings.wrong_keys_per_minute)
-        app.state.roomfix = AppState(services, executor, builds, metrics, throttle)
+        drawings = Drawings()
+        app.state.roomfix = AppState(
+            services=services,
+            executor=executor,
+            drawings=drawings,
+            runner=builds,
+            metrics=metrics,
+            throttle=throttle,
+        )
         with resources.database.read() as connection:
             warming = executor.run(
                 partial(services.maps.warm, [venue.id for venue in list_venues(connection)])
@@ -119,6 +129,7 @@ def create_app(
         finally:
             builds.stop()
             executor.close()
+            drawings.close()
             resources.close()
 
     app = FastAPI(
@@ -130,13 +141,7 @@ def create_app(
         redoc_url=None,
         generate_unique_id_function=operation_id,
     )
-    for router in (
-        locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
-        map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
-        anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
-        transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
-    ):  # fmt: skip
-        app.include_router(router)
+    include_routers(app)
     install_pages(app, access)
     install_openapi(app)
     install_error_handlers(app)
@@ -144,11 +149,23 @@ def create_app(
     return app
 
 
+def include_routers(app: FastAPI) -> None:
+    """Add the calls."""
+    for router in (
+        locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
+        map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
+        anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
+        transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
+    ):  # fmt: skip
+        app.include_router(router)
+
+
 def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
     """Add what stands around the routes, from the innermost to the outermost."""
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
     app.add_middleware(CompressionMiddleware, OPTIONS.min_gzip_bytes, OPTIONS.gzip_level)
+    app.add_middleware(WritingMiddleware)
     app.add_middleware(OverloadMiddleware)
     if settings.open:
         app.add_middleware(OpenHostMiddleware, origins)

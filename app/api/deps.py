@@ -10,6 +10,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.requests import HTTPConnection
 
 from app.api.access.throttle import Throttle
+from app.api.answers.drawings import Drawings
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
@@ -32,18 +33,21 @@ bearer = HTTPBearer(
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AppState:
     """Everything the routes use, built once by the lifespan."""
 
     services: Services
     executor: BoundedExecutor
+    drawings: Drawings
     runner: BuildRunner
     metrics: Metrics
     throttle: Throttle
 
 
-def get_state(request: Request) -> AppState:
+# Dependencies are coroutines even where they wait for nothing: FastAPI calls others on a thread, of which there may be
+# none left.
+async def get_state(request: Request) -> AppState:
     """Return the app's state."""
     state = request.app.state.roomfix
     assert isinstance(state, AppState)  # noqa: S101 - set by the lifespan
@@ -63,7 +67,7 @@ def caller_of(connection: HTTPConnection) -> Caller:
     return caller
 
 
-def _caller(request: Request) -> Caller:
+async def _caller(request: Request) -> Caller:
     return caller_of(request)
 
 
@@ -79,7 +83,7 @@ class Require:
 
     scope: Scope
 
-    def __call__(
+    async def __call__(
         self, request: Request, _key: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)]
     ) -> None:
         """Raise `AuthenticationError` or `PermissionDeniedError` unless the caller has the scope."""
@@ -91,5 +95,5 @@ def require(scope: Scope) -> Require:
     return Require(scope)
 
 
-def public() -> None:
+async def public() -> None:
     """Mark a route that asks for no key; one without this or `require` asks for the scope admin."""

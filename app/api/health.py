@@ -64,7 +64,7 @@ FOREIGN: dict[int | str, dict[str, Any]] = {403: problems(403)[403]}
 
 @router.head("/healthz", name="headHealth", dependencies=[Depends(public)], include_in_schema=False)
 @router.get("/healthz", name="getHealth", dependencies=[Depends(public)], responses=FOREIGN)
-def healthz() -> Health:
+async def healthz() -> Health:
     """Answer as long as the process lives."""
     return Health(status="ok")
 

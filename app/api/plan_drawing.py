@@ -28,7 +28,7 @@ HEADERS = {"Content-Security-Policy": "default-src 'none'; img-src data:; style-
     responses={200: {"content": {"image/svg+xml": FILE_CONTENT}}, **problems(401, 404, 422)},
     response_class=Response,
 )
-def get(
+async def get(
     state: State,
     venue: VenueId,
     floor: FloorId,
@@ -38,9 +38,13 @@ def get(
     """Return the plan image with areas, links and landmarks; with `from` and `to` the route between them too."""
     if (start is None) != (end is None):
         raise InvalidInputError("Give both from and to, or neither.")
-    with state.services.resources.database.read() as connection:
-        found = get_floor(connection, venue, floor)
-    route = None if start is None or end is None else state.services.routes.route(venue, start, end)
-    image = None if found.plan is None else state.services.resources.blobs.get(found.plan.blob)
-    drawing = draw_plan(found, state.services.features.features(found), image, route)
-    return Response(drawing, media_type="image/svg+xml", headers=HEADERS)
+
+    def draw() -> bytes:
+        services = state.services
+        with services.resources.database.read() as connection:
+            found = get_floor(connection, venue, floor)
+        route = None if start is None or end is None else services.routes.route(venue, start, end)
+        image = None if found.plan is None else services.resources.blobs.get(found.plan.blob)
+        return draw_plan(found, services.features.features(found), image, route).encode()
+
+    return Response(await state.drawings.run(draw), media_type="image/svg+xml", headers=HEADERS)

@@ -1,4 +1,5 @@
-"""Bounds on what a connection may cost: requests that are never finished, and messages in countless fragments."""
+"""Bounds on what a connection may cost: requests that are never finished, answers that are never read, and messages in
+countless fragments."""
 
 from __future__ import annotations
 
@@ -30,6 +31,11 @@ class ConnectionOptions:
         "Time without a byte of a body that has not ended.",
         chosen="By hand: a phone that changes its network is back sooner.",
     )
+    unread_s: float = limit(
+        60.0,
+        "Time in which a client that is behind must read what its connection holds, 64 KB and what the kernel holds.",
+        chosen="By hand: a thousand bytes a second, far below what a bad mobile network takes.",
+    )
     check_s: float = limit(
         1.0, "Time between two checks of a connection.", chosen="By hand: no load, and exact enough."
     )
@@ -44,7 +50,8 @@ OPTIONS = ConnectionOptions()
 
 
 class DeadlineProtocol(HttpToolsProtocol):
-    """HTTP whose requests must arrive: headers within a time, bodies without long silence."""
+    """HTTP whose requests must arrive, headers within a time, bodies without long silence, and whose answers must be
+    read."""
 
     options = OPTIONS
 
@@ -53,6 +60,7 @@ class DeadlineProtocol(HttpToolsProtocol):
         super().connection_made(transport)
         self._headers_since: float | None = self.loop.time()
         self._received = self.loop.time()
+        self._written = self.loop.time()
         self._watch = self.loop.call_later(self.options.check_s, self._check)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -82,6 +90,12 @@ class DeadlineProtocol(HttpToolsProtocol):
 
     def _check(self) -> None:
         now = self.loop.time()
+        if not self.flow.write_paused:
+            self._written = now
+        elif now - self._written > self.options.unread_s:
+            # An ordinary close would wait until all is read.
+            self.transport.abort()
+            return
         late = self._headers_since is not None and now - self._headers_since > self.options.headers_s
         cycle = self.cycle
         is_reading = cycle is not None and cycle.more_body and not cycle.response_complete

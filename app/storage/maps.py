@@ -168,6 +168,19 @@ def list_keyframe_images(connection: Connection, venue_id: str, version: int) ->
     return [KeyframeImages(row.color_blob, row.depth_blob) for row in connection.execute(query)]
 
 
+def get_keyframe_images(
+    connection: Connection, venue_id: str, version: int, keyframe: int
+) -> KeyframeImages | None:
+    """Return the pictures of one keyframe of a map, None for a map that was built without them."""
+    query = select(keyframe_images).where(
+        (keyframe_images.c.venue_id == venue_id)
+        & (keyframe_images.c.version == version)
+        & (keyframe_images.c.keyframe == keyframe)
+    )
+    row = connection.execute(query).first()
+    return None if row is None else KeyframeImages(row.color_blob, row.depth_blob)
+
+
 def _map(row: Row[tuple[Any, ...]]) -> MapVersion:
     created = as_utc(row.created_at)
     assert created is not None  # noqa: S101 - the column is not nullable

@@ -93,6 +93,21 @@ def test_ply_holds_the_same_points(server: Server) -> None:
     assert np.array_equal(rows["rgb"], rgb)
 
 
+@pytest.mark.parametrize(
+    "name", ["points", "points?format=ply", "keyframes/0/picture", "keyframes/0/picture?width=80"]
+)
+def test_what_the_client_has_is_not_sent_again(server: Server, name: str) -> None:
+    path = f"/venues/house/maps/1/{name}"
+    plain = server.client.get(path, headers={"Accept-Encoding": "identity"})
+    packed = server.client.get(path, headers={"Accept-Encoding": "gzip"})
+    assert plain.content == packed.content
+    assert "content-encoding" not in plain.headers
+    assert plain.headers["etag"] == packed.headers["etag"]
+    again = server.client.get(path, headers={"If-None-Match": plain.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert server.client.get(path, headers={"If-None-Match": '"other"'}).content == plain.content
+
+
 def test_keyframes_say_pose_time_and_place(server: Server, views: list[scenes.View]) -> None:
     keyframes = get(server, "keyframes").json()
     (version,) = server.client.get("/venues/house/maps").json()

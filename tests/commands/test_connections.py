@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import suppress
 
 import pytest
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse
+from starlette.responses import PlainTextResponse, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect
@@ -29,11 +29,27 @@ from app.commands.connections import (
 from tests.ports import free_port
 from tests.server import wait_for
 
-SHORT = ConnectionOptions(headers_s=0.5, silence_s=0.5, check_s=0.05)
+SHORT = ConnectionOptions(headers_s=0.5, silence_s=0.5, unread_s=0.5, check_s=0.05)
+
+
+# Set when the server has given up an answer.
+GIVEN_UP = threading.Event()
 
 
 async def echo(request: Request) -> PlainTextResponse:
     return PlainTextResponse(str(len(await request.body())))
+
+
+async def endless(_: Request) -> StreamingResponse:
+    async def pieces() -> AsyncIterator[bytes]:
+        try:
+            while True:
+                await asyncio.sleep(0)
+                yield bytes(65_536)
+        finally:
+            GIVEN_UP.set()
+
+    return StreamingResponse(pieces())
 
 
 async def lengths(socket: WebSocket) -> None:
@@ -49,7 +65,13 @@ def port() -> Iterator[int]:
         patch.setattr(DeadlineProtocol, "options", SHORT)
         patch.setattr(FragmentLimitProtocol, "options", ConnectionOptions(max_fragments=50))
         port = free_port()
-        app = Starlette(routes=[Route("/", echo, methods=["POST"]), WebSocketRoute("/ws", lengths)])
+        app = Starlette(
+            routes=[
+                Route("/", echo, methods=["POST"]),
+                Route("/endless", endless),
+                WebSocketRoute("/ws", lengths),
+            ]
+        )
         server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="error", **connection_options()))
         thread = threading.Thread(target=server.run)
         thread.start()
@@ -57,6 +79,13 @@ def port() -> Iterator[int]:
         yield port
         server.should_exit = True
         thread.join()
+
+
+def test_an_answer_that_nobody_reads_is_given_up(port: int) -> None:
+    with socket.create_connection(("127.0.0.1", port), timeout=20.0) as connection:
+        connection.sendall(b"GET /endless HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert connection.recv(12) == b"HTTP/1.1 200"
+        assert GIVEN_UP.wait(20.0)
 
 
 def received_until_closed(port: int, *parts: bytes) -> bytes:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Path, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from app.api.deps import ID_PATTERN, State, VenueId, require
 from app.api.maps.versions import Version
+from app.api.requests.conditional import NOT_MODIFIED, is_known, unless_known
 from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import FILE_CONTENT, PoseBody, problems
-from app.engine.maps.drawing.coverage import DIRECTIONS
+from app.engine.maps.drawing.coverage import DIRECTIONS, Coverage
 from app.limits import limit
 from app.services.map_views.views import KeyframeView
 
@@ -24,6 +26,7 @@ router = APIRouter(
 )
 PLY = "application/ply"
 BINARY = "application/octet-stream"
+JSON = "application/json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,11 +152,16 @@ class CoverageBody(BaseModel):
 @router.get(
     "/points",
     name="getMapPoints",
-    responses={200: {"content": {BINARY: FILE_CONTENT, PLY: FILE_CONTENT}}, **problems(401, 404, 422)},
+    responses={
+        200: {"content": {BINARY: FILE_CONTENT, PLY: FILE_CONTENT}},
+        **NOT_MODIFIED,
+        **problems(401, 404, 422),
+    },
     response_class=Response,
 )
-def points(
+async def points(
     state: State,
+    request: Request,
     venue: VenueId,
     version: Version,
     file_format: Annotated[
@@ -168,27 +176,44 @@ def points(
     ] = OPTIONS.default_points,
 ) -> Response:
     """Return the map's points, thinned evenly, in world metres with their colours; grey where no pictures are kept."""
-    drawn = state.services.map_views.points(venue, version, max_points)
+    views = state.services.map_views
+    digest = f"{await run_in_threadpool(views.map_blob, venue, version)}-{max_points}-{file_format}"
+
+    def draw() -> bytes:
+        drawn = views.points(venue, version, max_points)
+        return drawn.ply() if file_format == "ply" else drawn.packed()
+
+    response = await state.drawings.answer(request, digest, draw, PLY if file_format == "ply" else BINARY)
     if file_format == "ply":
-        name = {"Content-Disposition": f'attachment; filename="{venue}-{version}.ply"'}
-        return Response(drawn.ply(), media_type=PLY, headers=name)
-    return Response(drawn.packed(), media_type=BINARY)
+        response.headers["Content-Disposition"] = f'attachment; filename="{venue}-{version}.ply"'
+    return response
 
 
-@router.get("/keyframes", name="listKeyframes", responses=problems(401, 404, 422))
-def keyframes(state: State, venue: VenueId, version: Version) -> list[MapKeyframeBody]:
+@router.get(
+    "/keyframes",
+    name="listKeyframes",
+    response_model=list[MapKeyframeBody],
+    responses=problems(401, 404, 422),
+)
+async def keyframes(state: State, venue: VenueId, version: Version) -> Response:
     """List the map's keyframes in the order of the scan."""
-    return [MapKeyframeBody.of(view) for view in state.services.map_views.keyframes(venue, version)]
+
+    def draw() -> bytes:
+        found = state.services.map_views.keyframes(venue, version)
+        return TypeAdapter(list[MapKeyframeBody]).dump_json([MapKeyframeBody.of(view) for view in found])
+
+    return Response(await state.drawings.run(draw), media_type=JSON)
 
 
 @router.get(
     "/keyframes/{keyframe}/picture",
     name="getKeyframePicture",
-    responses={200: {"content": {"image/jpeg": FILE_CONTENT}}, **problems(401, 404, 422)},
+    responses={200: {"content": {"image/jpeg": FILE_CONTENT}}, **NOT_MODIFIED, **problems(401, 404, 422)},
     response_class=Response,
 )
-def picture(
+async def picture(
     state: State,
+    request: Request,
     venue: VenueId,
     version: Version,
     keyframe: Annotated[int, Path(ge=0, le=2**31 - 1, description="The keyframe's number")],
@@ -198,12 +223,22 @@ def picture(
     ] = None,
 ) -> Response:
     """Return the picture of a keyframe, of a map that was built with store_images."""
-    data = state.services.map_views.picture(venue, version, keyframe, width)
-    return Response(data, media_type="image/jpeg")
+    views = state.services.map_views
+    blob = await run_in_threadpool(views.picture_blob, venue, version, keyframe)
+    digest = blob if width is None else f"{blob}-{width}"
+    if is_known(request, digest):
+        return unless_known(request, digest, Response)
+    data = await state.drawings.run(lambda: views.picture(blob, width))
+    return unless_known(request, digest, lambda: Response(data, media_type="image/jpeg"))
 
 
-@router.get("/coverage", name="getCoverage", responses=problems(401, 404, 409, 422))
-def coverage(
+@router.get(
+    "/coverage",
+    name="getCoverage",
+    response_model=CoverageBody,
+    responses=problems(401, 404, 409, 422),
+)
+async def coverage(
     state: State,
     venue: VenueId,
     version: Version,
@@ -212,9 +247,17 @@ def coverage(
         float,
         Query(ge=OPTIONS.min_cell_m, le=OPTIONS.max_cell_m, description="Edge of a cell, metres"),
     ] = OPTIONS.default_cell_m,
-) -> CoverageBody:
+) -> Response:
     """Return where on a floor a phone would be located."""
-    found = state.services.map_views.coverage(venue, version, floor, cell_m)
+
+    def draw() -> bytes:
+        found = state.services.map_views.coverage(venue, version, floor, cell_m)
+        return _coverage_body(found, floor, cell_m).model_dump_json().encode()
+
+    return Response(await state.drawings.run(draw), media_type=JSON)
+
+
+def _coverage_body(found: Coverage, floor: str, cell_m: float) -> CoverageBody:
     rows = zip(found.centres.round(3), found.features, found.is_covered, strict=True)
     cells = [
         CoverageCell(x=x, y=y, features=features.tolist(), covered=covered.tolist())
@@ -230,8 +273,10 @@ def coverage(
     responses={200: {"content": {"image/png": FILE_CONTENT}}, **problems(401, 404, 409, 422)},
     response_class=Response,
 )
-def top_view(
+async def top_view(
     state: State, venue: VenueId, version: Version, floor: FloorQuery | None = None, width: WidthQuery = 1024
 ) -> Response:
     """Return the map from above: points in their colours, keyframes as dots, over the floor's plan image."""
-    return Response(state.services.map_views.top_view(venue, version, floor, width), media_type="image/png")
+    views = state.services.map_views
+    data = await state.drawings.run(lambda: views.top_view(venue, version, floor, width))
+    return Response(data, media_type="image/png")

@@ -16,12 +16,19 @@ NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
 
 def unless_known(request: Request, digest: str, make: Callable[[], Response]) -> Response:
     """Return an answer whose content has a digest, made only if the client doesn't have it yet."""
-    # Weak, since the same content may be sent compressed.
-    tag = f'W/"{digest}"'
-    headers = {"ETag": tag, "Cache-Control": CACHE_CONTROL}
-    known = [each.strip() for each in request.headers.get("if-none-match", "").split(",")]
-    if "*" in known or any(each.removeprefix("W/") == tag.removeprefix("W/") for each in known):
-        return Response(status_code=304, headers=headers)
+    if is_known(request, digest):
+        return Response(status_code=304, headers=_headers(digest))
     response = make()
-    response.headers.update(headers)
+    response.headers.update(_headers(digest))
     return response
+
+
+def is_known(request: Request, digest: str) -> bool:
+    """Whether the client says that it has the content with a digest."""
+    known = [each.strip() for each in request.headers.get("if-none-match", "").split(",")]
+    return "*" in known or any(each.removeprefix("W/") == f'"{digest}"' for each in known)
+
+
+def _headers(digest: str) -> dict[str, str]:
+    # Weak, since the same content may be sent compressed.
+    return {"ETag": f'W/"{digest}"', "Cache-Control": CACHE_CONTROL}

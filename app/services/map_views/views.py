@@ -21,7 +21,7 @@ from app.lru import LruCache
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.floors import get_floor, list_floors
-from app.storage.maps import MapVersion, get_map, list_keyframe_images
+from app.storage.maps import MapVersion, get_keyframe_images, get_map, list_keyframe_images
 from app.vision.images import decode_image
 
 
@@ -72,15 +72,20 @@ class MapViews:
             OPTIONS.kept_bytes, lambda drawn: drawn.points_in_world.nbytes + drawn.rgb.nbytes + 1
         )
 
+    def map_blob(self, venue: str, version: int) -> str:
+        """Return the digest of all that a map version's points and poses are drawn from; raises `NotFoundError`."""
+        return self._version(venue, version).artifact_blob
+
     def points(self, venue: str, version: int, max_points: int) -> DrawnPoints:
         """Return the points of a map version, at most `max_points`; raises `NotFoundError`."""
-        found, blobs = self._version(venue, version)
+        found = self._version(venue, version)
         key = (found.artifact_blob, max_points)
-        return self._points.get_or_make(key, lambda: self._draw(found, blobs, max_points))
+        return self._points.get_or_make(key, lambda: self._draw(found, max_points))
 
     def keyframes(self, venue: str, version: int) -> list[KeyframeView]:
         """Return the keyframes of a map version in their order; raises `NotFoundError`."""
-        found, blobs = self._version(venue, version)
+        found = self._version(venue, version)
+        blobs = self._pictures(found)
         artifact, floors = self._artifact(found), self._floors(venue) if found.plan_reason is None else []
         counts = np.diff(artifact.arrays.offsets)
         return [
@@ -88,14 +93,18 @@ class MapViews:
             for k in range(artifact.keyframe_count)
         ]
 
-    def picture(self, venue: str, version: int, keyframe: int, width_px: int | None) -> bytes:
-        """Return the picture of a keyframe as JPEG, at most `width_px` wide; raises `NotFoundError`."""
-        _, blobs = self._version(venue, version)
-        if keyframe >= len(blobs):
+    def picture_blob(self, venue: str, version: int, keyframe: int) -> str:
+        """Return the digest of the picture of a keyframe; raises `NotFoundError`."""
+        self._version(venue, version)
+        with self._resources.database.read() as connection:
+            images = get_keyframe_images(connection, venue, version, keyframe)
+        if images is None:
             raise NotFoundError(f"Map version {version} has no picture of a keyframe {keyframe}.")
-        rgb = decode_image(
-            self._resources.blobs.get(blobs[keyframe]), self._resources.settings.max_image_pixels
-        )
+        return images.color_blob
+
+    def picture(self, blob: str, width_px: int | None) -> bytes:
+        """Return the picture with a digest as JPEG, at most `width_px` wide; raises `NotFoundError`."""
+        rgb = decode_image(self._resources.blobs.get(blob), self._resources.settings.max_image_pixels)
         if width_px is not None and width_px < rgb.shape[1]:
             size = (width_px, max(1, round(rgb.shape[0] * width_px / rgb.shape[1])))
             rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -107,7 +116,7 @@ class MapViews:
 
         Raises `NotFoundError`, and `ConflictError` for a floor that the map has no place on.
         """
-        found, _ = self._version(venue, version)
+        found = self._version(venue, version)
         place, plan_from_world = self._placed_floor(found, floor)
         artifact = self._artifact(found)
         return coverage_of(artifact, plan_from_world, _on_floor(artifact, place), cell_m)
@@ -117,7 +126,7 @@ class MapViews:
 
         Raises `NotFoundError`, and `ConflictError` for a floor that the map has no place on.
         """
-        found, _ = self._version(venue, version)
+        found = self._version(venue, version)
         artifact = self._artifact(found)
         drawn = self.points(venue, version, OPTIONS.drawn_points)
         if floor is None:
@@ -138,11 +147,15 @@ class MapViews:
             )
         return top_view_png(sheet, drawn, xy, keyframes)
 
-    def _version(self, venue: str, version: int) -> tuple[MapVersion, list[str]]:
-        """Return a version and the blobs of its keyframes' pictures, none for a map that was built without them."""
+    def _version(self, venue: str, version: int) -> MapVersion:
         with self._resources.database.read() as connection:
-            found = get_map(connection, venue, version)
-            return found, [images.color_blob for images in list_keyframe_images(connection, venue, version)]
+            return get_map(connection, venue, version)
+
+    def _pictures(self, found: MapVersion) -> list[str]:
+        """Return the blobs of the keyframes' pictures, none for a map that was built without them."""
+        with self._resources.database.read() as connection:
+            images = list_keyframe_images(connection, found.venue_id, found.version)
+        return [each.color_blob for each in images]
 
     def _artifact(self, version: MapVersion) -> MapArtifact:
         return self._maps.open(version).artifact
@@ -169,8 +182,8 @@ class MapViews:
             )
         return place, place.plan_from_world
 
-    def _draw(self, version: MapVersion, blobs: list[str], max_points: int) -> DrawnPoints:
-        artifact = self._artifact(version)
+    def _draw(self, version: MapVersion, max_points: int) -> DrawnPoints:
+        artifact, blobs = self._artifact(version), self._pictures(version)
 
         def picture_of(keyframe: int) -> NDArray[np.uint8] | None:
             return self._small_picture(blobs[keyframe]) if keyframe < len(blobs) else None
