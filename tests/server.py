@@ -35,7 +35,8 @@ from tests.scenes import CAMERA_TEXT
 # Options of a build that is done soon, since nothing is refined or registered.
 QUICK = {"world_from_scan": np.eye(4).tolist(), "refine_depth": False}
 ENDED = ("succeeded", "failed", "cancelled")
-WAIT_S = 90.0
+# Far beyond what a busy machine needs: only a test that fails waits as long.
+WAIT_S = 180.0
 # Between two checks of a build.
 POLL_S = 0.1
 # Of the files in the data folder these change without meaning anything.

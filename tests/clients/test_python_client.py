@@ -17,6 +17,7 @@ from roomfix_client.calls import LONGEST_PAUSE_S, form, pause_s, with_picture
 
 from tests.clients.conftest import Site
 from tests.clients.schemas import schemas
+from tests.server import WAIT_S
 
 README = Path(__file__).parents[2] / "clients" / "python" / "README.md"
 SAMPLES = re.findall(
@@ -97,15 +98,21 @@ def test_both_clients_answer_alike(site: Site) -> None:
 
 
 def test_a_bad_frame_of_a_stream_is_answered_and_the_stream_goes_on(site: Site) -> None:
+    answered = asyncio.Event()
+
     async def frames() -> Any:
         yield Frame(b"no picture")
-        await asyncio.sleep(1.0)
+        await answered.wait()
         yield Frame(site.folder / "photo.jpg", {"axes": "arkit"})
 
     async def ask() -> list[Any]:
         async with AsyncRoomfix(site.url, site.names["KEY"]) as server:
             session = await server.create_session("museum", camera=site.names["CAMERA"])
-            return [answer async for answer in server.stream(session["session"], frames())]
+            answers = []
+            async for answer in server.stream(session["session"], frames()):
+                answers.append(answer)
+                answered.set()
+            return answers
 
     bad, good = asyncio.run(ask())
     assert bad["code"] == "unsupported_image"
@@ -113,22 +120,25 @@ def test_a_bad_frame_of_a_stream_is_answered_and_the_stream_goes_on(site: Site) 
 
 
 def test_a_stream_ends_with_its_frames_however_late_they_end(site: Site) -> None:
-    async def frames(error: Exception | None) -> Any:
+    async def frames(answered: asyncio.Event, error: Exception | None) -> Any:
         yield Frame(site.folder / "photo.jpg")
         # The answer is there before the camera says that this was all.
-        await asyncio.sleep(2.0)
+        await answered.wait()
         if error is not None:
             raise error
 
     async def ask(error: Exception | None) -> list[Any]:
         async with AsyncRoomfix(site.url, site.names["KEY"]) as server:
             session = await server.create_session("museum", camera=site.names["CAMERA"])
-            stream = server.stream(session["session"], frames(error))
-            return [answer["received"] async for answer in stream]
+            answered, received = asyncio.Event(), []
+            async for answer in server.stream(session["session"], frames(answered, error)):
+                received.append(answer["received"])
+                answered.set()
+            return received
 
-    assert asyncio.run(asyncio.wait_for(ask(None), 30)) == [1]
+    assert asyncio.run(asyncio.wait_for(ask(None), WAIT_S)) == [1]
     with pytest.raises(RuntimeError, match="lens cap"):
-        asyncio.run(asyncio.wait_for(ask(RuntimeError("lens cap")), 30))
+        asyncio.run(asyncio.wait_for(ask(RuntimeError("lens cap")), WAIT_S))
 
 
 def test_a_build_that_fails_is_an_error(site: Site, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import ssl
 import stat
 import subprocess
 import sys
-import time
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -26,7 +26,7 @@ from app.main import create_app
 from app.settings import Settings
 from app.web.phones import PhoneAccess
 from tests.ports import free_port
-from tests.server import assert_problem
+from tests.server import WAIT_S, assert_problem, wait_for
 
 ROOT = Path(__file__).parents[2]
 
@@ -78,15 +78,16 @@ def test_serve_https_is_trusted_by_its_authority_and_by_nothing_else(tmp_path: P
     try:
         authority = tmp_path / "https" / "authority.pem"
         url = f"https://127.0.0.1:{port}"
-        for _ in range(200):
+
+        def trusted() -> ssl.SSLContext | None:
             assert process.poll() is None
-            try:
+            with suppress(OSError, httpx.TransportError):
                 context = ssl.create_default_context(cafile=str(authority))
-                ready = httpx.get(f"{url}/readyz", verify=context)
-                break
-            except (OSError, httpx.TransportError):
-                time.sleep(0.2)
-        assert ready.status_code == 200
+                if httpx.get(f"{url}/readyz", verify=context).status_code == 200:
+                    return context
+            return None
+
+        context = wait_for(trusted, pause_s=0.2)
         with pytest.raises(httpx.ConnectError, match="certificate"):
             httpx.get(f"{url}/readyz")
         assert httpx.get(f"{url}/assets/addresses", verify=context).json() == {"https": f"{url}/"}
@@ -95,7 +96,7 @@ def test_serve_https_is_trusted_by_its_authority_and_by_nothing_else(tmp_path: P
         assert downloaded.content == authority.read_bytes()
     finally:
         process.terminate()
-        printed, _ = process.communicate(timeout=20)
+        printed, _ = process.communicate(timeout=WAIT_S)
     assert f"https://127.0.0.1:{port}/" in printed
     assert len([line for line in printed.splitlines() if set(line) <= set("█▀▄ ") and "█" in line]) > 10
 

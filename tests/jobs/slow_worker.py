@@ -1,8 +1,8 @@
 """The build worker, held where a test wants it: at the stage that the file `hold` in the data folder names.
 
 It waits there, having written `held`, until `hold` names another stage or is gone. Of the environment, `LOCK_WAIT_S`
-shortens the time that an impatient database waits for a lock, and `LEASE_S` the time after which a silent worker is
-given up. Started by its path, in place of `python -m app.jobs.worker`.
+shortens the time that a database, patient or not, waits for a lock, and `LEASE_S` the time after which a silent worker
+is given up. Started by its path, in place of `python -m app.jobs.worker`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def _names(path: Path, stage: str) -> bool:
 
 if __name__ == "__main__":
     if "LOCK_WAIT_S" in os.environ:
-        db.OPTIONS = db.DatabaseOptions(lock_wait_s=float(os.environ["LOCK_WAIT_S"]))
+        wait_s = float(os.environ["LOCK_WAIT_S"])
+        db.OPTIONS = db.DatabaseOptions(lock_wait_s=wait_s, patient_wait_s=wait_s)
     if "LEASE_S" in os.environ:
         lease.OPTIONS = lease.LeaseOptions(lease_s=float(os.environ["LEASE_S"]))
     handlers.BuildProgress = HeldProgress  # type: ignore[misc]

@@ -13,15 +13,15 @@ import pytest
 
 from app.jobs.embedded import EmbeddedRunner
 from app.settings import Settings
-from app.storage.db import OPTIONS
 from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import VENUE, WithRunner
 from tests.locks import locked
 from tests.scenes import View, scan_files, zipped
-from tests.server import running
+from tests.server import WAIT_S, running
 
-# Several attempts of the worker to get the lock.
-LONG_S = 3.5 * OPTIONS.patient_wait_s
+# How long the worker waits for the lock each time, so that locks of several attempts are soon over.
+LOCK_WAIT_S = 0.3
+LONG_S = 3.5 * LOCK_WAIT_S
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +30,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, views: list[View]) -> Iterato
     folder = tmp_path_factory.mktemp("locked")
     runner = EmbeddedRunner(Settings(_env_file=None, data_dir=folder, open=True), SLOW_WORKER)
     with pytest.MonkeyPatch.context() as patch:
-        # So that a worker which gives up does so within the tests' locks.
-        patch.setenv("LOCK_WAIT_S", "0.3")
+        patch.setenv("LOCK_WAIT_S", str(LOCK_WAIT_S))
         with running(folder, runner) as server:
             site = WithRunner(server, zipped(scan_files(views[:4])), views[3])
             site.runner = runner
@@ -72,6 +71,6 @@ def test_a_worker_that_can_not_open_its_database_ends_with_its_error(tmp_path: P
     command = [sys.executable, "-m", "app.jobs.worker"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as worker:
         # The pipe stays open, as with a server: only the error ends the worker.
-        assert worker.wait(60) == 1
+        assert worker.wait(WAIT_S) == 1
         assert worker.stderr is not None
         assert "unable to open database file" in worker.stderr.read().decode()

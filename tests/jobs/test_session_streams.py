@@ -12,11 +12,12 @@ import pytest
 import websockets
 from websockets.asyncio.client import connect
 
-from app.commands.stream_client import StreamLog, start_session, stream_frames
+from app.commands import stream_client
+from app.commands.stream_client import StreamLog, StreamOptions, start_session, stream_frames
 from tests.jobs.test_session_kill import ready, serve
 from tests.ports import free_port
 from tests.scenes import CAMERA_TEXT, Room, pose_at
-from tests.server import Server
+from tests.server import WAIT_S, Server
 
 PHONES, FPS, SECONDS = 4, 10.0, 5
 
@@ -29,7 +30,7 @@ def address(tmp_path_factory: pytest.TempPathFactory, scan_zip: bytes) -> Iterat
     process = serve(folder, port)
     try:
         ready(port, process)
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as client:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=WAIT_S) as client:
             server = Server(client, folder)
             server.add_venue("museum")
             server.add_map(scan_zip, "museum", gravity=[0, 0, -1])
@@ -64,7 +65,10 @@ async def run_phones(address: str, video: list[bytes], seen: list[float]) -> lis
     return list(logs)
 
 
-def test_four_phones_get_their_newest_answers(address: str, video: list[bytes]) -> None:
+def test_four_phones_get_their_newest_answers(
+    address: str, video: list[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream_client, "OPTIONS", StreamOptions(last_answer_s=WAIT_S))
     seen: list[float] = []
     logs = asyncio.run(run_phones(address, video, seen))
     for log in logs:

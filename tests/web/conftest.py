@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tests.server import WAIT_S
 from tests.web.live import Server, Tab, chromium, live_server, watched_tab
 
 
@@ -21,6 +22,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 def driver() -> Iterator[Any]:
     """Playwright, of which a process can run one at a time."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    playwright.expect.set_options(timeout=1000 * WAIT_S)
     with playwright.sync_playwright() as driver:
         yield driver
 

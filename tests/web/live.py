@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ import httpx
 import pytest
 
 from tests.ports import free_port
+from tests.server import WAIT_S, wait_for
 
 CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
 KEY = "key-of-the-browser-test"
@@ -47,21 +47,21 @@ class Server:
                 stdout=log,
                 stderr=log,
             )
-        for _ in range(2400):
-            assert self.process.poll() is None, (self.folder / "log").read_text(encoding="utf-8")
-            try:
-                if self.client.get("/readyz").status_code == 200:
-                    return
-            except httpx.TransportError:
-                pass
-            time.sleep(0.05)
-        pytest.fail(f"the server did not become ready: {(self.folder / 'log').read_text(encoding='utf-8')}")
+        wait_for(self._is_ready, pause_s=0.05)
+
+    def _is_ready(self) -> bool:
+        assert self.process is not None
+        assert self.process.poll() is None, (self.folder / "log").read_text(encoding="utf-8")
+        try:
+            return self.client.get("/readyz").status_code == 200
+        except httpx.TransportError:
+            return False
 
     def stop(self) -> None:
         """Stop the server as an operator does."""
         if self.process is not None:
             self.process.terminate()
-            self.process.wait(20)
+            self.process.wait(WAIT_S)
 
 
 @dataclass
@@ -80,7 +80,7 @@ class Tab:
 def live_server(folder: Path, **options: str) -> Iterator[Server]:
     """Serve a data folder in a process of its own; `options` are environment variables."""
     url = f"http://127.0.0.1:{free_port()}"
-    with httpx.Client(base_url=url, headers={"Authorization": f"Bearer {KEY}"}, timeout=20) as client:
+    with httpx.Client(base_url=url, headers={"Authorization": f"Bearer {KEY}"}, timeout=WAIT_S) as client:
         server = Server(url, client, folder, options)
         server.start()
         try:
@@ -106,7 +106,7 @@ def watched_tab(browser: Any, allowed: Sequence[str] = ("401",), **context_optio
     `allowed` are parts of what the browser itself notes and may: the 401 that makes a page ask for the key.
     """
     context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **context_options})
-    context.set_default_timeout(30_000)
+    context.set_default_timeout(1000 * WAIT_S)
     tab = Tab(context.new_page())
 
     def console(message: Any) -> None:

@@ -132,7 +132,7 @@ def test_a_scan_becomes_a_map_and_a_photo_a_place_on_the_plan(server: Server, ta
     page.locator("#scan-camera").fill(scenes.CAMERA_TEXT)
     page.get_by_role("button", name="Upload and build").click()
     playwright.expect(page.locator("#progress progress")).to_be_visible()
-    playwright.expect(page.locator("#progress")).to_contain_text("Version 1 is built", timeout=90_000)
+    playwright.expect(page.locator("#progress")).to_contain_text("Version 1 is built")
     playwright.expect(page.locator("#maps-list")).to_contain_text("Serving")
 
     page.get_by_role("link", name="Locate", exact=True).click()

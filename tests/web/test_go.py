@@ -161,14 +161,17 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     page.get_by_label("Show my dot to the people who run this place").check()
     begin(page)
     playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
-    errors = []
-    for _ in range(25):
+    errors: list[float] = []
+
+    def has_moved_often() -> bool:
+        page.wait_for_timeout(100)
         shown = dot(page)
         if int(shown["frame"]) <= len(wire.frames):
             at = truth_of(wire.frames[int(shown["frame"]) - 1]).translation
             errors.append(np.hypot(float(shown["x"]) - at[0], float(shown["y"]) - at[1]))
-        page.wait_for_timeout(100)
-    assert len(errors) > 10, (len(wire.frames), len(wire.hints), len(wire.answers), dot(page))
+        return len(errors) > 20
+
+    wait_for(has_moved_often)
     assert max(errors) < 0.5
     assert np.median(errors) < 0.1
     # Drawn where it is said to be.
@@ -218,7 +221,7 @@ def test_gravity_comes_from_the_devices_attitude(server: Server, phone: Tab) -> 
         page.wait_for_timeout(100)
         return any("gravity" in hint for hint in wire.hints)
 
-    wait_for(turned, 60)
+    wait_for(turned)
     down = next(hint["gravity"] for hint in wire.hints if "gravity" in hint)
     # The top of the phone leans back by 30 degrees: the rear camera looks down by that.
     assert np.allclose(down, [0, np.cos(np.radians(30)), np.sin(np.radians(30))], atol=1e-3)
@@ -244,23 +247,23 @@ def test_it_goes_on_by_itself_after_the_server_was_away(server: Server, phone: T
         playwright.expect(page.locator(".you")).to_have_class(re.compile("stale"))
     finally:
         server.start()
-    playwright.expect(page.locator("#go")).to_have_attribute("data-state", "located", timeout=30_000)
+    playwright.expect(page.locator("#go")).to_have_attribute("data-state", "located")
     assert wire.opened >= 2
     assert wire.answers[-1]["session"] == session
     # A session that is gone meanwhile is begun anew.
     server.client.delete(f"/sessions/{session}").raise_for_status()
-    wait_for(lambda: page.wait_for_timeout(50) or wire.answers[-1].get("session") not in (None, session), 20)
+    wait_for(lambda: page.wait_for_timeout(50) or wire.answers[-1].get("session") not in (None, session))
 
 
 def test_the_focal_length_is_learned_and_stated_the_next_time(server: Server, phone: Tab) -> None:
     page = phone.page
     go(server, phone)
     begin(page)
-    wait_for(lambda: page.wait_for_timeout(50) or page.evaluate("() => localStorage['roomfix.camera']"), 60)
+    wait_for(lambda: page.wait_for_timeout(50) or page.evaluate("() => localStorage['roomfix.camera']"))
     page.reload()
     wire = Wire.of(page)
     begin(page)
-    wait_for(lambda: page.wait_for_timeout(50) or wire.hints, 60)
+    wait_for(lambda: page.wait_for_timeout(50) or wire.hints)
     assert wire.hints[0]["camera"]["params"][0] == pytest.approx(scenes.CAMERA.focal_px, rel=0.05)
 
 
@@ -275,7 +278,7 @@ def test_a_second_window_takes_over(server: Server, phone: Tab) -> None:
     page = phone.page
     wire = go(server, phone)
     begin(page)
-    wait_for(lambda: page.wait_for_timeout(50) or wire.answers, 20)
+    wait_for(lambda: page.wait_for_timeout(50) or wire.answers)
     session = wire.answers[-1]["session"]
     page.evaluate(
         """([session, key]) => {
@@ -283,7 +286,7 @@ def test_a_second_window_takes_over(server: Server, phone: Tab) -> None:
         }""",
         [session, KEY],
     )
-    playwright.expect(words(page)).to_have_text("This way goes on in another window", timeout=20_000)
+    playwright.expect(words(page)).to_have_text("This way goes on in another window")
     playwright.expect(page.get_by_role("button", name="Show me where I am")).to_be_visible()
 
 
@@ -333,10 +336,11 @@ def test_instructions_are_spoken_once_each(server: Server, phone: Tab) -> None:
     page.get_by_role("button", name="Speak the instructions").click()
     page.get_by_role("button", name="Where to?").click()
     page.get_by_role("button", name="Große Tür").click()
-    playwright.expect(page.locator("#say-more")).to_contain_text("m to Große Tür", timeout=30_000)
+    playwright.expect(page.locator("#say-more")).to_contain_text("m to Große Tür")
+    wait_for(lambda: page.wait_for_timeout(50) or page.evaluate("() => said.length"))
+    # An answer or two more, of which most say the same.
     page.wait_for_timeout(1500)
     said = page.evaluate("() => said")
-    assert said
     assert {lang for _, lang in said} == {"en"}
     assert all(one != other for one, other in pairwise(said))
 
@@ -356,8 +360,9 @@ def test_without_a_camera_a_simulated_phone_walks(server: Server, browser: Any) 
         tab.page.get_by_role("button", name="Try it without a camera").click()
         playwright.expect(tab.page.locator(".you")).to_be_visible(timeout=30_000)
         playwright.expect(tab.page.locator("#say-more")).to_contain_text("Simulated phone")
-        tab.page.wait_for_timeout(1500)
-        assert sum(answer["located"] for answer in wire.answers) > 2
+        wait_for(
+            lambda: tab.page.wait_for_timeout(50) or sum(answer["located"] for answer in wire.answers) > 2
+        )
 
 
 def test_a_camera_that_is_not_there_or_not_allowed_is_said(server: Server, browser: Any) -> None:

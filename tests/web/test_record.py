@@ -87,7 +87,7 @@ def kept(page: Any) -> int:
 def film(page: Any, count: int) -> None:
     """Film until a number of frames are kept."""
     page.get_by_role("button", name=re.compile("Start filming|Go on filming|Film more")).click()
-    wait_for(lambda: page.wait_for_timeout(100) or kept(page) >= count, 60)
+    wait_for(lambda: page.wait_for_timeout(100) or kept(page) >= count)
 
 
 def test_a_recording_becomes_a_map_that_locates_although_the_server_restarts(
@@ -97,10 +97,10 @@ def test_a_recording_becomes_a_map_that_locates_although_the_server_restarts(
     open_page(server, phone)
     film(page, 8)
     server.stop()
-    playwright.expect(page.locator("#say-more")).to_contain_text("The connection is lost", timeout=20_000)
+    playwright.expect(page.locator("#say-more")).to_contain_text("The connection is lost")
     keep_picture(page, tmp_path, "record-cut")
     server.start()
-    wait_for(lambda: page.wait_for_timeout(100) or kept(page) >= 36, 60)
+    wait_for(lambda: page.wait_for_timeout(100) or kept(page) >= 36)
     playwright.expect(page.locator("#say-more")).not_to_contain_text("lost")
     keep_picture(page, tmp_path, "record-filming")
     page.get_by_role("button", name="Stop filming").click()
@@ -108,7 +108,7 @@ def test_a_recording_becomes_a_map_that_locates_although_the_server_restarts(
     page.get_by_label("Side of the marker's black square (m)").fill(str(MARKER_M))
     keep_picture(page, tmp_path, "record-size")
     page.get_by_role("button", name="Build the map").click()
-    playwright.expect(page.locator("#say-words")).to_have_text("The map is ready", timeout=180_000)
+    playwright.expect(page.locator("#say-words")).to_have_text("The map is ready")
     keep_picture(page, tmp_path, "record-ready")
 
     room = filmed_room()
@@ -158,13 +158,11 @@ def test_a_page_that_was_closed_goes_on_and_loses_nothing(
         def stored() -> int:
             return int(server.client.get(f"/recordings/{recording}").json()["frames"])
 
-        wait_for(lambda: page.wait_for_timeout(100) or stored() >= held, 20)
+        wait_for(lambda: page.wait_for_timeout(100) or stored() >= held)
         film(page, stored() + 2)
         page.get_by_role("button", name="Stop filming").click()
-        wait_for(
-            lambda: page.wait_for_timeout(100) or server.client.get(f"/recordings/{recording}").json(), 20
-        )
-        assert server.client.get(f"/recordings/{recording}").json()["missing"] == []
+        address = f"/recordings/{recording}"
+        wait_for(lambda: page.wait_for_timeout(100) or server.client.get(address).json()["missing"] == [])
         page.reload()
         page.get_by_role("button", name="Delete it").click()
         playwright.expect(page.get_by_role("button", name="Start filming")).to_be_visible()

@@ -111,7 +111,7 @@ def test_phones_that_agreed_are_shown_and_where_they_were_lost(
     database = Database(f"sqlite:///{server.folder}/data/roomfix.db")
     shown, hidden = walk(database, share=True), walk(database, share=False)
     database.close()
-    playwright.expect(page.locator("#phone-list li")).to_have_count(1, timeout=20_000)
+    playwright.expect(page.locator("#phone-list li")).to_have_count(1)
     playwright.expect(page.locator("#phone-list")).to_contain_text(
         f"{shown[:8]}: tracking, on Ground floor at 3.0, 2.5 m"
     )
@@ -124,4 +124,4 @@ def test_phones_that_agreed_are_shown_and_where_they_were_lost(
     # Consent that is taken back holds at once.
     client.patch(f"/sessions/{shown}", json={"share": False}).raise_for_status()
     assert client.get("/venues/house/phones").json() == []
-    playwright.expect(page.locator(".live-phone")).to_have_count(0, timeout=20_000)
+    playwright.expect(page.locator(".live-phone")).to_have_count(0)

@@ -247,7 +247,7 @@ def _by_focal_sigma(best: Hypothesis, focal_sigma: float) -> Accuracy:
 
 
 def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
-    if best.inliers.feature_count < OPTIONS.min_features:
+    if best.inlier_features < OPTIONS.min_features:
         return None
     step = -(-len(best.inliers) // OPTIONS.max_matches)
     pixels, points = best.inliers.points_px[::step], best.inliers.points_in_world[::step]
@@ -277,7 +277,7 @@ def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | 
 
     def count(tried: Camera) -> int:
         found = estimate(some, tried, max_iterations=OPTIONS.screen_iterations)
-        return 0 if found is None else _agreeing(some, tried, found.world_from_camera, limit_px)
+        return 0 if found is None else _agreement(some, tried, found.world_from_camera, limit_px)[0]
 
     counts = {zoom: count(changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0])) for zoom in ZOOMS}
     most = max(counts, key=lambda zoom: counts[zoom])
@@ -294,17 +294,15 @@ def _limit_px(best: Hypothesis, camera: Camera) -> float:
     )
 
 
-def _agreeing(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> int:
-    """Return how many features agree with a camera and its pose. The limit is one in pixels for all cameras: an angle
-    would let more matches agree with each longer focal length."""
-    errors_px = reprojection_errors_px(matches.points_px, matches.points_in_world, camera, pose)
-    return matches.take(errors_px <= limit_px).feature_count
+def _agreement(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> tuple[int, float]:
+    """Return how many features agree with a camera and its pose, and the cost of all matches: the sum of the squared
+    errors over their limit, each at most 1 (MSAC).
 
-
-def _cost(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> float:
-    """Return the sum of the squared errors over their limit, each at most 1 (MSAC)."""
+    The limit is one in pixels for all cameras: an angle would let more matches agree with each longer focal length.
+    """
     errors_px = reprojection_errors_px(matches.points_px, matches.points_in_world, camera, pose)
-    return float(np.minimum((errors_px / limit_px) ** 2, 1.0).sum())
+    cost = float(np.minimum((errors_px / limit_px) ** 2, 1.0).sum())
+    return matches.take(errors_px <= limit_px).feature_count, cost
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +324,8 @@ def _refined(
 ) -> CheckedCamera | None:
     """Return a camera with far more inliers than the stated one, None where refining leads to none."""
     starts = _starts(best, camera, fit, search, zoomed)
-    tried = [_refined_from(start, pose, best, camera, estimate) for start, pose in starts]
+    limit_px = _limit_px(best, camera)
+    tried = [_refined_from(start, pose, best, camera, estimate, limit_px) for start, pose in starts]
     ends = [end for end in tried if end is not None]
     if not ends:
         return None
@@ -334,14 +333,19 @@ def _refined(
     found = next(end for end in ends if end.cost <= least_cost + OPTIONS.simpler_share * end.agreeing)
     is_sure = abs(fit.log_focal) > OPTIONS.sure_sigmas * fit.focal_sigma
     gain = OPTIONS.sure_gain_ratio if is_sure else OPTIONS.min_gain_ratio
-    return found.checked if found.agreeing >= gain * best.inliers.feature_count else None
+    return found.checked if found.agreeing >= gain * best.inlier_features else None
 
 
 def _refined_from(
-    start: Camera, prior: Pose | None, best: Hypothesis, stated: Camera, estimate: Estimate
+    start: Camera,
+    prior: Pose | None,
+    best: Hypothesis,
+    stated: Camera,
+    estimate: Estimate,
+    limit_px: float,
 ) -> _Refined | None:
     """Return the camera that refining from `start` leads to; each round fits the camera to the inliers of the last."""
-    found, tried, limit_px = None, start, _limit_px(best, stated)
+    found, tried = None, start
     for _ in range(OPTIONS.rounds):
         if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
             break
@@ -349,7 +353,7 @@ def _refined_from(
         if again is None:
             break
         hypothesis = Hypothesis.of(again, best.matches)
-        agreeing = _agreeing(best.matches, tried, hypothesis.pose, limit_px)
+        agreeing, cost = _agreement(best.matches, tried, hypothesis.pose, limit_px)
         if found is not None and agreeing <= OPTIONS.round_gain_ratio * found.agreeing:
             break
         next_fit = _fit(hypothesis, tried)
@@ -360,7 +364,7 @@ def _refined_from(
             max_confidence=OPTIONS.unverified_confidence,
             is_refined=True,
         )
-        found = _Refined(checked, agreeing, _cost(best.matches, tried, hypothesis.pose, limit_px))
+        found = _Refined(checked, agreeing, cost)
         if next_fit is None:
             break
         tried, prior = next_fit.camera, next_fit.pose
@@ -374,7 +378,7 @@ def _max_confidence(fit: FreeIntrinsics | None) -> float:
 
 def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
     """Return by how much the pose of a refined camera may be wrong for want of its exact focal length."""
-    few = max(1.0, OPTIONS.refined_features / found.inliers.feature_count) ** 0.5
+    few = max(1.0, OPTIONS.refined_features / found.inlier_features) ** 0.5
     sigma = max(OPTIONS.refined_sigma * few, 0.0 if fit is None else fit.focal_sigma)
     return _by_focal_sigma(found, sigma)
 

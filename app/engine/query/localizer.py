@@ -225,7 +225,7 @@ class Localizer:
 
     def _is_convincing(self, found: Hypothesis, camera: Camera) -> bool:
         inliers, settings = found.inliers, self.settings
-        enough = inliers.feature_count >= settings.convincing_inliers_factor * self.limits.min_inliers
+        enough = found.inlier_features >= settings.convincing_inliers_factor * self.limits.min_inliers
         size_px = camera.width, camera.height
         return enough and coverage(inliers.points_px, size_px) >= settings.convincing_coverage
 
@@ -239,7 +239,7 @@ class Localizer:
             voted = [vote.keyframe for vote in votes_of(best.matches, best.inliers)[:2]]
             twins = self.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
             rest = Matches.merge([rest, matcher.match(twins)])
-        needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inliers.feature_count)
+        needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inlier_features)
         if self.limits.max_rival_share >= 1.0 or len(rest) < needed:
             return None
         first = self.estimate(rest, camera, max_iterations=settings.rival_iterations)
@@ -348,7 +348,7 @@ def _agreement(matcher: Matcher, found: Hypothesis, camera: Camera) -> Agreement
 def _support(matcher: Matcher, found: Hypothesis, camera: Camera) -> int:
     """Return how much speaks for a pose: cells that agree more than disagree, or inliers where none are compared."""
     agreement = _agreement(matcher, found, camera)
-    return found.inliers.feature_count if agreement is None else agreement.balance
+    return found.inlier_features if agreement is None else agreement.balance
 
 
 def _later(first: Localization, second: Localization) -> Localization:
