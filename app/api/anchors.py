@@ -190,6 +190,18 @@ def remove(state: State, camera: AnchorId) -> Response:
     return Response(status_code=204)
 
 
+@router.get(
+    "/{camera}/picture",
+    name="getAnchorPicture",
+    dependencies=[Depends(require("admin"))],
+    responses={200: {"content": {"image/jpeg": FILE_CONTENT}}, **problems(401, 404, 422)},
+    response_class=Response,
+)
+def picture(state: State, camera: AnchorId) -> Response:
+    """Return an anchor's newest frame, where the anchor says that its image is kept."""
+    return Response(state.services.anchors.picture(camera), media_type="image/jpeg")
+
+
 @router.post(
     "/{camera}/frames",
     name="pushAnchorFrame",

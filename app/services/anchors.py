@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
+import cv2
 import numpy as np
 
 from app.engine.anchors.anchor import Anchor, AnchorSpec, Poi
@@ -15,8 +16,9 @@ from app.engine.anchors.check_anchor import check_anchor
 from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.map_depth import SeenPoints
 from app.engine.anchors.poi_triangulation import inside_region, region_in, regions_in
-from app.errors import ConflictError, InvalidInputError
+from app.errors import ConflictError, InvalidInputError, NotFoundError
 from app.geometry.camera import Camera
+from app.limits import limit
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.anchors import (
@@ -36,6 +38,16 @@ from app.vision.images import Rgb, decode_image
 
 # A region with fewer features can't be recognised.
 MIN_REGION_FEATURES = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorPictureOptions:
+    """How a stored frame is shown to people."""
+
+    jpeg_quality: int = limit(90, "JPEG quality of a monitoring camera's newest frame.", chosen="By hand.")
+
+
+OPTIONS = AnchorPictureOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +114,24 @@ class AnchorService:
             anchor = set_calibration(connection, anchor_id, calibration)
         self._store(anchor, image, rgb, received_at)
         return anchor
+
+    def picture(self, anchor_id: str) -> bytes:
+        """Return the newest frame that was stored as an image, as JPEG of the frame's size, upright.
+
+        Raises `NotFoundError` for an unknown anchor, and for one of which no image is stored.
+        """
+        with self._resources.database.read() as connection:
+            get_anchor(connection, anchor_id)
+            frame = list_frames(connection, [anchor_id]).get(anchor_id)
+        if frame is None or frame.image_blob is None:
+            raise NotFoundError(
+                f"No picture of {anchor_id!r} is stored: store_images is false, or no frame came yet."
+            )
+        rgb = decode_image(
+            self._resources.blobs.get(frame.image_blob), self._resources.settings.max_image_pixels
+        )
+        flags = [cv2.IMWRITE_JPEG_QUALITY, OPTIONS.jpeg_quality]
+        return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
 
     def _stored_image(self, anchor_id: str) -> bytes:
         with self._resources.database.read() as connection:

@@ -154,11 +154,20 @@ def test_a_raw_body_is_a_frame_too_and_its_image_is_stored_on_demand(server: Ser
     )
     assert answer.status_code == 200, answer.text
     assert server.client.get("/anchors/raw").json()["frame"]["image_stored"]
+    shown = server.client.get("/anchors/raw/picture")
+    assert shown.headers["Content-Type"] == "image/jpeg"
+    picture = np.asarray(Image.open(io.BytesIO(shown.content)), float)
+    assert picture.shape == monitor.rgb.shape
+    assert np.abs(picture - monitor.rgb).mean() < 12 < np.abs(picture - monitor.rgb[..., ::-1]).mean()
     before = {name for name in server.files() if "blobs" in name}
     server.client.post("/anchors/raw/frames", content=monitor.jpeg())
     after = {name for name in server.files() if "blobs" in name}
     assert len(after) == len(before)
     assert after != before
+    server.client.put("/anchors/raw", json=anchor_body(monitor))
+    server.client.post("/anchors/raw/frames", content=monitor.jpeg())
+    sentence = assert_problem(server.client.get("/anchors/raw/picture"), 404)
+    assert "store_images is false" in sentence
     server.client.delete("/anchors/raw")
 
 

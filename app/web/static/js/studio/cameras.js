@@ -1,35 +1,92 @@
-// Monitoring cameras: placed by a click, with the places that they see; found in the map by one button.
+// Monitoring cameras: placed by a click, with the places that they see; lens and pose are found by the map. With undo,
+// redo and a draft.
 
 import { path, request, requestJson } from "../api.js";
 import { byId, el, guarded, notice, svg } from "../dom.js";
 import { currentVenue } from "../venues.js";
-import { seconds } from "../words.js";
+import { reasonWords } from "../words.js";
+import { bodyOf, EMPTY, formOf, intrinsicsText, placeOf } from "./camera-form.js";
+import { CameraList } from "./camera-list.js";
+import { CameraPicture } from "./camera-picture.js";
+import { History } from "./history.js";
 import { surely } from "./saving.js";
+
+const FIELDS = {
+  id: "camera-id", x: "camera-x", y: "camera-y", height: "camera-height", intrinsics: "camera-intrinsics", name: "poi-name", region: "region", distance: "poi-distance",
+};
+// How often ages and pictures are read again.
+const EVERY_MS = 10_000;
+const WORDS = { camera: "Click where the camera hangs.", poi: "Click where the place is that the camera sees." };
 
 export class CameraTool {
   constructor(board, floors, onStored) {
-    Object.assign(this, { board, floors, onStored, mode: "camera", pois: [], place: null, corners: [], anchors: [] });
+    Object.assign(this, { board, floors, onStored, mode: "camera", anchors: [], timer: null });
+    this.history = new History(() => this.changed());
+    this.picture = new CameraPicture((region) => this.change({ region }));
+    this.cameras = new CameraList({
+      Edit: (anchor) => this.edit(formOf(anchor)),
+      "Find it in the map": (anchor, button) => guarded(button, byId("board-error"), () => this.calibrate(anchor)),
+      Delete: (anchor, button) => this.remove(anchor, button),
+    });
     for (const button of byId("camera-panel").querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
-    byId("camera-picture").addEventListener("change", () => this.picture(byId("camera-picture").files[0]));
-    byId("picture").addEventListener("click", (event) => this.corner(event));
+    for (const [name, id] of Object.entries(FIELDS)) {
+      byId(id).addEventListener("input", () => this.change({ [name]: byId(id).value.trim() }, name));
+    }
+    byId("camera-keep").addEventListener("change", () => this.change({ keep: byId("camera-keep").checked }));
+    byId("camera-undo").addEventListener("click", () => this.history.undo());
+    byId("camera-redo").addEventListener("click", () => this.history.redo());
+    byId("new-camera").addEventListener("click", () => this.edit(EMPTY));
+    addEventListener("keydown", (event) => {
+      if (!byId("camera-panel").hidden && !event.target.matches("input, textarea")) this.history.shortcut(event);
+    });
     byId("add-poi").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.addPoi()));
-    for (const id of ["camera-x", "camera-y"]) byId(id).addEventListener("input", () => this.draw());
+    byId("find-lens").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.findLens()));
     byId("camera-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-camera"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
+      guarded(byId("save-camera"), byId("board-error"), () => this.saveSurely());
     });
   }
 
   async begin() {
-    Object.assign(this, { pois: [], place: null, corners: [] });
-    byId("camera-panel").inert = this.floors.current === null;
+    this.leave();
+    const { current } = this.floors;
+    byId("camera-panel").inert = current === null;
+    this.anchors = [];
+    if (!current) return this.cameras.show([]);
+    const key = `${currentVenue().id}.${current.id}.camera`;
+    const isBack = this.history.begin(key, EMPTY);
+    this.picture.clear();
     this.choose("camera");
-    if (!currentVenue()) return;
-    this.anchors = await requestJson(`anchors?venue=${encodeURIComponent(currentVenue().id)}`);
-    this.list();
+    if (isBack) byId("board-error").replaceChildren(notice("info", "The camera that you didn't save is back. Save it, or undo it."));
+    await this.refresh();
+    this.timer = setInterval(() => this.refresh().catch(() => {}), EVERY_MS);
+    return undefined;
+  }
+
+  leave() {
+    clearInterval(this.timer);
+  }
+
+  /** Read the floor's cameras, with the newest picture of the one in the form. */
+  async refresh() {
+    const { current } = this.floors;
+    const all = await requestJson(`anchors?venue=${encodeURIComponent(currentVenue().id)}`);
+    if (this.floors.current !== current) return;
+    this.anchors = all.filter((anchor) => anchor.floor === current.id);
+    this.cameras.show(this.anchors);
     this.draw();
+    const shown = this.anchors.find((anchor) => anchor.id === this.form.id);
+    if (shown) await this.picture.live(shown);
+  }
+
+  get form() {
+    return this.history.value === null ? EMPTY : this.history.get();
+  }
+
+  change(values, field = null) {
+    this.history.change((form) => Object.assign(form, values), field);
   }
 
   choose(mode) {
@@ -37,127 +94,131 @@ export class CameraTool {
     for (const button of byId("camera-panel").querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-pressed", String(button.dataset.tool === mode));
     }
-    byId("camera-words").textContent = mode === "camera" ? "Click where the camera hangs." : "Click where the place is that the camera sees.";
+    byId("camera-words").textContent = WORDS[mode];
   }
 
-  get camera() {
-    const [x, y] = ["camera-x", "camera-y"].map((id) => byId(id).value);
-    return x === "" || y === "" ? null : [Number(x), Number(y)];
+  /** Put a camera into the form; what is there and not saved can be brought back by undo. */
+  edit(form) {
+    this.picture.clear();
+    if (this.history.dirty) this.change(form);
+    else this.history.stored(form);
+    this.choose("camera");
+    const shown = this.anchors.find((anchor) => anchor.id === form.id);
+    if (shown) guarded(byId("new-camera"), byId("board-error"), () => this.picture.live(shown));
+    byId("camera-id").focus();
   }
 
   click(point) {
     const [x, y] = point.map((value) => Number(value.toFixed(2)));
-    if (this.mode === "camera") [byId("camera-x").value, byId("camera-y").value] = [String(x), String(y)];
-    else this.place = [x, y];
-    if (this.camera && this.place) {
-      byId("poi-distance").value = Math.hypot(this.camera[0] - this.place[0], this.camera[1] - this.place[1]).toFixed(2);
+    const form = this.form;
+    const values = this.mode === "camera" ? { x: String(x), y: String(y) } : { place: [x, y] };
+    const next = { ...form, ...values };
+    if (next.place && next.x !== "" && next.y !== "") {
+      values.distance = Math.hypot(next.x - next.place[0], next.y - next.place[1]).toFixed(2);
     }
-    this.draw();
-  }
-
-  async picture(file) {
-    this.corners = [];
-    byId("picture").toggleAttribute("hidden", !file);
-    if (!file) return;
-    const image = new Image();
-    image.src = URL.createObjectURL(file);
-    await image.decode().catch(() => null);
-    this.image = image;
-    byId("region-words").textContent = "Click two corners of a place that is easy to find: a sign, a picture, a poster.";
-    this.drawPicture();
-  }
-
-  corner(event) {
-    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(byId("picture").getScreenCTM().inverse());
-    this.corners = this.corners.length === 1 ? [this.corners[0], [at.x, at.y]] : [[at.x, at.y]];
-    if (this.corners.length === 2) byId("region").value = this.corners.flat().map(Math.round).join(", ");
-    this.drawPicture();
-  }
-
-  drawPicture() {
-    const { naturalWidth: width, naturalHeight: height, src } = this.image;
-    byId("picture").setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
-    const shapes = [svg("image", { href: src, x: -0.5, y: -0.5, width, height })];
-    if (this.corners.length === 2) {
-      const [[a, b], [c, d]] = this.corners;
-      shapes.push(svg("rect", { x: Math.min(a, c), y: Math.min(b, d), width: Math.abs(c - a), height: Math.abs(d - b), class: "region" }));
-    }
-    shapes.push(...this.corners.map(([u, v]) => svg("circle", { cx: u, cy: v, r: width / 150, class: "pin" })));
-    byId("picture").replaceChildren(...shapes);
+    this.change(values);
   }
 
   addPoi() {
-    const [a, b, c, d, ...rest] = byId("region").value.split(",").map(Number);
-    if (rest.length || ![a, b, c, d].every(Number.isFinite)) throw new Error("Click two corners of the place in the picture first.");
-    if (!this.place) throw new Error("Press The place, and click where it is on the plan.");
-    const id = byId("poi-name").value.trim();
-    const distance = Number(byId("poi-distance").value);
-    if (!id || !(distance > 0)) throw new Error("The place needs an id and its distance from the camera.");
-    const region = [[a, b], [c, b], [c, d], [a, d]];
-    this.pois.push({ id, region_px: region, position: { x: this.place[0], y: this.place[1] }, distance_m: distance });
-    Object.assign(this, { place: null, corners: [] });
-    for (const field of ["region", "poi-name", "poi-distance"]) byId(field).value = "";
-    if (this.image) this.drawPicture();
+    const form = this.form;
+    const poi = placeOf(form);
+    const others = form.pois.filter((each) => each.id !== poi.id);
+    this.change({ pois: [...others, poi], place: null, name: "", region: "", distance: "" });
+  }
+
+  /** Locate the camera's picture without intrinsics; the answer says which ones fit, and where the camera hangs. */
+  async findLens() {
+    const { blob } = this.picture;
+    if (!blob) throw new Error("Choose a picture from the camera first.");
+    const body = new FormData();
+    body.set("venue", currentVenue().id);
+    body.set("image", blob, "picture");
+    const answer = await requestJson("locate", { method: "POST", form: body });
+    if (!answer.located) throw new Error(reasonWords(answer.reason).join(" "));
+    const values = { intrinsics: intrinsicsText(answer.camera) };
+    const isHere = answer.plan && answer.floor === this.floors.current.id && this.form.x === "";
+    if (isHere) {
+      const { x, y, z } = answer.pose.position;
+      const [a, b, c, d] = this.floors.current.plan_from_world[2];
+      Object.assign(values, { x: answer.plan.x.toFixed(2), y: answer.plan.y.toFixed(2), height: (a * x + b * y + c * z + d).toFixed(2) });
+    }
+    this.change(values);
+    const words = isHere ? "The lens is found, and where the camera hangs." : "The lens is found.";
+    byId("board-error").replaceChildren(notice("good", `${words} Undo brings back what was there.`));
+  }
+
+  changed() {
+    const { history, form } = this;
+    for (const [name, id] of Object.entries(FIELDS)) {
+      if (byId(id).value.trim() !== form[name]) byId(id).value = form[name];
+    }
+    byId("camera-keep").checked = form.keep;
+    byId("camera-undo").disabled = history.past.length === 0;
+    byId("camera-redo").disabled = history.future.length === 0;
+    const isKnown = this.anchors.some((anchor) => anchor.id === form.id);
+    byId("camera-title").textContent = isKnown ? `The camera ${form.id}` : "A new camera";
+    byId("pois").replaceChildren(...form.pois.map((poi) => this.poiEntry(poi)));
+    this.picture.draw(form);
     this.draw();
   }
 
+  poiEntry({ id, distance_m }) {
+    const remove = el("button", { type: "button", class: "small", "aria-label": `Remove the place ${id}` }, "Remove");
+    remove.addEventListener("click", () => this.change({ pois: this.form.pois.filter((each) => each.id !== id) }));
+    return el("li", {}, `${id}, ${Number(distance_m.toFixed(2))} m away `, remove);
+  }
+
   draw() {
-    const { board } = this;
+    const { board, form } = this;
+    if (board.tool !== this) return;
     board.glyphs = [];
-    const here = this.anchors.filter((anchor) => anchor.floor === this.floors.current?.id);
-    const shapes = here.map((anchor) => board.glyph([anchor.position.x, anchor.position.y], svg("rect", { x: -7, y: -7, width: 14, height: 14, class: "camera" }), svg("text", { x: 11, y: 4 }, anchor.id)));
-    for (const { id, position } of this.pois) shapes.push(board.glyph([position.x, position.y], svg("circle", { r: 6, class: "poi" }), svg("text", { x: 9, y: 4 }, id)));
-    if (this.camera) shapes.push(board.glyph(this.camera, svg("rect", { x: -8, y: -8, width: 16, height: 16, class: "camera new" })));
-    if (this.place) shapes.push(board.glyph(this.place, svg("circle", { r: 6, class: "pin" })));
+    const square = (point, size, kind, ...more) => board.glyph(point, svg("rect", { x: -size / 2, y: -size / 2, width: size, height: size, class: kind }), ...more);
+    const others = this.anchors.filter((anchor) => anchor.id !== form.id);
+    const shapes = others.map(({ id, position: { x, y } }) => square([x, y], 14, "camera", svg("text", { x: 11, y: 4 }, id)));
+    for (const { id, position } of form.pois) shapes.push(board.glyph([position.x, position.y], svg("circle", { r: 6, class: "poi" }), svg("text", { x: 9, y: 4 }, id)));
+    if (form.x !== "" && form.y !== "") shapes.push(square([Number(form.x), Number(form.y)], 16, "camera new", svg("text", { x: 12, y: 4 }, form.id)));
+    if (form.place) shapes.push(board.glyph(form.place, svg("circle", { r: 6, class: "pin" })));
     board.layer.replaceChildren(...shapes);
-    byId("pois").replaceChildren(...this.pois.map((poi) => el("li", {}, `${poi.id}, ${poi.distance_m} m away`)));
-    byId("save-camera").disabled = this.pois.length === 0;
   }
 
-  list() {
-    const here = this.anchors.filter((anchor) => anchor.floor === this.floors.current?.id);
-    byId("cameras").replaceChildren(...(here.length ? here.map((anchor) => this.entry(anchor)) : [el("li", {}, "None yet.")]));
+  async calibrate(anchor) {
+    const isShown = this.form.id === anchor.id;
+    const form = new FormData();
+    if (isShown && this.picture.blob) form.set("image", this.picture.blob, "picture");
+    else if (!anchor.frame?.image_stored) throw new Error("Press Edit at this camera, and choose a picture from it.");
+    const sent = form.has("image") ? { form } : {};
+    await requestJson(path("anchors", anchor.id, "calibrate"), { method: "POST", ...sent });
+    byId("board-error").replaceChildren(notice("good", `${anchor.id} is found in the map.`));
+    await this.refresh();
   }
 
-  entry(anchor) {
-    const error = byId("board-error");
-    const age = anchor.frame?.age_s;
-    const state = age === undefined || age === null ? "no picture yet" : `last picture ${seconds(age)} ago`;
-    const find = el("button", { type: "button", class: "small" }, "Find it in the map");
-    find.addEventListener("click", () =>
-      guarded(find, error, async () => {
-        const file = byId("camera-picture").files[0];
-        const form = new FormData();
-        if (file) form.set("image", file, file.name);
-        await requestJson(path("anchors", anchor.id, "calibrate"), { method: "POST", ...(file ? { form } : {}) });
-        error.replaceChildren(notice("good", `${anchor.id} is found in the map.`));
-        await this.begin();
-      }),
-    );
-    const remove = el("button", { type: "button", class: "small danger" }, "Delete");
-    remove.addEventListener("click", () => {
-      if (!confirm(`Delete the camera ${anchor.id}?`)) return;
-      guarded(remove, error, async () => {
-        await request(path("anchors", anchor.id), { method: "DELETE" });
-        await this.begin();
-      });
+  remove(anchor, button) {
+    if (!confirm(`Delete the camera ${anchor.id}?`)) return;
+    guarded(button, byId("board-error"), async () => {
+      await request(path("anchors", anchor.id), { method: "DELETE" });
+      if (this.form.id === anchor.id) this.history.stored(EMPTY);
+      await this.refresh();
     });
-    return el("li", {}, el("strong", {}, anchor.id), ` ${state} `, find, " ", remove);
+  }
+
+  saveSurely() {
+    // A place that was described and not added yet belongs to it.
+    if (this.form.name && this.form.region) this.addPoi();
+    const { key } = this.history;
+    // What was entered for a floor that was left meanwhile stays its draft.
+    return surely(byId("board-error"), () => (this.history.key === key ? this.save() : undefined));
   }
 
   async save() {
-    const [x, y] = this.camera;
-    const body = {
-      venue: currentVenue().id,
-      floor: this.floors.current.id,
-      position: { x, y },
-      height_m: Number(byId("camera-height").value),
-      camera: byId("camera-intrinsics").value.trim(),
-      pois: this.pois,
-    };
-    await requestJson(path("anchors", byId("camera-id").value.trim()), { method: "PUT", json: body });
+    const { form } = this;
+    const before = this.history.value;
+    const body = bodyOf(form, currentVenue().id, this.floors.current.id);
+    const stored = await requestJson(path("anchors", form.id), { method: "PUT", json: body });
+    // What was changed while this was on its way stays unsaved.
+    if (this.history.value === before) this.history.stored(formOf(stored));
     byId("board-error").replaceChildren(notice("good", "The camera is stored. Push its pictures to it with roomfix push-frames."));
-    await this.begin();
+    await this.refresh();
+    this.changed();
     this.onStored();
   }
 }

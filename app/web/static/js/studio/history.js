@@ -5,7 +5,7 @@ const MAX_STEPS = 200;
 export class History {
   /** `onChange` runs after each change, undo and redo. */
   constructor(onChange) {
-    Object.assign(this, { onChange, key: null, past: [], future: [], value: null, saved: null });
+    Object.assign(this, { onChange, key: null, past: [], future: [], value: null, saved: null, field: null });
   }
 
   /** Begin with what the server has; an unsaved draft under this key comes back. Returns whether there was one. */
@@ -14,7 +14,7 @@ export class History {
     this.saved = JSON.stringify(value);
     const draft = localStorage.getItem(this.key);
     const restored = draft !== null && draft !== this.saved;
-    Object.assign(this, { past: restored ? [this.saved] : [], future: [], value: restored ? draft : this.saved });
+    Object.assign(this, { past: restored ? [this.saved] : [], future: [], field: null, value: restored ? draft : this.saved });
     this.onChange();
     return restored;
   }
@@ -23,19 +23,23 @@ export class History {
     return JSON.parse(this.value);
   }
 
-  /** Make a change: `change` gets a copy of the value and alters it. */
-  change(change) {
+  /** Make a change: `change` gets a copy of the value and alters it. Changes of one `field` that follow each other, such
+   * as the letters of a name, are one step. */
+  change(change, field = null) {
     const copy = this.get();
     change(copy);
     const text = JSON.stringify(copy);
     if (text === this.value) return;
-    this.past.push(this.value);
+    const goesOn = field !== null && field === this.field && this.past.length > 0;
+    this.field = field;
+    if (!goesOn) this.past.push(this.value);
     this.past.splice(0, this.past.length - MAX_STEPS);
     this.future = [];
     this.set(text);
   }
 
   undo() {
+    this.field = null;
     if (!this.past.length) return;
     this.future.push(this.value);
     this.set(this.past.pop());
@@ -49,9 +53,7 @@ export class History {
 
   /** Say that the server has the value as it is now, which `value` is the server's form of. */
   stored(value) {
-    this.saved = JSON.stringify(value);
-    this.past = [];
-    this.future = [];
+    Object.assign(this, { saved: JSON.stringify(value), past: [], future: [], field: null });
     this.set(this.saved);
   }
 
