@@ -42,6 +42,8 @@ CUT_PARTS = 16
 FEET_PER_M = 3.28084
 NOISE_RATIO = 0.015
 LOST_SHARE = 0.05
+# What may be warned of instead of refused: poses and depth are right, and the map locates.
+WARNED_OF = frozenset({"gravity_direction"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +133,16 @@ def _gravity_up(copy: ScanCopy) -> ScanCopy:
         raise InvalidScanError("The mistake of gravity that points up needs a scan whose gravity is known.")
     x, y, z = copy.gravity
     return replace(copy, gravity=(-x, -y, -z))
+
+
+def _gravity_aside(copy: ScanCopy) -> ScanCopy:
+    if copy.gravity is None:
+        raise InvalidScanError(
+            "The mistake of gravity that points aside needs a scan whose gravity is known."
+        )
+    x, y, z = copy.gravity
+    # The axes of the scan's frame are taken for one another.
+    return replace(copy, gravity=(y, z, x))
 
 
 def _shifted_depth(raw: RawDepth) -> RawDepth:
@@ -234,6 +246,7 @@ MISTAKES = (
     Mistake("camera mounted 5 degrees off", ("camera_mount",), _mounted),
     Mistake("cx and cy exchanged", ("turned_intrinsics", "principal_point"), _swapped_point),
     Mistake("gravity points up", ("gravity_up",), _gravity_up),
+    Mistake("gravity points aside", ("gravity_direction",), _gravity_aside),
     Mistake(
         "depth bytes exchanged", ("depth_byte_order",), lambda c: replace(c, depth=lambda raw: raw.byteswap())
     ),
@@ -298,16 +311,17 @@ def examine_copy(
     examination = found.examination
     if examination is None:
         raise InvalidScanError("A copy with a stated motion is not examined.")
-    wrong = {finding.code for finding in examination.wrong}
+    found_codes = tuple(finding.code for finding in examination.findings)
+    names = {finding.code for finding in examination.wrong} | WARNED_OF.intersection(found_codes)
     passed = isinstance(found, ExaminedScan)
     mended = found if passed else _examine(folder, {**options, "repair": True}, executor, progress)
     return Examined(
         name=name,
         verdict=examination.verdict,
-        codes=tuple(finding.code for finding in examination.findings),
+        codes=found_codes,
         sentence=" ".join(finding.sentence for finding in examination.findings),
         seconds=clock.seconds["examine"],
-        named=bool(set(codes) & wrong) if codes else examination.verdict == "confirmed",
+        named=bool(set(codes) & names) if codes else examination.verdict == "confirmed",
         usable=mended if isinstance(mended, ExaminedScan) else None,
     )
 

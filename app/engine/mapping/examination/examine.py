@@ -16,6 +16,7 @@ from app.engine.mapping.examination.depth_layout import OPTIONS as LAYOUT
 from app.engine.mapping.examination.depth_layout import DepthLayout, judge_depth_layout, judge_rays
 from app.engine.mapping.examination.depth_ratio import DepthRatio, measure_depth_ratio
 from app.engine.mapping.examination.evidence import Evidence, FrameMatcher, gather_evidence
+from app.engine.mapping.examination.gravity_direction import judge_gravity_direction
 from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
 from app.engine.mapping.examination.scale_cause import Scales, judge_scale
 from app.engine.mapping.examination.search import OPTIONS as SEARCH
@@ -141,6 +142,9 @@ def _judge(
             moved = searched.state
             findings.extend(judge_consistency(frames, layout.evidence, moved.camera, moved.poses))
         findings.extend(_judge_up(searched.state, options.convention, gravity, asked=asked))
+        if gravity is not None and not any(finding.severity == "wrong" for finding in findings):
+            moved = searched.state
+            findings.extend(judge_gravity_direction(scan, moved.camera, moved.poses, gravity))
     return _examined(evidence, searched.found, ratio, _or_flipped(findings))
 
 
