@@ -33,20 +33,27 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(slots=True)
 class WatchedProgress:
-    """Passes reports on, and notes the longest time without one, and in which stage that was."""
+    """Passes reports on, and notes each stage's time, and the longest time without a report and its stage.
+
+    `stage_s` is the time of a stage on the clock and of the processor, seconds.
+    """
 
     inner: Progress
     stage: str = "start"
     longest_s: float = 0.0
     longest_in: str = "start"
+    stage_s: dict[str, tuple[float, float]] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
+    _last_cpu: float = field(default_factory=time.process_time)
 
     def report(self, stage: str, done: int, total: int) -> None:
         """Note a report."""
-        now = time.perf_counter()
+        now, cpu = time.perf_counter(), time.process_time()
+        clock_s, processor_s = self.stage_s.get(self.stage, (0.0, 0.0))
+        self.stage_s[self.stage] = clock_s + now - self._last, processor_s + cpu - self._last_cpu
         if now - self._last > self.longest_s:
             self.longest_s, self.longest_in = now - self._last, self.stage
-        self._last, self.stage = now, stage
+        self._last, self._last_cpu, self.stage = now, cpu, stage
         self.inner.report(stage, done, total)
 
 
@@ -81,6 +88,7 @@ def evaluate_video(
         result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, folder)
     shown = Shown()
     shown.table(_map_table(result, watched, len(truth.frames) / FPS))
+    shown.table(_stage_table(watched))
     shown.table(_answer_table(result))
     shown.write("evaluate-video", figures_title)
 
@@ -124,6 +132,7 @@ def _map_table(result: UnposedResult, watched: WatchedProgress, length_s: float)
         "trajectory cm",
         "up deg",
         "build s",
+        "build processor s",
         "peak GB",
         "longest s without a report",
     )
@@ -138,9 +147,17 @@ def _map_table(result: UnposedResult, watched: WatchedProgress, length_s: float)
         f"{result.trajectory_cm:.1f}",
         "not found" if result.up_error_deg is None else f"{result.up_error_deg:.1f}",
         f"{result.build_s:.0f}",
+        f"{result.build_processor_s:.0f}",
         f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KB_PER_GB:.1f}",
         f"{watched.longest_s:.0f} ({watched.longest_in})",
     )
+    return table
+
+
+def _stage_table(watched: WatchedProgress) -> Table:
+    table = Table("stage", "s", "processor s", title="Time of each stage, queries included")
+    for stage, (clock_s, processor_s) in watched.stage_s.items():
+        table.add_row(stage, f"{clock_s:.0f}", f"{processor_s:.0f}")
     return table
 
 

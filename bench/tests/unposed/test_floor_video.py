@@ -47,3 +47,5 @@ def test_reports_are_passed_on_and_the_longest_silence_has_its_stage() -> None:
     assert noted.reports == [("match_frames", done, 3) for done in range(3)]
     assert watched.longest_in in ("start", "match_frames")
     assert watched.longest_s > 0
+    assert list(watched.stage_s) == ["start", "match_frames"]
+    assert all(clock_s >= 0 and processor_s >= 0 for clock_s, processor_s in watched.stage_s.values())
