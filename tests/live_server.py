@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -14,9 +13,9 @@ from pathlib import Path
 import httpx
 
 from tests.ports import free_port
+from tests.server import WAIT_S, wait_for
 
 ROOT = Path(__file__).parents[1]
-START_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +61,16 @@ def serving(folder: Path, *options: str, **environment: str) -> Iterator[LiveSer
         yield server
     finally:
         process.terminate()
-        process.wait(30)
+        process.wait(WAIT_S)
 
 
 def _wait_until_ready(server: LiveServer) -> None:
-    end = time.monotonic() + START_S
     with httpx.Client(base_url=server.url) as client:
-        while time.monotonic() < end:
+
+        def is_ready() -> bool:
             assert server.process.poll() is None, server.log.read_text(encoding="utf-8")
             with suppress(httpx.TransportError):
-                if client.get("/readyz").status_code == 200:
-                    return
-            time.sleep(0.05)
-    raise AssertionError(server.log.read_text(encoding="utf-8"))
+                return client.get("/readyz").status_code == 200
+            return False
+
+        wait_for(is_ready, pause_s=0.05)

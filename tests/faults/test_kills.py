@@ -29,7 +29,7 @@ from tests.jobs.test_kill import _is_ready, children
 from tests.ports import free_port
 from tests.postgres import is_installed, postgres
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
-from tests.server import ENDED, POLL_S, Server, pose_errors, wait_for
+from tests.server import ENDED, POLL_S, WAIT_S, Server, pose_errors, wait_for
 
 KILLS = int(os.environ.get("FAULTS", "3"))
 VENUE = "v"
@@ -77,7 +77,7 @@ class Client(threading.Thread):
 
     def run(self) -> None:
         """Call until a call fails for want of a server."""
-        with suppress(httpx.TransportError), httpx.Client(base_url=self._url, timeout=20.0) as client:
+        with suppress(httpx.TransportError), httpx.Client(base_url=self._url, timeout=WAIT_S) as client:
             server = Server(client, Path())
             answer = server.submit(self._scan, VENUE)
             if answer.status_code == 202:
@@ -134,7 +134,7 @@ def serving(
         started.append((subprocess.Popen(command, env=environment), f"http://127.0.0.1:{port}"))
     try:
         for process, url in started:
-            with httpx.Client(base_url=url, timeout=30.0) as client:
+            with httpx.Client(base_url=url, timeout=WAIT_S) as client:
                 wait_for(
                     lambda client=client, process=process: _is_ready(client) or process.poll() is not None
                 )
@@ -221,7 +221,7 @@ def run_kills(folder: Path, database_url: str | None, servers: int, scan: bytes,
     for kill in range(KILLS + 1):
         rng = random.Random(f"{servers} {kill}")
         with serving(folder, database_url, servers) as processes:
-            with httpx.Client(base_url=processes[-1][1], timeout=30.0) as client:
+            with httpx.Client(base_url=processes[-1][1], timeout=WAIT_S) as client:
                 server = Server(client, folder)
                 if kill == 0:
                     server.add_venue(VENUE)

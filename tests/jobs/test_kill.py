@@ -15,6 +15,7 @@ import httpx
 import numpy as np
 import pytest
 
+from app.jobs import embedded
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.handlers import sweep
 from app.services.resources import Resources
@@ -24,7 +25,7 @@ from app.storage.sweep import referenced_blobs
 from tests.jobs.live_server import SLOW_WORKER
 from tests.ports import free_port
 from tests.scenes import View, scan_files, zipped
-from tests.server import ENDED, Server, assert_sentence, running, wait_for
+from tests.server import ENDED, WAIT_S, Server, assert_sentence, running, wait_for
 
 STAGES = ("unpack", "read", "register", "describe", "refine", "verify", "store", "publish")
 VENUE = "v"
@@ -124,11 +125,14 @@ def site(tmp_path_factory: pytest.TempPathFactory, scan: bytes, views: list[View
     """A site for all tests that kill the worker only."""
     folder = tmp_path_factory.mktemp("site")
     runner = EmbeddedRunner(Settings(_env_file=None, data_dir=folder, open=True), SLOW_WORKER)
-    with running(folder, runner) as server:
-        site = WithRunner(server, scan, views[3])
-        site.runner = runner
-        site.prepare()
-        yield site
+    with pytest.MonkeyPatch.context() as patch:
+        # Every other test waits for it.
+        patch.setattr(embedded, "OPTIONS", embedded.SupervisionOptions(restart_delay_s=0.01))
+        with running(folder, runner) as server:
+            site = WithRunner(server, scan, views[3])
+            site.runner = runner
+            site.prepare()
+            yield site
 
 
 def present_version(site: Site) -> int:
@@ -222,7 +226,7 @@ def live(data_dir: Path) -> Iterator[tuple[subprocess.Popen[bytes], Server]]:
     script = str(Path(__file__).with_name("live_server.py"))
     process = subprocess.Popen([sys.executable, script, str(data_dir), str(port)])
     try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0) as client:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=WAIT_S) as client:
             server = Server(client, data_dir)
             wait_for(lambda: _is_ready(client) or process.poll() is not None)
             assert process.poll() is None

@@ -20,7 +20,7 @@ from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import is_gone
 from tests.postgres import is_installed, postgres
 from tests.scenes import View, scan_files, zipped
-from tests.server import Server, running, wait_for
+from tests.server import WAIT_S, Server, running, wait_for
 
 VENUE = "v"
 WITHOUT_POSTGRES = pytest.mark.skipif(not is_installed(), reason="no PostgreSQL here")
@@ -125,7 +125,7 @@ def test_two_workers_share_the_queue_and_take_over_from_the_dead(workers: Worker
     handed = workers.submit()
     workers.wait_until_held()
     second.send_signal(signal.SIGTERM)
-    assert second.wait(20) == 0
+    assert second.wait(WAIT_S) == 0
     queued = workers.server.status(handed)
     assert (queued["state"], queued["attempts"]) == ("queued", 0)
     workers.release()

@@ -338,7 +338,6 @@ def test_instructions_are_spoken_once_each(server: Server, phone: Tab) -> None:
     page.get_by_role("button", name="Große Tür").click()
     playwright.expect(page.locator("#say-more")).to_contain_text("m to Große Tür")
     wait_for(lambda: page.wait_for_timeout(50) or page.evaluate("() => said.length"))
-    # An answer or two more, of which most say the same.
     page.wait_for_timeout(1500)
     said = page.evaluate("() => said")
     assert {lang for _, lang in said} == {"en"}
@@ -360,9 +359,7 @@ def test_without_a_camera_a_simulated_phone_walks(server: Server, browser: Any) 
         tab.page.get_by_role("button", name="Try it without a camera").click()
         playwright.expect(tab.page.locator(".you")).to_be_visible(timeout=30_000)
         playwright.expect(tab.page.locator("#say-more")).to_contain_text("Simulated phone")
-        wait_for(
-            lambda: tab.page.wait_for_timeout(50) or sum(answer["located"] for answer in wire.answers) > 2
-        )
+        wait_for(lambda: tab.page.wait_for_timeout(50) or sum(each["located"] for each in wire.answers) > 2)
 
 
 def test_a_camera_that_is_not_there_or_not_allowed_is_said(server: Server, browser: Any) -> None:
