@@ -74,7 +74,7 @@ def test_a_camera_that_lies_on_its_side_is_not_doubted(round_the_room: Scan) -> 
     assert judged(replace(round_the_room, frames=tuple(turned)), DOWN) == []
 
 
-@pytest.mark.parametrize("gravity", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), LEANING])
+@pytest.mark.parametrize("gravity", [(-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), LEANING])
 def test_the_floor_contradicts_gravity(one_way: Scan, gravity: tuple[float, float, float]) -> None:
     (found,) = judged(one_way, gravity)
     assert (found.code, found.severity, found.certain) == ("gravity_direction", "doubtful", False)
