@@ -110,6 +110,18 @@ class Retrieval:
         twins = [twin for keyframe in keyframes for twin in self.look_alikes(keyframe, count)]
         return twins if allowed is None else [twin for twin in twins if twin in set(allowed.tolist())]
 
+    def similarity_elsewhere(
+        self, keyframes: Sequence[int], count: int, allowed: NDArray[np.int64] | None = None
+    ) -> float:
+        """Return the largest cosine of the global descriptors of some keyframes and of their look-alikes, 0 without
+        any; `count` and `allowed` as in `look_alikes_of`."""
+        cosines = [
+            float(self._index.descriptor(keyframe) @ self._index.descriptor(twin))
+            for keyframe in keyframes
+            for twin in self.look_alikes_of([keyframe], count, allowed)
+        ]
+        return max(cosines, default=0.0)
+
     def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE.radius_m) -> bool:
         offsets = (self._positions[chosen] - self._positions[row]) * self._axis_weights
         near = np.linalg.norm(offsets, axis=1) < radius_m

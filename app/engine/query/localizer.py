@@ -154,6 +154,8 @@ class Localizer:
                 min_inliers=options.min_inliers,
                 min_coverage=options.min_coverage,
                 min_unrepeated_share=options.min_unrepeated_share,
+                min_unrepeated_of_twin=0,
+                max_contradicted_share_of_twin=1.0,
                 min_agreeing_cells=options.min_agreeing_cells,
                 max_disagreeing_share=options.max_disagreeing_share,
             ),
@@ -236,7 +238,7 @@ class Localizer:
         """
         settings, rest = self.settings, best.rest
         if settings.look_alikes:
-            voted = [vote.keyframe for vote in votes_of(best.matches, best.inliers)[:2]]
+            voted = _best_two(best)
             twins = self.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
             rest = Matches.merge([rest, matcher.match(twins)])
         needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inlier_features)
@@ -326,9 +328,15 @@ class Localizer:
             best.matches, inliers, camera, distance_m, None if rival is None else rival.inliers
         )
         unrepeated = matcher.unrepeated_count(inliers)
-        agreement = _agreement(matcher, best, camera)
+        similarity = self.map.retrieval.similarity_elsewhere(
+            _best_two(best), self.settings.look_alikes, matcher.query.allowed
+        )
         evidence = replace(
-            evidence, position_sigma_m=own.position_m, unrepeated=unrepeated, agreement=agreement
+            evidence,
+            position_sigma_m=own.position_m,
+            unrepeated=unrepeated,
+            similarity_elsewhere=similarity,
+            agreement=_agreement(matcher, best, camera),
         )
         reason = judge(evidence, accuracy.position_m, self.limits)
         if reason is None:
@@ -338,6 +346,11 @@ class Localizer:
             evidence = replace(evidence, contradicted=share)
             reason = judge(evidence, accuracy.position_m, self.limits)
         return evidence, reason
+
+
+def _best_two(found: Hypothesis) -> list[int]:
+    """Return the two keyframes that agree most with a pose."""
+    return [vote.keyframe for vote in votes_of(found.matches, found.inliers)[:2]]
 
 
 def _agreement(matcher: Matcher, found: Hypothesis, camera: Camera) -> Agreement | None:

@@ -24,6 +24,12 @@ GRID = (8, 6)
 CHOSEN = "roomfix evaluate-demo and evaluate --absent: places in the map and places that are not; docs/features.md."
 
 
+TWIN_PLACES = (
+    "Pictures of one floor of the demonstration in a map of the other one, and right poses in its wing and corridors; "
+    "docs/figures/unseen.md."
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """What speaks for and against a pose.
@@ -34,8 +40,9 @@ class Evidence:
     pose doesn't explain, `pose_only` the inliers that the rival doesn't; `keyframe_distance_m` how far the nearest
     keyframe is; `position_sigma_m` one sigma of the position by the geometry of the inliers; `unrepeated` the
     inliers on things of which no view resembles anything elsewhere (None: not counted); `contradicted` the share of
-    the picture that speaks against the pose (`app.engine.query.contradiction`); `agreement` how far the picture looks
-    as the pose says (None: not compared).
+    the picture that speaks against the pose (`app.engine.query.contradiction`); `similarity_elsewhere` the largest
+    cosine of the global descriptors of the matched keyframes and of keyframes at other places; `agreement` how far the
+    picture looks as the pose says (None: not compared).
     """
 
     matches: int = 0
@@ -49,6 +56,7 @@ class Evidence:
     position_sigma_m: float = float("inf")
     unrepeated: int | None = None
     contradicted: float = 0.0
+    similarity_elsewhere: float = 0.0
     agreement: Agreement | None = None
 
     @property
@@ -97,6 +105,24 @@ class Limits:
     min_unrepeated_share: float = limit(
         0.3, "Least share of the inliers on things of which no view resembles another place.", chosen=CHOSEN
     )
+    min_similarity_elsewhere: float = limit(
+        0.75,
+        "From this cosine of global descriptors on, the pose is at a place that looks like another one.",
+        chosen=TWIN_PLACES,
+    )
+    min_unrepeated_of_twin: int = limit(
+        42,
+        "Fewest inliers on things of which no view resembles another place, at a place that looks like another one.",
+        chosen=TWIN_PLACES,
+    )
+    sure_unrepeated_share: float = limit(
+        0.5, "With this share of such inliers fewer are enough there.", chosen=TWIN_PLACES
+    )
+    max_contradicted_share_of_twin: float = limit(
+        0.15,
+        "Largest share of the picture that may contradict a pose at a place that looks like another one.",
+        chosen=TWIN_PLACES,
+    )
     max_contradicted_share: float = limit(
         0.23, "Largest share of the picture that may contradict the pose.", chosen=CHOSEN
     )
@@ -131,6 +157,8 @@ class Limits:
             min_distinct_share=0.0,
             min_distinct_coverage=0.0,
             min_unrepeated_share=0.0,
+            min_unrepeated_of_twin=0,
+            max_contradicted_share_of_twin=1.0,
             max_contradicted_share=1.0,
             max_rival_share=1.0,
             max_position_sigma_m=float("inf"),
@@ -204,6 +232,7 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         (evidence.distinct_share < limits.min_distinct_share, "ambiguous"),
         (evidence.distinct_coverage < limits.min_distinct_coverage, "ambiguous"),
         (_is_repeated(evidence, limits), "ambiguous"),
+        (_may_be_twin(evidence, limits), "ambiguous"),
         (evidence.contradicted > limits.max_contradicted_share, "ambiguous"),
         (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
         (_is_unlike(evidence, limits), "ambiguous"),
@@ -229,6 +258,21 @@ def _is_repeated(evidence: Evidence, limits: Limits) -> bool:
     if share is None or evidence.unrepeated is None or limits.min_unrepeated_share == 0.0:
         return False
     return share < limits.min_unrepeated_share or evidence.unrepeated < evidence.rival
+
+
+def _may_be_twin(evidence: Evidence, limits: Limits) -> bool:
+    """Whether the picture may be of another place that looks like this one and is not in the map.
+
+    A map with two such places may lack a third; then enough inliers must be on things that only this place has, and
+    less of the picture may contradict the pose.
+    """
+    share = evidence.unrepeated_share
+    if share is None or evidence.unrepeated is None:
+        return False
+    if evidence.similarity_elsewhere < limits.min_similarity_elsewhere:
+        return False
+    too_few = evidence.unrepeated < limits.min_unrepeated_of_twin and share < limits.sure_unrepeated_share
+    return too_few or evidence.contradicted > limits.max_contradicted_share_of_twin
 
 
 @dataclass(frozen=True, slots=True)

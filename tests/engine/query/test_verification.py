@@ -129,6 +129,47 @@ def test_a_picture_must_look_as_the_pose_says_where_that_was_compared(
     assert judge(evidence, 0.125, EDGE) is None
 
 
+@pytest.mark.parametrize(
+    ("unrepeated", "similarity", "reason"),
+    [
+        (41, 0.75, "ambiguous"),
+        (42, 0.75, None),
+        # Nothing elsewhere in the map looks like the matched keyframes.
+        (41, 0.74, None),
+        # Half of the inliers are on things that only this place has.
+        (50, 0.9, None),
+    ],
+)
+def test_where_places_look_alike_enough_must_be_found_at_one_alone(
+    unrepeated: int, similarity: float, reason: str | None
+) -> None:
+    inliers = 100
+    evidence = replace(
+        CLEAR,
+        matches=150,
+        inliers=inliers,
+        distinct=80,
+        rival=0,
+        unrepeated=unrepeated,
+        similarity_elsewhere=similarity,
+    )
+    assert judge(evidence, 0.01, LIMITS) == reason
+    assert judge(evidence, 0.01, replace(LIMITS, min_unrepeated_of_twin=0)) is None
+
+
+def test_a_larger_share_makes_up_for_fewer() -> None:
+    evidence = replace(CLEAR, matches=60, inliers=40, distinct=35, rival=0, similarity_elsewhere=0.9)
+    assert judge(replace(evidence, unrepeated=20), 0.01, LIMITS) is None
+    assert judge(replace(evidence, unrepeated=19), 0.01, LIMITS) == "ambiguous"
+
+
+def test_where_places_look_alike_less_may_contradict() -> None:
+    evidence = replace(CLEAR, contradicted=0.16)
+    assert judge(evidence, 0.01, LIMITS) is None
+    assert judge(replace(evidence, similarity_elsewhere=0.75), 0.01, LIMITS) == "ambiguous"
+    assert judge(replace(evidence, similarity_elsewhere=0.75, contradicted=0.15), 0.01, LIMITS) is None
+
+
 # A clear view of a room that is in the map.
 CLEAR = Evidence(
     matches=400,
