@@ -187,6 +187,7 @@ def test_a_distance_is_marked_in_a_picture_by_keyboard(server: Server, phone: Ta
     page.get_by_role("button", name="Build the map").click()
     playwright.expect(page.locator("#size-error")).to_contain_text("Mark the two ends")
     page.get_by_role("button", name="Later picture").click()
+    playwright.expect(page.locator("#shot-title")).to_have_text("Picture 2 of the recording")
     shot = page.locator("#shot")
     shot.focus()
     page.keyboard.press("Enter")

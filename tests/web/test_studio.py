@@ -268,7 +268,7 @@ def try_a_photo(page: Any, room: scenes.Room, tmp_path: Path) -> None:
     shown = re.search(r"At (-?[\d.]+), (-?[\d.]+) m", result.text_content() or "")
     assert shown
     assert np.hypot(float(shown[1]) - x, float(shown[2]) - y) < 0.1
-    assert page.locator("line.match").count() > 10
+    playwright.expect(page.locator("line.match").nth(10)).to_be_attached()
     keep_picture(page, tmp_path, "try")
 
 

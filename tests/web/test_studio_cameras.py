@@ -147,7 +147,7 @@ def test_what_is_missing_is_said(studio: Tab) -> None:
 def test_the_map_gives_lens_and_pose_and_the_picture_is_live(
     server: Server, studio: Tab, view: scenes.View, tmp_path: Path
 ) -> None:
-    page, client = studio.page, server.client
+    page = studio.page
     begin(page)
     picture = {"name": "p.png", "mimeType": "image/png", "buffer": view.png()}
     page.locator("#camera-picture").set_input_files(picture)
@@ -181,31 +181,34 @@ def test_the_map_gives_lens_and_pose_and_the_picture_is_live(
         "hall is found in the map", timeout=60_000
     )
     playwright.expect(page.locator("#cameras")).to_contain_text("Found in the map within")
-    calibration = client.get("/anchors/hall").json()["calibration"]
+    calibration = server.client.get("/anchors/hall").json()["calibration"]
     assert (
         np.hypot(calibration["x"] - MONITOR.translation[0], calibration["y"] - MONITOR.translation[1]) < 0.1
     )
+    another_frame_comes(server, page, view)
+    keep_picture(page, tmp_path, "camera-live")
+    # What the form doesn't show stays.
+    before = server.client.get("/anchors/hall").json()
+    page.locator("#camera-height").fill("2.2")
+    page.get_by_role("button", name="Save camera").click()
+    playwright.expect(page.locator("#board-error")).to_contain_text("The camera is stored.")
+    after = server.client.get("/anchors/hall").json()
+    assert after["height_m"] == 2.2
+    assert {name: after[name] for name in ("pois", "camera", "store_images")} == {
+        name: before[name] for name in ("pois", "camera", "store_images")
+    }
 
-    # Another frame comes: the page shows it by itself, with the place drawn in it.
+
+def another_frame_comes(server: Server, page: Any, view: scenes.View) -> None:
+    """Send one: the page shows it by itself, with the place drawn in it."""
     page.reload()
     page.get_by_role("button", name="Edit: hall").click()
     playwright.expect(page.locator("#picture-words")).to_contain_text("Its newest picture")
     first = page.locator("#picture image").get_attribute("href")
-    client.post("/anchors/hall/frames", content=view.jpeg()).raise_for_status()
+    server.client.post("/anchors/hall/frames", content=view.jpeg()).raise_for_status()
     wait_for(
         lambda: page.wait_for_timeout(200) or page.locator("#picture image").get_attribute("href") != first,
         60,
     )
     playwright.expect(page.locator("#picture .region.kept")).to_have_count(1)
     playwright.expect(page.locator("#cameras li", has_text="hall")).to_contain_text("Last picture")
-    keep_picture(page, tmp_path, "camera-live")
-    # What the form doesn't show stays.
-    before = client.get("/anchors/hall").json()
-    page.locator("#camera-height").fill("2.2")
-    page.get_by_role("button", name="Save camera").click()
-    playwright.expect(page.locator("#board-error")).to_contain_text("The camera is stored.")
-    after = client.get("/anchors/hall").json()
-    assert after["height_m"] == 2.2
-    assert {name: after[name] for name in ("pois", "camera", "store_images")} == {
-        name: before[name] for name in ("pois", "camera", "store_images")
-    }

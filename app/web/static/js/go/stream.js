@@ -128,7 +128,7 @@ export class SessionStream {
       next = performance.now() + 1000 / MAX_FPS;
       const { blob, hints, size } = await this.camera.take();
       const data = await blob?.arrayBuffer();
-      // While the camera worked the other side may have closed; the event of it comes later.
+      // The server may have closed the connection while the picture was taken; its close event comes later.
       if (open.socket.readyState !== WebSocket.OPEN || !data) continue;
       if (!unanswered) open.heardAt = performance.now();
       open.socket.send(JSON.stringify(hints));

@@ -15,11 +15,12 @@ export class Size {
     this.shots = [];
     this.every = 1;
     this.at = 0;
+    this.wanted = 0;
     this.points = [];
     this.cross = null;
     for (const radio of this.radios()) radio.addEventListener("change", () => this.choose(radio.value));
-    byId("shot-before").addEventListener("click", () => this.show(this.at - 1));
-    byId("shot-after").addEventListener("click", () => this.show(this.at + 1));
+    byId("shot-before").addEventListener("click", () => this.show(this.wanted - 1));
+    byId("shot-after").addEventListener("click", () => this.show(this.wanted + 1));
     byId("points-again").addEventListener("click", () => this.show(this.at));
     byId("shot").addEventListener("click", (event) => this.click(event));
     byId("shot").addEventListener("keydown", (event) => this.key(event));
@@ -71,20 +72,23 @@ export class Size {
 
   /** Show a picture, with nothing marked in it. */
   async show(at) {
-    this.at = Math.min(Math.max(at, 0), Math.max(0, this.shots.length - 1));
+    const next = Math.min(Math.max(at, 0), Math.max(0, this.shots.length - 1));
+    const shot = this.shots[next];
+    // The picture before stays, with its marks, until the next one can be drawn: a mark is never of another picture.
+    this.wanted = next;
+    const size = shot && (await sizeOf(shot.picture));
+    if (next !== this.wanted) return;
+    this.at = next;
     this.points = [];
-    byId("shot-before").disabled = this.at === 0;
-    byId("shot-after").disabled = this.at >= this.shots.length - 1;
-    const shot = this.shots[this.at];
+    byId("shot-before").disabled = next === 0;
+    byId("shot-after").disabled = next >= this.shots.length - 1;
     byId("shot").hidden = !shot;
     if (!shot) {
       byId("points-words").textContent = say("record.points.gone");
       return;
     }
-    const bitmap = await createImageBitmap(shot.picture);
-    this.size = [bitmap.width, bitmap.height];
-    bitmap.close();
-    this.cross = this.size.map((side) => side / 2);
+    this.size = size;
+    this.cross = size.map((side) => side / 2);
     if (this.url) URL.revokeObjectURL(this.url);
     this.url = URL.createObjectURL(shot.picture);
     byId("shot-title").textContent = say("record.shot", { number: shot.number + 1 });
@@ -131,4 +135,11 @@ export class Size {
     showError(byId("size-error"), null);
     this.draw();
   }
+}
+
+async function sizeOf(picture) {
+  const bitmap = await createImageBitmap(picture);
+  const size = [bitmap.width, bitmap.height];
+  bitmap.close();
+  return size;
 }
