@@ -31,7 +31,7 @@ KB_PER_GB = 1e6
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class WatchedProgress:
     """Passes reports on, and notes each stage's time, and the longest time without a report and its stage.
 
@@ -83,7 +83,7 @@ def evaluate_video(
             options={"format": "video", "scale": {"marker_m": MARKER_SIDE_M}},
             is_rigid=True,
         )
-        watched = WatchedProgress(progress)
+        watched = WatchedProgress(inner=progress)
         models = open_models(Settings())
         result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, folder)
     shown = Shown()

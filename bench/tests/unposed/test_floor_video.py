@@ -41,7 +41,7 @@ def test_frames_and_pictures_have_their_poses() -> None:
 
 def test_reports_are_passed_on_and_the_longest_silence_has_its_stage() -> None:
     noted = Noted()
-    watched = WatchedProgress(noted)
+    watched = WatchedProgress(inner=noted)
     for done in range(3):
         watched.report("match_frames", done, 3)
     assert noted.reports == [("match_frames", done, 3) for done in range(3)]
