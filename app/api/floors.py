@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, File, Form, Request, Response, UploadFile
+from fastapi import APIRouter, Depends, File, Form, Path, Request, Response, UploadFile
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from app.api.bodies.floor import Floor, StoredFloor
@@ -18,12 +18,22 @@ from app.api.requests.json_body import RequestBody, whole
 from app.api.schemas import FILE_CONTENT, problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.errors import InvalidInputError, NotFoundError
-from app.services.floor_plans import PLAN_FORMATS_IN_WORDS, PlanFile, as_dict, plan_picture, store_plan_image
+from app.services.floor_plans import (
+    PLAN_FORMATS_IN_WORDS,
+    PlanFile,
+    as_dict,
+    plan_picture,
+    plan_tile,
+    store_plan_image,
+)
 from app.storage.floors import delete_floor, get_floor, list_floors, put_floor
 from app.storage.venues import get_venue
 
 router = APIRouter(prefix="/venues/{venue}/floors", tags=["floors"], route_class=ContractRoute)
 PICTURES: dict[str, Any] = {"content": {"image/png": FILE_CONTENT, "image/jpeg": FILE_CONTENT}}
+
+# Far more than a plan has; larger numbers are no numbers of tiles.
+MAX_TILE = 1_000_000
 
 Units = Literal["mm", "cm", "m", "in", "ft"]
 ORIGIN_HELP = (
@@ -213,6 +223,27 @@ def get_plan(state: State, venue: VenueId, floor: FloorId, request: Request) -> 
     return unless_known(
         request, plan.blob, lambda: Response(blobs.get(plan.blob), media_type=plan.media_type)
     )
+
+
+@router.get(
+    "/{floor}/plan/tiles/{zoom}/{column}/{row}.png",
+    name="getPlanTile",
+    dependencies=[Depends(require("locate"))],
+    responses={200: {"content": {"image/png": FILE_CONTENT}}, **NOT_MODIFIED, **problems(401, 404, 422)},
+    response_class=Response,
+)
+def get_plan_tile(
+    state: State,
+    venue: VenueId,
+    floor: FloorId,
+    zoom: Annotated[int, Path(ge=0, le=MAX_TILE, description="0 for the whole plan in one tile")],
+    column: Annotated[int, Path(ge=0, le=MAX_TILE, description="From the left")],
+    row: Annotated[int, Path(ge=0, le=MAX_TILE, description="From above")],
+    request: Request,
+) -> Response:
+    """Return a tile of a plan of many pixels, whose floor says how it is cut."""
+    tile = plan_tile(state.services.resources, venue, floor, zoom, column, row)
+    return unless_known(request, tile.digest, lambda: Response(tile.read(), media_type="image/png"))
 
 
 def _pixel(text: str) -> tuple[float, float]:

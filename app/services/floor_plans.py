@@ -6,25 +6,26 @@ import io
 import re
 import sys
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
+from sqlalchemy import Connection
 
-from app.engine.floors.floor import Floor, PlanImage
-from app.errors import InvalidInputError
-from app.importers.plan_images.order import INCH_M, Drawn, DrawOrder, kind_of
+from app.engine.floors.floor import Floor, PlanImage, PlanTiles
+from app.errors import InvalidInputError, NotFoundError, StorageError
+from app.importers.plan_images.order import INCH_M, OPTIONS, SHOWN_KINDS, Drawn, DrawOrder, kind_of
+from app.importers.plan_images.tiles import TileGrid, read_tile
 from app.services.plans.draw_plan import draw_plan
 from app.services.resources import Resources
 from app.storage.db import hold_blobs
-from app.storage.floors import set_plan_image
+from app.storage.floors import get_floor, set_plan_image
 from app.vision.image_files.formats import DAMAGE
 from app.vision.images import decode_image
 
 PLAN_FORMATS_IN_WORDS = "PNG, JPEG, TIFF, PDF, SVG or DXF"
-# What is stored and shown as it was sent; everything else is drawn.
-SHOWN_KINDS = {"png": "image/png", "jpeg": "image/jpeg"}
 SCALE = re.compile(r"(?:1\s*:)?\s*(\d+(?:\.\d+)?)")
 
 
@@ -45,6 +46,24 @@ class PlanFile:
     units: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class PlanTile:
+    """A tile of a plan: a digest of what it is, and how its PNG is read."""
+
+    digest: str
+    read: Callable[[], bytes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Picture:
+    """A picture that is stored as a plan; `drawn` is its size before it was reduced, `tiles` those of a large one."""
+
+    data: bytes
+    media_type: str
+    drawn: Drawn
+    tiles: PlanTiles | None = None
+
+
 def store_plan_image(resources: Resources, venue_id: str, floor_id: str, file: PlanFile) -> Floor:
     """Check and store a floor's plan, drawn as PNG where it is no picture that can be shown.
 
@@ -53,35 +72,66 @@ def store_plan_image(resources: Resources, venue_id: str, floor_id: str, file: P
     meters_per_pixel = _meters_per_pixel(file)
     if file.origin_px is not None and not np.isfinite(file.origin_px).all():
         raise InvalidInputError("origin_px must be two finite numbers: the pixel of plan (0, 0).")
-    data, media_type, drawn = _picture(resources, file)
+    picture = _picture(resources, file, has_tiles=True)
+    drawn = picture.drawn
     meters_per_pixel = meters_per_pixel or drawn.meters_per_pixel
     if meters_per_pixel is None:
         raise InvalidInputError("Give meters_per_pixel, or scale (such as 1:100) and dpi.")
     _check_scale(meters_per_pixel)
-    height, width = decode_image(data, resources.settings.max_image_pixels).shape[:2]
     origin = file.origin_px or drawn.origin_px or (0.0, drawn.height_px - 1.0)
     # A pixel of a reduced picture is the middle of the pixels that it was made from.
     factor, shift = drawn.reduced_by, (drawn.reduced_by - 1) / 2
     plan = PlanImage(
-        blob=resources.blobs.put(data),
-        media_type=media_type,
-        width_px=width,
-        height_px=height,
+        blob=resources.blobs.put(picture.data),
+        media_type=picture.media_type,
+        width_px=-(-drawn.width_px // factor),
+        height_px=-(-drawn.height_px // factor),
         meters_per_pixel=meters_per_pixel * factor,
         origin_px=((origin[0] - shift) / factor, (origin[1] - shift) / factor),
+        tiles=picture.tiles,
     )
     with resources.database.write() as connection:
         hold_blobs(connection)
         if not resources.blobs.contains(plan.blob):
-            resources.blobs.put(data)
-        return set_plan_image(connection, venue_id, floor_id, plan)
+            resources.blobs.put(picture.data)
+        if plan.tiles is not None and not resources.blobs.contains(plan.tiles.blob):
+            raise StorageError("The plan's tiles were swept while it was stored; send it again.")
+        return set_plan_image(
+            connection, venue_id, floor_id, _with_known_tiles(connection, plan, venue_id, floor_id)
+        )
+
+
+def _with_known_tiles(connection: Connection, plan: PlanImage, venue_id: str, floor_id: str) -> PlanImage:
+    """Keep the tiles of the picture that the floor has already, which is sent again for another scale."""
+    before = get_floor(connection, venue_id, floor_id).plan
+    if before is None or before.tiles is None or before.blob != plan.blob:
+        return plan
+    return replace(plan, tiles=before.tiles)
+
+
+def plan_tile(
+    resources: Resources, venue_id: str, floor_id: str, zoom: int, column: int, row: int
+) -> PlanTile:
+    """Return a tile of a floor's plan; raises `NotFoundError` where there is none."""
+    with resources.database.read() as connection:
+        plan = get_floor(connection, venue_id, floor_id).plan
+    if plan is None or plan.tiles is None:
+        raise NotFoundError(
+            f"Floor {floor_id!r} has no plan of so many pixels that it has tiles; get its plan."
+        )
+    tiles = plan.tiles
+    number = tiles.grid.number(zoom, column, row)
+    return PlanTile(
+        digest=f"{tiles.blob}-{number}",
+        read=lambda: read_tile(resources.blobs.local_path(tiles.blob), tiles.grid, zoom, column, row),
+    )
 
 
 def plan_picture(resources: Resources, file: PlanFile) -> tuple[bytes, str]:
     """Return the picture that a plan's file would be stored as, and its media type; stores nothing. Raises as
     `store_plan_image`."""
-    data, media_type, _ = _picture(resources, file)
-    return data, media_type
+    picture = _picture(resources, file, has_tiles=False)
+    return picture.data, picture.media_type
 
 
 def _meters_per_pixel(file: PlanFile) -> float | None:
@@ -107,15 +157,17 @@ def _check_scale(meters_per_pixel: float) -> None:
         raise InvalidInputError("meters_per_pixel must be between 0.00001 and 10.")
 
 
-def _picture(resources: Resources, file: PlanFile) -> tuple[bytes, str, Drawn]:
-    """Return the picture that is stored, its media type, and its size before it was reduced."""
+def _picture(resources: Resources, file: PlanFile, *, has_tiles: bool) -> _Picture:
+    """Return the picture that is stored; with `has_tiles` those of a large one are stored already."""
     kind = kind_of(file.data)
     if kind is None and file.data:
         raise InvalidInputError(f"A plan must be a {PLAN_FORMATS_IN_WORDS} file.")
     shown_pixels = resources.settings.max_image_pixels
     if kind is None or (kind in SHOWN_KINDS and _pixels(file.data) <= shown_pixels):
         height, width = decode_image(file.data, shown_pixels).shape[:2]
-        return file.data, SHOWN_KINDS[kind or "png"], Drawn(width_px=width, height_px=height)
+        drawn = Drawn(width_px=width, height_px=height)
+        if kind is None or not has_tiles or width * height <= OPTIONS.min_tiled_pixels:
+            return _Picture(data=file.data, media_type=SHOWN_KINDS[kind or "png"], drawn=drawn)
     order = DrawOrder(
         kind=kind,
         page=file.page,
@@ -124,9 +176,19 @@ def _picture(resources: Resources, file: PlanFile) -> tuple[bytes, str, Drawn]:
         units=file.units,
         max_pixels=max(resources.settings.max_plan_pixels, shown_pixels),
         shown_pixels=shown_pixels,
+        has_tiles=has_tiles,
     )
-    data, drawn = draw_plan(file.data, order, resources.scratch_dir)
-    return data, SHOWN_KINDS["png"], drawn
+    made = draw_plan(file.data, order, resources.scratch_dir, resources.blobs)
+    tiles = None
+    if made.tiles_blob is not None:
+        grid = TileGrid(made.drawn.width_px, made.drawn.height_px)
+        tiles = PlanTiles(blob=made.tiles_blob, grid=grid, reduced_by=made.drawn.reduced_by)
+    return _Picture(
+        data=file.data if made.picture is None else made.picture,
+        media_type=SHOWN_KINDS["png" if made.picture is not None else kind],
+        drawn=made.drawn,
+        tiles=tiles,
+    )
 
 
 def _pixels(data: bytes) -> int:
@@ -140,6 +202,10 @@ def _pixels(data: bytes) -> int:
         return 0
     except Image.DecompressionBombError:
         return sys.maxsize
+
+
+def _tiles_as_dict(tiles: PlanTiles) -> dict[str, int]:
+    return {**asdict(tiles.grid), "max_zoom": tiles.grid.max_zoom, "reduced_by": tiles.reduced_by}
 
 
 def as_dict(floor: Floor) -> dict[str, Any]:
@@ -162,5 +228,6 @@ def as_dict(floor: Floor) -> dict[str, Any]:
             "height_px": plan.height_px,
             "meters_per_pixel": plan.meters_per_pixel,
             "origin_px": list(plan.origin_px),
+            "tiles": None if plan.tiles is None else _tiles_as_dict(plan.tiles),
         },
     }

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Row, delete, insert, select, update
 
-from app.engine.floors.floor import Floor, PlanImage
+from app.engine.floors.floor import Floor, PlanImage, PlanTiles
 from app.errors import NotFoundError
+from app.importers.plan_images.tiles import TileGrid
 from app.storage.tables import floors
 
 # Features can be megabytes and are not needed to list the floors, which every query does.
@@ -67,6 +68,10 @@ def set_plan_image(connection: Connection, venue_id: str, floor_id: str, plan: P
             plan_height_px=plan.height_px,
             plan_meters_per_pixel=plan.meters_per_pixel,
             plan_origin_px=list(plan.origin_px),
+            plan_tiles_blob=None if plan.tiles is None else plan.tiles.blob,
+            plan_tiles=None
+            if plan.tiles is None
+            else {**asdict(plan.tiles.grid), "reduced_by": plan.tiles.reduced_by},
         )
     )
     return get_floor(connection, venue_id, floor_id)
@@ -117,6 +122,11 @@ def _unknown(venue_id: str, floor_id: str) -> NotFoundError:
     return NotFoundError(f"Venue {venue_id!r} has no floor {floor_id!r}.")
 
 
+def _tiles(blob: str, values: dict[str, int]) -> PlanTiles:
+    grid = TileGrid(values["width_px"], values["height_px"], values["tile_px"])
+    return PlanTiles(blob=blob, grid=grid, reduced_by=values["reduced_by"])
+
+
 def _floor(row: Row[tuple[Any, ...]]) -> Floor:
     plan = None
     if row.plan_blob is not None:
@@ -127,6 +137,7 @@ def _floor(row: Row[tuple[Any, ...]]) -> Floor:
             height_px=row.plan_height_px,
             meters_per_pixel=row.plan_meters_per_pixel,
             origin_px=(row.plan_origin_px[0], row.plan_origin_px[1]),
+            tiles=None if row.plan_tiles_blob is None else _tiles(row.plan_tiles_blob, row.plan_tiles),
         )
     matrix = None if row.plan_from_world is None else np.array(row.plan_from_world, dtype=np.float64)
     return Floor(

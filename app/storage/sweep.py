@@ -47,6 +47,7 @@ def referenced_blobs(connection: Connection) -> set[str]:
     """Return the SHA-256 of every blob that is needed; a build that has ended doesn't need its archive."""
     columns = (
         select(floors.c.plan_blob).where(floors.c.plan_blob.is_not(None)),
+        select(floors.c.plan_tiles_blob).where(floors.c.plan_tiles_blob.is_not(None)),
         select(builds.c.archive_blob).where(builds.c.state.not_in(ENDED)),
         select(map_versions.c.artifact_blob),
         select(map_versions.c.index_blob),
@@ -62,6 +63,9 @@ def venue_blobs(connection: Connection, venue_id: str) -> set[str]:
     """Return the SHA-256 of every blob that a venue's rows refer to, the archives of ended builds among them."""
     columns = (
         select(floors.c.plan_blob).where((floors.c.venue_id == venue_id) & floors.c.plan_blob.is_not(None)),
+        select(floors.c.plan_tiles_blob).where(
+            (floors.c.venue_id == venue_id) & floors.c.plan_tiles_blob.is_not(None)
+        ),
         select(builds.c.archive_blob).where(builds.c.venue_id == venue_id),
         select(map_versions.c.artifact_blob).where(map_versions.c.venue_id == venue_id),
         select(map_versions.c.index_blob).where(map_versions.c.venue_id == venue_id),

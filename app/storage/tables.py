@@ -57,6 +57,8 @@ floors = Table(
     Column("plan_height_px", Integer),
     Column("plan_meters_per_pixel", Float),
     Column("plan_origin_px", JSON),
+    Column("plan_tiles_blob", String(64)),
+    Column("plan_tiles", JSON),
     Column("features", JSON),
     Column("features_sha256", String(64)),
 )

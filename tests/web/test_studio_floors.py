@@ -13,6 +13,7 @@ from app.storage.db import Database
 from app.storage.sessions import SessionPoint, create_session, record_frame
 from tests import scenes
 from tests.plans import collection, landmark, link
+from tests.services.plans.plan_files import picture
 from tests.web.live import Server, Tab, live_server
 from tests.web.pictures import keep_picture
 from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, visit
@@ -125,3 +126,34 @@ def test_phones_that_agreed_are_shown_and_where_they_were_lost(
     client.patch(f"/sessions/{shown}", json={"share": False}).raise_for_status()
     assert client.get("/venues/house/phones").json() == []
     playwright.expect(page.locator(".live-phone")).to_have_count(0)
+
+
+def test_a_plan_of_many_pixels_is_fetched_as_far_as_it_is_in_view(server: Server, studio: Tab) -> None:
+    page, client = studio.page, server.client
+    floor = {"name": "Site", "level": 2, "z_min_m": 7.0, "z_max_m": 10.0}
+    client.put("/venues/house/floors/2", json=floor).raise_for_status()
+    image = picture("PNG", size=(9_000, 6_000))
+    fields = {"meters_per_pixel": 0.01, "origin_px": "0,5999"}
+    client.put("/venues/house/floors/2/plan", data=fields, files={"image": image}).raise_for_status()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url.split("/floors/2/")[-1]))
+    visit(page, "Draw")
+    page.reload()
+    page.get_by_label("Floor", exact=True).select_option("Site")
+    tiles = page.locator("#board-svg .plan-tiles image")
+    playwright.expect(tiles.first).to_be_attached()
+    playwright.expect(page.locator('#board-svg image[data-zoom="5"]')).to_have_count(0)
+    page.locator("#board").focus()
+    for _ in range(8):
+        page.keyboard.press("+")
+    finest = page.locator('#board-svg image[data-zoom="5"]')
+    playwright.expect(finest.first).to_be_attached()
+    assert "plan" not in asked
+    assert 0 < sum(name.startswith("plan/tiles/5/") for name in asked) < 60
+    # The whole plan is reduced by 2 to be shown: the tiles cover just that, whatever their zoom.
+    box = page.evaluate("""() => { const b = document.querySelector('#board-svg image[data-zoom="0"]').getBBox();
+        return [b.x, b.y, b.width, b.height]; }""")
+    assert box == pytest.approx([-0.5, -0.5, 4500, 3000], abs=16)
+    side = page.evaluate("() => document.querySelector('#board-svg image[data-zoom=\"5\"]').getBBox().width")
+    assert side in (256, 148)
+    client.delete("/venues/house/floors/2").raise_for_status()

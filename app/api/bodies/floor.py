@@ -26,8 +26,21 @@ FLOOR: dict[str, Any] = {
         "height_px": 900,
         "meters_per_pixel": 0.02,
         "origin_px": [100.0, 820.0],
+        "tiles": None,
     },
 }
+
+
+class PlanTiles(BaseModel):
+    """Tiles of a plan of many pixels: zoom 0 is one tile, each further zoom has twice the pixels, `max_zoom` all."""
+
+    width_px: int = Field(description="Of all pixels, at max_zoom")
+    height_px: int
+    tile_px: int = Field(description="Side of a tile; those at the right and lower edge are smaller")
+    max_zoom: int
+    reduced_by: int = Field(
+        description="Pixels of max_zoom, along each side, in one of the plan's image; upper left corners agree"
+    )
 
 
 class PlanImage(BaseModel):
@@ -38,6 +51,7 @@ class PlanImage(BaseModel):
     height_px: int
     meters_per_pixel: float
     origin_px: list[float] = Field(description="u, v of plan (0, 0) in the image")
+    tiles: PlanTiles | None = Field(description="Of a plan of more than 16 million pixels; null for others")
 
 
 class Floor(BaseModel):

@@ -7,10 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.importers.plan_images.tiles import TileGrid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanTiles:
+    """All pixels of a large plan, in tiles: the blob that holds them, and how they are cut.
+
+    `reduced_by` pixels of them, along each side, are one pixel of the plan's image; the upper left corners agree.
+    """
+
+    blob: str
+    grid: TileGrid
+    reduced_by: int
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanImage:
-    """The image of a floor's plan: blob, media type and size; `origin_px` is the pixel (u, v) of plan (0, 0)."""
+    """The image of a floor's plan: blob, media type and size; `origin_px` is the pixel (u, v) of plan (0, 0).
+
+    A plan of many pixels has `tiles` too.
+    """
 
     blob: str
     media_type: str
@@ -18,6 +35,7 @@ class PlanImage:
     height_px: int
     meters_per_pixel: float
     origin_px: tuple[float, float]
+    tiles: PlanTiles | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Draws one plan file: `python -m app.importers.plan_images SOURCE TARGET`, with the order as JSON on standard input.
+"""Draws one plan file: `python -m app.importers.plan_images SOURCE PICTURE TILES`; the order comes as JSON on stdin.
 
 A process of its own, for the files come from anywhere and the libraries that read them are large: what one takes in
 memory or time is bounded, and its end harms nobody.
@@ -16,12 +16,14 @@ from pathlib import Path
 from PIL import Image
 
 from app.errors import InvalidImageError, RoomfixError
-from app.importers.plan_images.order import OPTIONS, Drawn, DrawOrder
+from app.importers.plan_images.order import OPTIONS, SHOWN_KINDS, Drawn, DrawOrder
 from app.importers.plan_images.pictures import read_picture
+from app.importers.plan_images.tiles import write_tiles
 
 
-def draw(data: bytes, order: DrawOrder) -> tuple[Image.Image, Drawn]:
-    """Return the picture of a plan file, and its size before it was reduced to what is shown."""
+def draw(data: bytes, order: DrawOrder, tiles: Path) -> tuple[Image.Image, Drawn]:
+    """Return the picture of a plan file, and its size before it was reduced to what is shown; write its tiles where
+    they are wanted and it has many pixels."""
     drawn = None
     if order.kind == "pdf":
         from app.importers.plan_images.pdf import draw_page
@@ -38,11 +40,15 @@ def draw(data: bytes, order: DrawOrder) -> tuple[Image.Image, Drawn]:
     else:
         image = read_picture(data, order)
     drawn = drawn or Drawn(width_px=image.width, height_px=image.height)
+    has_tiles = order.has_tiles and image.width * image.height > OPTIONS.min_tiled_pixels
+    if has_tiles:
+        write_tiles(image, tiles)
     factor = math.ceil(math.sqrt(image.width * image.height / order.shown_pixels))
-    return (image if factor == 1 else image.reduce(factor)), replace(drawn, reduced_by=factor)
+    drawn = replace(drawn, reduced_by=factor, has_tiles=has_tiles)
+    return (image if factor == 1 else image.reduce(factor)), drawn
 
 
-def main(source: Path, target: Path) -> None:
+def main(source: Path, picture: Path, tiles: Path) -> None:
     """Draw by the order on standard input; what came of it, or the error, goes to standard output."""
     order = DrawOrder(**json.load(sys.stdin))
     resource.setrlimit(resource.RLIMIT_AS, (OPTIONS.memory_bytes, OPTIONS.memory_bytes))
@@ -50,8 +56,9 @@ def main(source: Path, target: Path) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        image, drawn = draw(source.read_bytes(), order)
-        image.save(target, format="PNG")
+        image, drawn = draw(source.read_bytes(), order, tiles)
+        if drawn.reduced_by > 1 or order.kind not in SHOWN_KINDS:
+            image.save(picture, format="PNG")
         answer = asdict(drawn)
     except RoomfixError as error:
         answer = {"error": type(error).__name__, "message": str(error)}
@@ -62,4 +69,4 @@ def main(source: Path, target: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main(*(Path(path) for path in sys.argv[1:]))

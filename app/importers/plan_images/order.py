@@ -18,6 +18,8 @@ MAGIC = {
     "tiff": (b"II\x2a\x00", b"MM\x00\x2a", b"II\x2b\x00", b"MM\x00\x2b"),
     "dxf": (b"AutoCAD Binary DXF",),
 }
+# What is stored and shown as it was sent; everything else is drawn.
+SHOWN_KINDS = {"png": "image/png", "jpeg": "image/jpeg"}
 TEXT_DXF = re.compile(rb"\s*(?:999\s*\n|0\s*\n\s*SECTION)")
 
 
@@ -29,6 +31,11 @@ class PlanImageOptions:
         400_000_000,
         "A plan with more pixels is refused before it is drawn.",
         chosen="By hand: a sheet of 1.2 x 0.85 m at 500 dots an inch; 1.6 GB in colour while it is drawn.",
+    )
+    min_tiled_pixels: int = limit(
+        16_000_000,
+        "A plan with more pixels is stored as tiles too.",
+        chosen="By hand: browsers of phones show no picture of more than about 16.7 million pixels sharply.",
     )
     memory_bytes: int = limit(
         4_000_000_000,
@@ -64,7 +71,8 @@ OPTIONS = PlanImageOptions()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawOrder:
     """`meters_per_pixel` and `units` (of the file's numbers) matter for DXF, `dpi` for PDF and SVG, `page` (from 1) for
-    PDF and TIFF. A picture of more than `shown_pixels` is reduced by a whole number."""
+    PDF and TIFF. A picture of more than `shown_pixels` is reduced by a whole number; with `has_tiles` one of many
+    pixels is cut into tiles before that."""
 
     kind: str
     page: int = 1
@@ -73,6 +81,7 @@ class DrawOrder:
     units: str | None = None
     max_pixels: int = OPTIONS.max_pixels
     shown_pixels: int = OPTIONS.max_pixels
+    has_tiles: bool = False
     timeout_s: float = OPTIONS.timeout_s
 
 
@@ -80,12 +89,14 @@ class DrawOrder:
 class Drawn:
     """Size of the drawn picture, and by how much it was reduced after that.
 
-    For DXF: metres of a pixel, and the pixel of the drawing's (0, 0), both before the reduction.
+    With `has_tiles` all its pixels were written as tiles too. For DXF: metres of a pixel, and the pixel of the
+    drawing's (0, 0), both before the reduction.
     """
 
     width_px: int
     height_px: int
     reduced_by: int = 1
+    has_tiles: bool = False
     meters_per_pixel: float | None = None
     origin_px: tuple[float, float] | None = None
 

@@ -22,7 +22,10 @@ def read_picture(data: bytes, order: DrawOrder) -> Image.Image:
             check_page(order.page, getattr(image, "n_frames", 1))
             image.seek(order.page - 1)
             check_pixels(image.width, image.height, order.max_pixels)
-            return _plain(ImageOps.exif_transpose(image))
+            # In place, since a copy of a large picture may not fit into memory.
+            ImageOps.exif_transpose(image, in_place=True)
+            image.load()
+            return _plain(image)
     except UnidentifiedImageError:
         raise InvalidImageError("The image is damaged or cut short.") from None
     except InvalidInputError:
@@ -48,6 +51,8 @@ def check_pixels(width: float, height: float, max_pixels: int) -> None:
 
 def _plain(image: Image.Image) -> Image.Image:
     """Return an image in grey or RGB, on white where it is transparent."""
+    if image.mode in ("L", "RGB") and "transparency" not in image.info:
+        return image
     if image.mode in ("1", "L"):
         return image.convert("L")
     if image.mode.startswith("I;16") or image.mode == "I":

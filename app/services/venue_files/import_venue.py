@@ -17,11 +17,12 @@ from app.engine.anchors.check_anchor import check_anchor
 from app.engine.floors.checks import check_links
 from app.engine.floors.collection import read_collection
 from app.engine.floors.earth import VenueOrigin
-from app.engine.floors.floor import PlanImage
+from app.engine.floors.floor import PlanImage, PlanTiles
 from app.engine.floors.plan_alignment import parse_plan_from_world
 from app.engine.navigation.network import check_walkable
 from app.errors import ConflictError, InvalidInputError, MapDamagedError, NotFoundError, RoomfixError
 from app.geometry.camera_hint import parse_camera_hint
+from app.importers.plan_images.tiles import TileGrid, check_tiles
 from app.limits import limit
 from app.services.resources import Resources
 from app.services.venue_files.archive import Member, members
@@ -32,6 +33,7 @@ from app.services.venue_files.manifest import (
     AnchorEntry,
     FloorEntry,
     Manifest,
+    PlanEntry,
     parse_manifest,
 )
 from app.storage.anchors import get_anchor, put_anchor, set_calibration
@@ -224,6 +226,22 @@ def _check_plans(resources: Resources, manifest: Manifest) -> None:
         picture = decode_image(resources.blobs.get(floor.plan.blob), resources.settings.max_image_pixels)
         if picture.shape[:2] != (floor.plan.height_px, floor.plan.width_px):
             raise InvalidInputError(f"The plan of floor {floor.id} has another size than {MANIFEST} says.")
+        plan = _plan_image(floor.plan)
+        if plan.tiles is None:
+            continue
+        grid, factor = plan.tiles.grid, plan.tiles.reduced_by
+        if (-(-grid.width_px // factor), -(-grid.height_px // factor)) != (plan.width_px, plan.height_px):
+            raise InvalidInputError(f"The tiles of floor {floor.id} are of another picture than its plan.")
+        check_tiles(resources.blobs.local_path(plan.tiles.blob), grid)
+
+
+def _plan_image(entry: PlanEntry) -> PlanImage:
+    values = entry.model_dump(exclude={"tiles"})
+    if entry.tiles is None:
+        return PlanImage(**values)
+    grid = TileGrid(**entry.tiles.grid.model_dump())
+    tiles = PlanTiles(blob=entry.tiles.blob, grid=grid, reduced_by=entry.tiles.reduced_by)
+    return PlanImage(**values, tiles=tiles)
 
 
 def _check_maps(resources: Resources, manifest: Manifest) -> None:
@@ -287,7 +305,7 @@ def _add_floor(connection: Connection, venue_id: str, floor: FloorEntry) -> None
         plan_residual_m=floor.plan_residual_m,
     )
     if floor.plan is not None:
-        set_plan_image(connection, venue_id, floor.id, PlanImage(**floor.plan.model_dump()))
+        set_plan_image(connection, venue_id, floor.id, _plan_image(floor.plan))
     if floor.features is not None:
         set_features(connection, venue_id, floor.id, floor.features)
 

@@ -31,6 +31,22 @@ class Entry(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+class GridEntry(Entry):
+    """How a plan's tiles are cut."""
+
+    width_px: Annotated[int, Field(ge=1, le=10**6)]
+    height_px: Annotated[int, Field(ge=1, le=10**6)]
+    tile_px: Annotated[int, Field(ge=64, le=4096)]
+
+
+class TilesEntry(Entry):
+    """The tiles of a plan of many pixels."""
+
+    blob: Digest
+    grid: GridEntry
+    reduced_by: Annotated[int, Field(ge=1, le=1000)]
+
+
 class PlanEntry(Entry):
     """A floor's plan image."""
 
@@ -40,6 +56,12 @@ class PlanEntry(Entry):
     height_px: Annotated[int, Field(ge=1, le=10**6)]
     meters_per_pixel: Annotated[float, Field(ge=1e-6, le=100)]
     origin_px: tuple[Number, Number]
+    # Files of releases before tiles have none.
+    tiles: TilesEntry | None = None
+
+    def blobs(self) -> set[str]:
+        """Return the SHA-256 of the plan's files."""
+        return {self.blob} if self.tiles is None else {self.blob, self.tiles.blob}
 
 
 class FloorEntry(Entry):
@@ -123,7 +145,7 @@ class Manifest(Entry):
 
     def needed_blobs(self) -> set[str]:
         """Return the SHA-256 of every blob that floors and maps refer to."""
-        needed = {floor.plan.blob for floor in self.floors if floor.plan is not None}
+        needed = {blob for floor in self.floors if floor.plan is not None for blob in floor.plan.blobs()}
         for entry in self.maps:
             needed |= {entry.artifact_blob, entry.index_blob}
             needed |= {digest for image in entry.images for digest in image}

@@ -5,6 +5,7 @@ import { curlCommand } from "./curl.js";
 import { byId, copyButton, el, guarded, notice, showError } from "./dom.js";
 import { setUpPhoto } from "./photo.js";
 import { PlanDrawing } from "./plan.js";
+import { PlanTiles } from "./plan-tiles.js";
 import { fieldOfView, showResult } from "./result.js";
 import { currentVenue, onVenueChange, openVenueDialog, venuePath } from "./venues.js";
 import { reasonWords } from "./words.js";
@@ -120,9 +121,11 @@ async function showFloor(id) {
 }
 
 async function drawGround(floor) {
-  const url = floor?.plan ? await planUrl(floor) : null;
+  const isTiled = Boolean(floor?.plan?.tiles);
+  const url = floor?.plan && !isTiled ? await planUrl(floor) : null;
   if (floor !== undefined && floor.id !== shownFloor) return;
-  if (url) drawing.showPlan(floor.plan, url);
+  if (isTiled) drawing.showPlan(floor.plan, null, new PlanTiles(floor.plan, venuePath("floors", floor.id, "plan")));
+  else if (url) drawing.showPlan(floor.plan, url);
   else drawing.showGrid();
 }
 

@@ -23,12 +23,12 @@ export class PlanDrawing {
     byId("zoom-fit").addEventListener("click", () => this.viewport.fit());
   }
 
-  /** Show a plan image; `plan` is the floor's, `url` that of the image. */
-  showPlan(plan, url) {
+  /** Show a plan image; `plan` is the floor's, `url` that of the image, `tiles` what a large plan has in its place. */
+  showPlan(plan, url, tiles = null) {
     this.frame = { metersPerUnit: plan.meters_per_pixel, origin: plan.origin_px, grid: false };
-    const image = svg("image", { href: url, width: plan.width_px, height: plan.height_px, x: -0.5, y: -0.5 });
-    this.ground.replaceChildren(image);
-    this.viewport.setContent({ x: -0.5, y: -0.5, width: plan.width_px, height: plan.height_px });
+    const size = { x: -0.5, y: -0.5, width: plan.width_px, height: plan.height_px };
+    this.ground.replaceChildren(tiles ? tiles.node : svg("image", { href: url, ...size }));
+    this.viewport.setContent(size, tiles);
   }
 
   /** Show a grid of metres in place of an image. */

@@ -10,6 +10,7 @@ export class Viewport {
     this.onChange = onChange;
     this.content = { x: 0, y: 0, width: 100, height: 100 };
     this.view = { x: 50, y: 50, unitsPerPx: 1 };
+    this.tiles = null;
     this.following = true;
     this.focus = null;
     this.pointers = new Map();
@@ -17,8 +18,10 @@ export class Viewport {
     new ResizeObserver(() => (this.following ? this.fit() : this.apply())).observe(box);
   }
 
-  /** Show this rectangle, given in the SVG's units. */
-  setContent(content) {
+  /** Show this rectangle, given in the SVG's units; `tiles` follow the view where the plan has them. */
+  setContent(content, tiles = null) {
+    if (this.tiles !== tiles) this.tiles?.close();
+    this.tiles = tiles;
     this.content = content;
     this.fit();
   }
@@ -92,6 +95,7 @@ export class Viewport {
     const width = Math.max(this.box.clientWidth, 1) * unitsPerPx;
     const height = Math.max(this.box.clientHeight, 1) * unitsPerPx;
     this.svg.setAttribute("viewBox", `${x - width / 2} ${y - height / 2} ${width} ${height}`);
+    this.tiles?.update(this);
     this.onChange(unitsPerPx);
   }
 

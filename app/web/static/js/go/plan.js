@@ -2,6 +2,7 @@
 
 import { request, requestJson, path } from "../api.js";
 import { byId, el, svg } from "../dom.js";
+import { PlanTiles } from "../plan-tiles.js";
 import { Viewport } from "../viewport.js";
 import { say } from "./words.js";
 
@@ -65,14 +66,15 @@ export class Plan {
     if (this.shown !== id) {
       this.shown = id;
       const { plan } = floor;
-      const url = plan ? await this.image(id) : null;
+      const tiles = plan?.tiles ? new PlanTiles(plan, path("venues", this.venue, "floors", id, "plan")) : null;
+      const url = plan && !tiles ? await this.image(id) : null;
       if (this.shown !== id) return;
-      const nodes = url ? [svg("image", { href: url, width: plan.width_px, height: plan.height_px, x: -0.5, y: -0.5 })] : [];
-      this.ground.replaceChildren(...nodes);
       const content = plan
         ? { x: -0.5, y: -0.5, width: plan.width_px, height: plan.height_px }
         : { x: -500, y: -500, width: 1000, height: 1000 };
-      this.viewport.setContent(content);
+      if (tiles) this.ground.replaceChildren(tiles.node);
+      else this.ground.replaceChildren(...(url ? [svg("image", { href: url, ...content })] : []));
+      this.viewport.setContent(content, tiles);
       this.zoomed = false;
     }
     for (const button of byId("floors").children) {

@@ -30,15 +30,17 @@ export class Board {
     this.box.addEventListener("blur", () => this.cross.setAttribute("visibility", "hidden"));
   }
 
-  /** Show an image in this frame: `{url, width, height, metersPerPixel, origin}`; null shows empty ground. */
+  /** Show an image in this frame: `{url, width, height, metersPerPixel, origin}`, or with `tiles` for `url`; null
+   * shows empty ground. */
   show(image) {
     this.frame = image ? { metersPerUnit: image.metersPerPixel, origin: image.origin } : { metersPerUnit: GRID_M, origin: [0, 0] };
     this.ground.replaceChildren();
     this.layer.replaceChildren();
     this.crossAt = null;
     if (image) {
-      this.ground.append(svg("image", { href: image.url, width: image.width, height: image.height, x: -0.5, y: -0.5 }));
-      this.viewport.setContent({ x: -0.5, y: -0.5, width: image.width, height: image.height });
+      const size = { x: -0.5, y: -0.5, width: image.width, height: image.height };
+      this.ground.append(image.tiles ? image.tiles.node : svg("image", { href: image.url, ...size }));
+      this.viewport.setContent(size, image.tiles);
     } else {
       this.viewport.setContent({ x: -1000, y: -1000, width: 2000, height: 2000 });
     }

@@ -2,6 +2,7 @@
 
 import { path, request, requestJson } from "../api.js";
 import { byId, el, guarded, showError } from "../dom.js";
+import { PlanTiles } from "../plan-tiles.js";
 import { currentVenue, venuePath } from "../venues.js";
 
 // A storey where nothing else is known.
@@ -42,14 +43,20 @@ export class Floors {
     const { plan = null } = this.current ?? {};
     let image = null;
     if (plan) {
-      const response = await request(this.path("plan"));
-      if (this.url) URL.revokeObjectURL(this.url);
-      this.url = URL.createObjectURL(await response.blob());
-      image = { url: this.url, width: plan.width_px, height: plan.height_px, metersPerPixel: plan.meters_per_pixel, origin: plan.origin_px };
+      image = { width: plan.width_px, height: plan.height_px, metersPerPixel: plan.meters_per_pixel, origin: plan.origin_px };
+      if (plan.tiles) image.tiles = new PlanTiles(plan, this.path("plan"));
+      else image.url = await this.imageUrl();
     }
     this.board.show(image);
     byId("board-name").textContent = this.current ? `Plan of ${this.current.name}` : "Plan";
     this.onShow();
+  }
+
+  async imageUrl() {
+    const response = await request(this.path("plan"));
+    if (this.url) URL.revokeObjectURL(this.url);
+    this.url = URL.createObjectURL(await response.blob());
+    return this.url;
   }
 
   path(...parts) {

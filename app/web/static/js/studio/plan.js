@@ -107,7 +107,7 @@ export class PlanTool {
     const { plan } = this.floors.current;
     const form = new FormData();
     // The stored image again, when only its scale changes.
-    const image = this.file ?? (await (await fetch(this.floors.url)).blob());
+    const image = this.file ?? (await (await request(this.floors.path("plan"))).blob());
     form.set("image", image, this.file?.name ?? "plan");
     form.set("meters_per_pixel", String(this.metersPerPixel));
     // Plan (0, 0) is the lower left corner of the image.
