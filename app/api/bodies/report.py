@@ -82,6 +82,15 @@ class PicturesPart(BaseModel):
     last: str
 
 
+class RevisitFigures(BaseModel):
+    """Pictures of a video that match others from another time: one place seen twice, or places that look alike."""
+
+    compared: int = Field(description="Pairs of pictures that match")
+    measured: int = Field(description="Those whose motion could be measured")
+    within_drift: int = Field(description="Those that may be one place by the path between them")
+    agreeing: int = Field(description="Those that tie the path together")
+
+
 class EstimatedPoses(OpenBody):
     """Poses that were estimated from pictures without any."""
 
@@ -89,6 +98,7 @@ class EstimatedPoses(OpenBody):
     chosen: int = Field(description="Those chosen by motion and sharpness")
     connected: int = Field(description="Those whose poses were found")
     other_parts: list[PicturesPart]
+    revisits: RevisitFigures | None = Field(default=None, description="Null for photos in no order")
     points: int
     error_px: float = Field(description="Mean reprojection error")
     camera: CalibratedCamera

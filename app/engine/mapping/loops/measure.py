@@ -64,6 +64,11 @@ def measure_motion(a: Seen, b: Seen, camera: Camera, binary: bool) -> Pose | Non
     """Return `a_from_b` of two frames, None where they don't see the same place by their own depth both ways."""
     unit_a, unit_b = (to_unit_vectors(each.features.descriptors, binary) for each in (a, b))
     rows_a, rows_b, _ = match_unit_vectors(unit_a, unit_b, OPTIONS.ratio, binary)
+    return motion_of_matches(a, rows_a, b, rows_b, camera)
+
+
+def motion_of_matches(a: Seen, rows_a: Rows, b: Seen, rows_b: Rows, camera: Camera) -> Pose | None:
+    """Return `a_from_b` by matches, rows (n,) of the features of both; None as `measure_motion`."""
     a_from_b = _pose_of(b, rows_b, a, rows_a, camera)
     b_from_a = None if a_from_b is None else _pose_of(a, rows_a, b, rows_b, camera)
     if a_from_b is None or b_from_a is None:

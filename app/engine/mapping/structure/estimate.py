@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
-from app.engine.mapping.structure.matches import match_pictures
+from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
 from app.engine.mapping.structure.reconstruction import Reconstruction, check_installed, reconstruct
 from app.engine.mapping.structure.scale import FoundScale, find_scale, median_depth
 from app.engine.mapping.structure.scale_options import Scale, frames_of
+from app.engine.mapping.structure.sequence import Path3D, reconstruct_sequence
 from app.engine.mapping.structure.up import DownDirection, down_by_sensor, find_down
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
@@ -72,10 +73,8 @@ def estimate_poses(
     chosen = choose_pictures(unposed, frames_of(scale), RECONSTRUCTION.min_frames, progress)
     scan = chosen.scan
     matched = match_pictures(chosen, models, executor, progress)
-    is_calibrated = chosen.camera_source == "given"
-    parts = reconstruct(
-        matched, scan.camera, is_calibrated=is_calibrated, scratch=unposed.scratch, progress=progress
-    )
+    path = _path(chosen, matched, unposed.scratch, progress)
+    parts = path.parts
     if not parts:
         raise InvalidScanError(
             f"The {len(scan.frames)} pictures that were chosen overlap too little to be connected: film more slowly, "
@@ -94,9 +93,24 @@ def estimate_poses(
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
-        report=_report(chosen, parts, down, found),
+        report=_report(chosen, path, down, found),
         warnings=_warnings(chosen, whole, found),
     )
+
+
+def _path(
+    chosen: ChosenPictures,
+    matched: MatchedPictures,
+    scratch: Path | None,
+    progress: Progress,
+) -> Path3D:
+    camera, is_calibrated = chosen.scan.camera, chosen.camera_source == "given"
+    if chosen.is_sequence:
+        return reconstruct_sequence(
+            matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress
+        )
+    parts = reconstruct(matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress)
+    return Path3D(parts, None)
 
 
 def _posed(
@@ -132,15 +146,15 @@ def _scaled(pose: Pose, units: float, turn: Pose | None) -> Pose:
 
 def _report(
     chosen: ChosenPictures,
-    parts: Sequence[Reconstruction],
+    path: Path3D,
     down: DownDirection | None,
     scale: FoundScale | None,
 ) -> dict[str, Any]:
-    whole = parts[0]
+    whole, *rest = path.parts
     names = [frame.name for frame in chosen.scan.frames]
     others = [
         {"frames": len(part.poses), "first": names[min(part.poses)], "last": names[max(part.poses)]}
-        for part in parts[1:]
+        for part in rest
         if not set(part.poses) <= set(whole.poses)
     ]
     return {
@@ -148,6 +162,7 @@ def _report(
         "chosen": len(names),
         "connected": len(whole.poses),
         "other_parts": others,
+        "revisits": None if path.revisits is None else path.revisits.as_dict(),
         "points": len(whole.points),
         "error_px": round(whole.error_px, 3),
         "camera": {

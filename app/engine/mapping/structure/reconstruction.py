@@ -106,16 +106,21 @@ def reconstruct(
     progress.report(STAGE, 0, total)
     with tempfile.TemporaryDirectory(prefix="structure-", dir=scratch) as folder:
         database = Path(folder) / "matches.db"
-        _write(pycolmap, database, matched, _start_camera(pycolmap, camera, is_calibrated))
+        write_database(pycolmap, database, matched, start_camera(pycolmap, camera, is_calibrated))
         models = _run(
-            pycolmap, database, Path(folder), _options(pycolmap, camera, is_calibrated), total, progress
+            pycolmap,
+            database,
+            Path(folder),
+            mapping_options(pycolmap, camera, is_calibrated),
+            total,
+            progress,
         )
-        parts = [_part(model, camera) for model in models]
+        parts = [part_of(model, camera) for model in models]
     whole = [part for part in parts if part is not None and len(part.poses) >= OPTIONS.min_frames]
     return sorted(whole, key=lambda part: -len(part.poses))
 
 
-def _start_camera(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
+def start_camera(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
     fx, fy, cx, cy, *lens = camera.params
     centre = cx + HALF_PX, cy + HALF_PX
     if _gets_radial(camera, is_calibrated):
@@ -133,7 +138,7 @@ def _gets_radial(camera: Camera, is_calibrated: bool) -> bool:
     return plain or not is_calibrated
 
 
-def _write(colmap: Any, path: Path, matched: MatchedPictures, camera: Any) -> None:
+def write_database(colmap: Any, path: Path, matched: MatchedPictures, camera: Any) -> None:
     """Write a database of keypoints and verified matches; a picture's name is its row."""
     with colmap.Database.open(path) as database:
         camera.camera_id = database.write_camera(camera)
@@ -159,7 +164,7 @@ def _write(colmap: Any, path: Path, matched: MatchedPictures, camera: Any) -> No
             database.write_two_view_geometry(ids[i], ids[j], geometry)
 
 
-def _options(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
+def mapping_options(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
     options = colmap.IncrementalPipelineOptions()
     options.random_seed = 0
     options.num_threads = OPTIONS.threads
@@ -224,7 +229,7 @@ def _run(
     return list(models.values())
 
 
-def _part(model: Any, started_from: Camera) -> Reconstruction | None:
+def part_of(model: Any, started_from: Camera) -> Reconstruction | None:
     """Return pycolmap's reconstruction in our terms, None where it found a camera that no lens has."""
     images = {int(image.name): image for image in model.images.values() if image.has_pose}
     camera = _camera(next(iter(model.cameras.values())), started_from)

@@ -1,0 +1,68 @@
+"""The path of a video or recording: first from pictures beside each other, then tied where it comes back to a place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.engine.mapping.structure.joined import rejoined
+from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
+from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
+from app.engine.mapping.structure.revisits import OPTIONS as REVISITS
+from app.engine.mapping.structure.revisits import Revisits, find_revisits
+from app.engine.progress import Progress
+from app.geometry.camera import Camera
+
+
+@dataclass(frozen=True, slots=True)
+class Path3D:
+    """The connected parts, the largest first, and what tied its path where it comes back to a place, None without."""
+
+    parts: list[Reconstruction]
+    revisits: Revisits | None
+
+
+def reconstruct_sequence(
+    matched: MatchedPictures,
+    camera: Camera,
+    *,
+    is_calibrated: bool,
+    scratch: Path | None,
+    progress: Progress,
+) -> Path3D:
+    """Return the connected parts of pictures that follow each other.
+
+    Pictures that are far apart in time never decide the path by themselves, however well they match: two corridors that
+    look alike match as one does with itself. They tie it where the path that was found without them leads back to the
+    place. Arguments are those of `reconstruct`.
+    """
+    near, far = _by_distance_in_time(matched.matches)
+    parts = reconstruct(
+        MatchedPictures(matched.features, near),
+        camera,
+        is_calibrated=is_calibrated,
+        scratch=scratch,
+        progress=progress,
+    )
+    if not parts or not far:
+        return Path3D(parts, None)
+    whole = parts[0]
+    revisits = find_revisits(whole, matched, sorted(far), progress)
+    if revisits.agreeing:
+        ties = {pair: far[pair] for pair in revisits.agreeing}
+        tied = rejoined(
+            MatchedPictures(matched.features, near | ties),
+            revisits.poses,
+            whole.camera,
+            is_calibrated=is_calibrated,
+            scratch=scratch,
+            progress=progress,
+        )
+        whole = tied or whole
+    return Path3D([whole, *parts[1:]], revisits)
+
+
+def _by_distance_in_time(matches: Mapping[Pair, Rows]) -> tuple[dict[Pair, Rows], dict[Pair, Rows]]:
+    near = {(i, j): rows for (i, j), rows in matches.items() if j - i <= REVISITS.beside}
+    return near, {pair: rows for pair, rows in matches.items() if pair not in near}
