@@ -98,6 +98,7 @@ class Recognised:
 def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
     """Return what paths with forward slashes look like: formats with nothing missing, else those that lack least.
 
+    Of formats whose folders lie in each other the outermost is returned, as a build reads it.
     No file is opened, so files of other formats with such names may be taken for one.
     """
     paths = [name.replace("\\", "/").removeprefix("./") for name in names]
@@ -106,7 +107,13 @@ def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
     if name is not None:
         return (Recognised(name, _folder_of(paths), ()),)
     least = min((len(item.missing) for item in found), default=0)
-    return tuple(item for item in found if len(item.missing) == least)
+    best = [item for item in found if len(item.missing) == least]
+    # The frames of a scan of 12-Scenes, in its folder data, are called as those of 7-Scenes.
+    return tuple(item for item in best if not any(_is_inside(item.folder, other.folder) for other in best))
+
+
+def _is_inside(folder: str, other: str) -> bool:
+    return folder != other and (not other or folder.startswith(f"{other}/"))
 
 
 def _folder_of(paths: Sequence[str]) -> str:
@@ -114,7 +121,8 @@ def _folder_of(paths: Sequence[str]) -> str:
 
 
 def _match(name: str, parts: Sequence[Part], paths: Sequence[str]) -> Recognised | None:
-    first = re.compile(rf"((?:.*/)?){parts[0][1]}", re.IGNORECASE)
+    # The outermost folder: a model in sparse/0 belongs to the folder that its pictures are in.
+    first = re.compile(rf"((?:.*?/)??){parts[0][1]}", re.IGNORECASE)
     folder = next((match.group(1) for path in paths if (match := first.fullmatch(path))), None)
     if folder is None:
         return None

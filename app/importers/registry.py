@@ -141,6 +141,11 @@ def find_scan(directory: Path, format: str | None = None) -> tuple[Path, str]:  
     return _find_scan(directory, FORMATS if name == "auto" else {name: FORMATS[name]})
 
 
+def format_at(folder: Path, importers: Mapping[str, Importer] = FORMATS) -> str | None:
+    """Return the format of the scan that begins in a folder, without searching below it; None for no scan."""
+    return next((name for name, importer in importers.items() if importer.detect(folder)), None)
+
+
 def _read_by_convention(scan: Scan, convention: PoseConvention) -> Scan:
     """Return the scan whose poses are written by a convention with poses `scan_from_camera`; times are done already."""
     if convention.without_times() == PoseConvention():
@@ -178,7 +183,7 @@ def _scans(directory: Path, importers: Mapping[str, Importer]) -> Iterator[tuple
     for folder in _folders(directory):
         if any(folder.is_relative_to(scan) for scan in inside):
             continue
-        name = next((name for name, importer in importers.items() if importer.detect(folder)), None)
+        name = format_at(folder, importers)
         if name is not None:
             inside.append(folder)
             yield folder, name

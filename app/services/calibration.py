@@ -20,9 +20,9 @@ from app.engine.mapping.calibrate import calibrate
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError, RoomfixError
-from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.registry import open_scan
+from app.importers.unpack_scan import unpack_scan
 from app.services.resources import Resources, cap_threads, open_models
 from app.settings import Settings
 from app.storage.venues import get_venue
@@ -82,7 +82,7 @@ def main() -> None:
 
 def _calibrate(settings: Settings, options: BuildOptions, archive: Path) -> dict[str, Any]:
     limits = ArchiveLimits(max_total_bytes=settings.max_unpacked_bytes)
-    root = extract_archive(archive, archive.with_name("scan"), limits)
+    root = unpack_scan(archive, archive.with_name("scan"), limits)
     source = open_scan(root, options.format, replace(options.scan, scratch=archive.parent))
     with ThreadPoolExecutor(settings.workers) as executor:
         found = calibrate(source, options, open_models(settings), executor, NoProgress())

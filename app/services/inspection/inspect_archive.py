@@ -13,10 +13,11 @@ from app.engine.mapping.inspection.inspect import inspect_scan
 from app.engine.mapping.options import BuildOptions
 from app.engine.progress import NoProgress, Progress
 from app.errors import InvalidScanError
-from app.importers.archives.archive import extract_archive, names_in_archive
+from app.importers.archives.archive import names_in_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.recognition import recognised
 from app.importers.registry import find_scan, open_scan
+from app.importers.unpack_scan import unpack_scan
 from app.services.resources import Resources
 
 FOLDER_PREFIX = "inspect-"
@@ -47,7 +48,7 @@ def inspect_sent(
 ) -> dict[str, Any]:
     """Return the inspection of a folder, an archive or a recording; it is unpacked below `scratch`."""
     names = _names(sent, limits)
-    root = sent if sent.is_dir() else extract_archive(sent, scratch / "scan", limits)
+    root = sent if sent.is_dir() else unpack_scan(sent, scratch / "scan", limits)
     given = replace(options, scan=replace(options.scan, scratch=scratch))
     _, name = find_scan(root, given.format)
     found = inspect_scan(open_scan(root, given.format, given.scan), name, given, executor, progress)
