@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.engine.query.camera_sources import camera_from_tags
 from app.geometry.camera_hint import hint_of
 from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
 from app.importers.phones.video import open_video
 from app.importers.registry import open_unposed
+from app.vision.exif import read_photo_tags
 from bench.unposed.command import KINDS
 from bench.unposed.evaluate import true_pose_of
 from bench.unposed.inputs import (
@@ -48,6 +50,15 @@ def test_photos_are_named_by_their_frame(scan: Scan, tmp_path: Path) -> None:
     folder = write_photos(scan, 2, tmp_path / "photos")
     assert sorted(path.name for path in folder.iterdir()) == ["000000.jpg", "000002.jpg"]
     assert true_pose_of("000002.jpg", 7.0, scan) == scan.frames[2].scan_from_camera
+
+
+def test_photos_state_the_focal_length(scan: Scan, tmp_path: Path) -> None:
+    folder = write_photos(scan, 2, tmp_path / "photos")
+    tags = read_photo_tags((folder / "000002.jpg").read_bytes())
+    found = camera_from_tags(tags, CAMERA.width, CAMERA.height)
+    assert found.source == "exif"
+    assert found.likely is not None
+    assert found.likely.focal_px == pytest.approx(CAMERA.focal_px, rel=0.03)
 
 
 def test_frames_with_depth_have_no_poses(scan: Scan, tmp_path: Path) -> None:
