@@ -40,6 +40,11 @@ def inspect(
     if as_json:
         console.print_json(json.dumps(found))
         return
+    show_inspection(found)
+
+
+def show_inspection(found: dict[str, Any]) -> None:
+    """Print an inspection as `POST /database/inspect` answers it."""
     console.print(_table(found))
     for finding in (found["examination"] or {}).get("findings", []):
         console.print(f"[yellow]{finding['sentence']}[/yellow]", soft_wrap=True)

@@ -39,6 +39,14 @@ def test_a_scan_is_described(museum: Server, scan_zip: bytes) -> None:
     assert len(circles) == body["build"]["keyframes"] + 2
 
 
+def test_an_upload_is_described_and_stays(museum: Server, scan_zip: bytes) -> None:
+    with museum.unchanged(), museum.uploaded(scan_zip) as upload:
+        form = {"options": json.dumps({"camera": CAMERA_TEXT}), "upload": upload}
+        answer = museum.client.post("/database/inspect", data=form)
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["build"]["would"] == "build"
+
+
 def test_a_build_takes_the_announced_keyframes_that_are_sharp(museum: Server, scan_zip: bytes) -> None:
     announced = post(museum, scan_zip).json()["build"]["keyframes"]
     museum.add_venue("annex-inspected")

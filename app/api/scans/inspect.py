@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Depends, File, UploadFile
+from fastapi import APIRouter, Depends
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from app.api.bodies.report import ScanExamination
-from app.api.deps import State, require
+from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.scan_fields import ArchiveField, UploadField, archive_of
 from app.api.schemas import problems
 from app.engine.mapping.options import parse_build_options
 from app.services.inspection.inspect_archive import inspect_archive
@@ -119,13 +121,19 @@ class InspectionBody(BaseModel):
     path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")
 
 
-@router.post("/inspect", name="inspectScan", responses=problems(401, 413, 422, 503))
+@router.post("/inspect", name="inspectScan", responses=problems(401, 404, 409, 413, 422, 503))
 async def inspect(
     state: State,
-    archive: Annotated[UploadFile, File(description="The scan: zip, tar or recording")],
+    caller: CallerOf,
+    archive: ArchiveField = None,
+    upload: UploadField = None,
     options: OptionsField = "{}",
 ) -> InspectionBody:
-    """Say what a scan holds and what a build would do with it. Takes some seconds, builds and changes nothing."""
+    """Say what a scan holds and what a build would do with it. Takes some seconds, builds and changes nothing.
+
+    An upload stays as it is, and can be built next.
+    """
     parsed = parse_build_options(read_options(options))
-    found = await state.executor.run(lambda: inspect_archive(state.services.resources, parsed, archive.file))
+    sent = await run_in_threadpool(archive_of, archive, upload, state.services.uploads, caller.venue_id)
+    found = await state.executor.run(lambda: inspect_archive(state.services.resources, parsed, sent))
     return InspectionBody.model_validate(found)
