@@ -61,5 +61,6 @@ def _table(found: dict[str, Any]) -> Table:
     table.add_row("depth", json.dumps(found["sensors"]["depth"]))
     table.add_row("trajectory", json.dumps(found["trajectory"]))
     table.add_row("examination", verdict)
+    table.add_row("loops", json.dumps(found["loops"]))
     table.add_row("build", json.dumps(found["build"]))
     return table

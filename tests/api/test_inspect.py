@@ -33,6 +33,7 @@ def test_a_scan_is_described(museum: Server, scan_zip: bytes) -> None:
     assert 0 < low < middle < high < 30
     assert body["trajectory"]["path_m"] > 0
     assert body["examination"]["verdict"] in ("confirmed", "doubtful", "unknown")
+    assert body["loops"]["found"] <= body["loops"]["compared"] <= 24
     assert body["build"]["would"] == "build"
     assert 0 < body["build"]["keyframes"] <= body["frames"]
     circles = ET.fromstring(body["path_svg"]).findall("{http://www.w3.org/2000/svg}circle")

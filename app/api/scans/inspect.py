@@ -35,6 +35,7 @@ EXAMPLE: dict[str, Any] = {
     "rate_hz": 15.0,
     "trajectory": {"path_m": 7.44, "extent_m": [1.89, 1.12, 0.38], "z_up": True},
     "examination": {"verdict": "confirmed", "pairs_tried": 12, "pairs": 11, "findings": []},
+    "loops": {"compared": 24, "found": 11, "error_m": 0.016},
     "build": {
         "would": "build",
         "keyframes": 47,
@@ -92,6 +93,17 @@ class TrajectoryBody(BaseModel):
     z_up: bool = Field(description="Whether the extent's z is known to be the height")
 
 
+class LoopsBody(BaseModel):
+    """Frames far apart on the way whose pictures show the same place; a few pairs of those whose poses are near."""
+
+    compared: int = Field(description="Pairs of frames that were compared")
+    found: int = Field(description="Pairs that see the same place by their features and depth")
+    error_m: float | None = Field(
+        description="Median difference of their motion by the poses from that by the pictures: more than a few "
+        "centimetres is drift, which a build corrects where it can; null for too few pairs"
+    )
+
+
 class PlannedBuildBody(BaseModel):
     """What a build with these options would do."""
 
@@ -116,6 +128,9 @@ class InspectionBody(BaseModel):
     rate_hz: float | None
     trajectory: TrajectoryBody
     examination: ScanExamination | None
+    loops: LoopsBody | None = Field(
+        description="null without depth, without an examination, and where that found more than drift"
+    )
     build: PlannedBuildBody
     notes: list[str]
     path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")
