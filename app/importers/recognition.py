@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.importers.unposed.pictures import format_of_names
+from app.importers.unposed.recording import LIST_NAME
 
 # What a format's files are called, by regular expressions of paths below the scan's folder. The first is what the
 # format is known by; the others are what a scan of it needs too.
@@ -105,7 +106,8 @@ def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
     found = [item for name, parts in PARTS.items() if (item := _match(name, parts, paths)) is not None]
     name = None if found else format_of_names(paths)
     if name is not None:
-        return (Recognised(name, _folder_of(paths), ()),)
+        listed = (path for path in paths if path.rpartition("/")[2] == LIST_NAME)
+        return (Recognised(name, next(listed, paths[0]).rpartition("/")[0], ()),)
     least = min((len(item.missing) for item in found), default=0)
     best = [item for item in found if len(item.missing) == least]
     # The frames of a scan of 12-Scenes, in its folder data, are called as those of 7-Scenes.
@@ -114,10 +116,6 @@ def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
 
 def _is_inside(folder: str, other: str) -> bool:
     return folder != other and (not other or folder.startswith(f"{other}/"))
-
-
-def _folder_of(paths: Sequence[str]) -> str:
-    return paths[0].rpartition("/")[0]
 
 
 def _match(name: str, parts: Sequence[Part], paths: Sequence[str]) -> Recognised | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from app.importers.unpack_scan import unpack_scan
 from bench.formats.frames import WITHOUT_DEPTH, WrittenScan
 from bench.formats.recordings import rtabmap
 from bench.formats.writers import WRITERS
-from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, WIDTH, tiny_scan
+from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, OUTER_FOLDERS, WIDTH, packed, tiny_scan
 
 FORMAT_OF = {
     "TUM": "tum",
@@ -106,7 +105,7 @@ def test_the_same_scan_in_every_format(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("name", WRITERS)
 def test_folders_around_a_scan_do_not_matter(tmp_path: Path, name: str) -> None:
     written = WRITERS[name](tiny_scan(), tmp_path / "written/scan")
-    for number, outer in enumerate(("", "my scan/", "2026/my scan/")):
+    for number, outer in enumerate(OUTER_FOLDERS):
         archive = packed(written, tmp_path / f"{number}.zip", outer)
         (told,) = recognised(names_in_archive(archive))
         assert (told.format, told.missing) == (FORMAT_OF[name], ())
@@ -115,16 +114,6 @@ def test_folders_around_a_scan_do_not_matter(tmp_path: Path, name: str) -> None:
         assert find_scan(root) == (root, FORMAT_OF[name])
         assert find_scan(root, FORMAT_OF[name]) == (root, FORMAT_OF[name])
     assert_is(open_scan(root), tiny_scan())
-
-
-def packed(written: Path, archive: Path, outer: str) -> Path:
-    """Write a zip of a written folder or file with its paths below `outer`, and return it."""
-    files = [path for path in sorted(written.rglob("*")) if path.is_file()] or [written]
-    top = written if written.is_dir() else written.parent
-    with zipfile.ZipFile(archive, "w") as packing:
-        for path in files:
-            packing.write(path, outer + path.relative_to(top).as_posix())
-    return archive
 
 
 @pytest.mark.parametrize("name", PHONES)
