@@ -206,8 +206,9 @@ def _folders(directory: Path) -> Iterator[Path]:
 def _nothing_found(directory: Path) -> str:
     names = sorted(child.name for child in directory.iterdir())
     there = ", ".join(names[: OPTIONS.shown]) + (", ..." if len(names) > OPTIONS.shown else "")
+    others = ", ".join(name for name in FORMATS if name not in ("tum", "7scenes"))
     return (
         "The format of the scan can't be told from its files: a TUM scan has rgb.txt, depth.txt and groundtruth.txt; a "
         "7-Scenes scan frame-000000.color.png and so on, at the top or in seq-01; the other formats that are read are "
-        f"{', '.join(list(FORMATS)[2:])}. At the top are: {there or 'no files'}."
+        f"{others}. At the top are: {there or 'no files'}."
     )
