@@ -24,6 +24,7 @@ from app.limits import limit
 from app.vision.images import to_gray
 from app.vision.local_features import create_extractor
 
+Array = NDArray[np.float64]
 FEATURES = "sift"
 
 
@@ -63,7 +64,7 @@ class SampledLoops:
 def sampled_loops(scan: Scan, executor: Executor, progress: Progress) -> SampledLoops | None:
     """Return what a few pairs of a scan's frames say of its drift; None for a scan without depth.
 
-    Unlike `close_loops` it needs no global descriptor: the pairs are those whose poses are nearest to each other.
+    Unlike `close_loops` it needs no global descriptor: the pairs are such whose poses are near each other.
     Pictures that can't be decoded are left out.
     """
     if not scan.has_depth:
@@ -72,7 +73,7 @@ def sampled_loops(scan: Scan, executor: Executor, progress: Progress) -> Sampled
     way_m = ways_m(poses)
     rows = choose_places(way_m)
     path = [poses[row] for row in rows]
-    pairs = _nearest_pairs(path, may_be_near(path, way_m[rows]))
+    pairs = _nearest_pairs(path, way_m[rows], may_be_near(path, way_m[rows]))
     places = sorted({place for pair in pairs for place in pair})
     extractor = create_extractor(FEATURES)
 
@@ -100,16 +101,24 @@ def sampled_loops(scan: Scan, executor: Executor, progress: Progress) -> Sampled
     )
 
 
-def _nearest_pairs(path: Sequence[Pose], near: NDArray[np.bool_]) -> list[Pair]:
-    """Return pairs (i < j) among those of a mask (n, n) whose optical axes, at their most usual distance, are nearest
-    to each other; one for two stretches of the path."""
-    ahead = np.stack([pose.translation + pose.rotation[:, 2] for pose in path])
-    apart_m = np.linalg.norm(ahead[:, None] - ahead, axis=2)
+def _nearest_pairs(path: Sequence[Pose], way_m: Array, near: NDArray[np.bool_]) -> list[Pair]:
+    """Return pairs (i < j) of a mask (n, n) whose poses are nearest by metres and radians between them, added.
+
+    One pair for two stretches of the path, and half of them after the longer ways, where more has drifted.
+    """
     first, second = np.nonzero(np.triu(near))
+    positions = np.stack([pose.translation for pose in path])
+    forward = np.stack([pose.rotation[:, 2] for pose in path])
+    cosines = np.clip((forward[first] * forward[second]).sum(axis=1), -1.0, 1.0)
+    apart = np.linalg.norm(positions[first] - positions[second], axis=1) + np.arccos(cosines)
+    between_m = way_m[second] - way_m[first]
+    is_long = between_m > np.median(between_m) if len(between_m) else np.zeros(0, bool)
     chosen: dict[Pair, Pair] = {}
-    for row in np.argsort(apart_m[first, second], kind="stable").tolist():
-        pair = int(first[row]), int(second[row])
-        chosen.setdefault((pair[0] // OPTIONS.block, pair[1] // OPTIONS.block), pair)
-        if len(chosen) == OPTIONS.max_pairs:
-            break
+    for part, most in ((is_long, OPTIONS.max_pairs // 2), (~is_long, OPTIONS.max_pairs)):
+        rows = np.flatnonzero(part)
+        for row in rows[np.argsort(apart[rows], kind="stable")].tolist():
+            if len(chosen) == most:
+                break
+            pair = int(first[row]), int(second[row])
+            chosen.setdefault((pair[0] // OPTIONS.block, pair[1] // OPTIONS.block), pair)
     return sorted(chosen.values())
