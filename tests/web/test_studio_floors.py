@@ -139,7 +139,7 @@ def test_a_plan_of_many_pixels_is_fetched_as_far_as_it_is_in_view(server: Server
     page.on("request", lambda request: asked.append(request.url.split("/floors/2/")[-1]))
     visit(page, "Draw")
     page.reload()
-    page.get_by_label("Floor", exact=True).select_option("Site")
+    page.locator("#floor").select_option(label="Site")
     tiles = page.locator("#board-svg .plan-tiles image")
     playwright.expect(tiles.first).to_be_attached()
     playwright.expect(page.locator('#board-svg image[data-zoom="5"]')).to_have_count(0)
