@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from app.storage.db import Database
-from app.storage.sessions import SessionPoint, create_session, record_frame
 from tests import scenes
 from tests.plans import collection, landmark, link
 from tests.services.plans.plan_files import picture
 from tests.web.live import Server, Tab, live_server
 from tests.web.pictures import keep_picture
-from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, visit
+from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, store_walk, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -82,25 +81,6 @@ def test_a_way_between_floors_is_drawn_changed_and_leads(server: Server, studio:
     assert [step["mode"] for step in route["steps"] if step["to_floor"] == "1"] == ["lift"]
 
 
-def walk(database: Database, *, share: bool) -> str:
-    """Store a session that was located, lost for three frames, and located again a metre further."""
-    with database.write() as connection:
-        session = create_session(connection, "house", None, None, None, share=share)
-    for frame, x in enumerate((2.0, None, None, None, 3.0), start=1):
-        point = SessionPoint(
-            frame=frame,
-            time_s=float(frame),
-            tracking="lost" if x is None else "tracking",
-            pose=None,
-            floor=None if x is None else "0",
-            plan=None if x is None else [x, 2.5, 90.0],
-            position_m=None if x is None else 0.1,
-        )
-        with database.write() as connection:
-            record_frame(connection, session, None, {}, point, keep_points=100)
-    return session.id
-
-
 def test_phones_that_agreed_are_shown_and_where_they_were_lost(
     server: Server, studio: Tab, tmp_path: Path
 ) -> None:
@@ -110,7 +90,7 @@ def test_phones_that_agreed_are_shown_and_where_they_were_lost(
         "No phone has agreed to be shown in the last hour."
     )
     database = Database(f"sqlite:///{server.folder}/data/roomfix.db")
-    shown, hidden = walk(database, share=True), walk(database, share=False)
+    shown, hidden = store_walk(database, share=True), store_walk(database, share=False)
     database.close()
     playwright.expect(page.locator("#phone-list li")).to_have_count(1)
     playwright.expect(page.locator("#phone-list")).to_contain_text(
