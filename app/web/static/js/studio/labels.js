@@ -4,23 +4,29 @@
 // Room between two names.
 const GAP_PX = 2;
 
-/** Place the texts of a layer for what a box shows of it. What is chosen comes first, then as it is drawn. */
+/** Place the texts of a layer for what a box shows of it. What is chosen comes first and is always named; then as it is drawn. */
 export function placeLabels(layer, box) {
   const texts = [...layer.querySelectorAll("text")];
   for (const text of texts) reset(text);
   const shown = box.getBoundingClientRect();
   // All are measured before the first is changed: the browser then lays them out once.
-  const measured = texts.map((text) => ({ text, isChosen: text.parentNode.querySelector(".chosen") !== null, sides: sidesOf(text) }));
+  const measured = texts.map((text) => ({ text, isChosen: isOfChosen(text, layer), sides: sidesOf(text) }));
   const marks = [...layer.querySelectorAll("circle, rect")].map((mark) => ({ node: mark.parentNode, place: mark.getBoundingClientRect() }));
   const taken = [];
   const isFree = (place, node) => !taken.some((other) => overlap(place, other)) && !marks.some((mark) => mark.node !== node && overlap(place, mark.place));
-  for (const { text, sides } of measured.sort((a, b) => b.isChosen - a.isChosen)) {
-    const side = sides.findIndex((place) => isInside(place, shown) && isFree(place, text.parentNode));
-    // Nobody sees it, or there is no room for it.
+  for (const { text, isChosen, sides } of measured.sort((a, b) => b.isChosen - a.isChosen)) {
+    const free = sides.findIndex((place) => isInside(place, shown) && isFree(place, text.parentNode));
+    const side = free < 0 && isChosen ? 0 : free;
     if (side < 0) text.setAttribute("visibility", "hidden");
     else taken.push(sides[side]);
     if (side === 1) turn(text);
   }
+}
+
+/** A text stands in the group of its point, and that of an area's name in the area's. */
+function isOfChosen(text, layer) {
+  const groups = [text.parentNode, text.parentNode.parentNode].filter((group) => layer.contains(group) && group !== layer);
+  return groups.some((group) => group.querySelector(":scope > .chosen") !== null);
 }
 
 function reset(text) {
