@@ -33,6 +33,7 @@ from app.api.access.throttle import Throttle
 from app.api.answers.drawings import Drawings
 from app.api.answers.writing import WritingMiddleware
 from app.api.deps import AppState
+from app.api.drain import Drain, LeavingMiddleware
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
 from app.api.maps import versions as map_versions
@@ -92,7 +93,7 @@ def create_app(
     settings: Settings, runner: BuildRunner | None = None, access: PhoneAccess | None = None
 ) -> FastAPI:
     """Return the app; `runner` replaces the build runner that the settings ask for, `access` is how phones reach it."""
-    metrics = Metrics()
+    metrics, drain = Metrics(), Drain()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -113,6 +114,7 @@ def create_app(
             services=services,
             executor=executor,
             drawings=drawings,
+            drain=drain,
             runner=builds,
             metrics=metrics,
             throttle=throttle,
@@ -141,11 +143,13 @@ def create_app(
         redoc_url=None,
         generate_unique_id_function=operation_id,
     )
+    # For the server that runs the app, which sees the signal to stop.
+    app.state.drain = drain
     include_routers(app)
     install_pages(app, access)
     install_openapi(app)
     install_error_handlers(app)
-    install_middleware(app, settings, metrics)
+    install_middleware(app, settings, metrics, drain)
     return app
 
 
@@ -160,7 +164,7 @@ def include_routers(app: FastAPI) -> None:
         app.include_router(router)
 
 
-def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
+def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics, drain: Drain) -> None:
     """Add what stands around the routes, from the innermost to the outermost."""
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
@@ -177,5 +181,6 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
             allow_headers=["*"],
             expose_headers=EXPOSED_HEADERS,
         )
+    app.add_middleware(LeavingMiddleware, drain)
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)

@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from app.api.access.throttle import Throttle
 from app.api.answers.drawings import Drawings
+from app.api.drain import Drain
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError
@@ -40,6 +41,7 @@ class AppState:
     services: Services
     executor: BoundedExecutor
     drawings: Drawings
+    drain: Drain
     runner: BuildRunner
     metrics: Metrics
     throttle: Throttle

@@ -24,10 +24,10 @@ import pytest
 from app.storage.blobs import BlobStore
 from app.storage.check import check_store
 from app.storage.db import Database
+from bench.postgres import is_installed, postgres
 from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import _is_ready, children
 from tests.ports import free_port
-from tests.postgres import is_installed, postgres
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
 from tests.server import ENDED, POLL_S, WAIT_S, Server, pose_errors, wait_for
 

@@ -16,9 +16,9 @@ from app.jobs import lease as lease_module
 from app.jobs.lease import LeaseOptions, LeaseWatch
 from app.jobs.worker_name import is_surely_dead, worker_name
 from app.storage.leases import Lease
+from bench.postgres import is_installed, postgres
 from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import is_gone
-from tests.postgres import is_installed, postgres
 from tests.scenes import View, scan_files, zipped
 from tests.server import WAIT_S, Server, running, wait_for
 
