@@ -73,11 +73,12 @@ async def _joined(
     from_server: asyncio.StreamReader,
     to_server: asyncio.StreamWriter,
 ) -> None:
-    asking = asyncio.create_task(_pass(reader, to_server))
+    ways = [asyncio.create_task(_pass(reader, to_server)), asyncio.create_task(_pass(from_server, writer))]
     try:
-        await _pass(from_server, writer)
+        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        asking.cancel()
+        for way in ways:
+            way.cancel()
         to_server.close()
 
 

@@ -69,7 +69,7 @@ class Seen:
     sessions: int = 0
     whole_sessions: int = 0
     reconnects: int = 0
-    upload_breaks: int = 0
+    upload_parts: int = 0
     is_upload_whole: bool = False
 
 
@@ -137,12 +137,16 @@ async def upload(url: str, use: Used, seen: Seen, data_dir: Path) -> None:
     def slow_down(sent: int) -> None:
         time.sleep(max(0.0, began + use.upload_s * sent / length - time.perf_counter()))
 
-    def send() -> tuple[str, int]:
-        with httpx.Client(base_url=url, timeout=TIMEOUT_S, trust_env=False) as client:
-            sent = send_file(client, begin_upload(client, length, use.venue), use.upload, slow_down)
-            return sent.url.rsplit("/", 1)[-1], sent.breaks
+    def count(request: httpx.Request) -> None:
+        seen.upload_parts += request.method == "PATCH"
 
-    upload_id, seen.upload_breaks = await asyncio.to_thread(send)
+    def send() -> str:
+        hooks = {"request": [count]}
+        with httpx.Client(base_url=url, timeout=TIMEOUT_S, trust_env=False, event_hooks=hooks) as client:
+            sent = send_file(client, begin_upload(client, length, use.venue), use.upload, slow_down)
+            return sent.url.rsplit("/", 1)[-1]
+
+    upload_id = await asyncio.to_thread(send)
     arrived = data_dir / "uploads" / f"{upload_id}.part"
     seen.is_upload_whole = _digest(arrived) == _digest(use.upload)
 
