@@ -1,6 +1,7 @@
 """Clients that build, edit, push frames of anchors and walk sessions until their server is gone, and what was stored.
 
-What the servers have acknowledged is kept to be compared."""
+What the servers have acknowledged is kept to be compared.
+"""
 
 from __future__ import annotations
 

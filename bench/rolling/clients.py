@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import itertools
+import math
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -22,13 +24,15 @@ ENDED = ("succeeded", "failed", "cancelled")
 POLL_S = 1.0
 TIMEOUT_S = 60.0
 FRAMES_PER_S = 2.0
+# Longer than any run, and without silence that the server takes for a broken connection.
+SLOW_UPLOAD_S = 600.0
 # More frames than are sent in any run.
 MOST_FRAMES = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Used:
-    """What the clients send. `upload` is a file that is sent while the servers are replaced, over `upload_s`."""
+    """What the clients send. `upload` is a file that is sent while the servers are replaced."""
 
     picture: bytes
     scan: Path
@@ -36,7 +40,6 @@ class Used:
     venue: str
     camera: str | None
     upload: Path
-    upload_s: float
 
 
 @dataclass(slots=True)
@@ -51,16 +54,16 @@ class Answers:
         self.statuses.append(status)
         self.at_s.append(time.perf_counter())
 
-    @property
-    def longest_gap_s(self) -> float:
-        """The longest time between two answers of status 200, 0 for fewer than two."""
-        good = [at_s for status, at_s in zip(self.statuses, self.at_s, strict=True) if status == 200]
+    def longest_gap_s(self, until_s: float = math.inf) -> float:
+        """Return the longest time between two answers of status 200, 0 for fewer than two."""
+        times = zip(self.statuses, self.at_s, strict=True)
+        good = [at_s for status, at_s in times if status == 200 and at_s <= until_s]
         return max((after - before for before, after in itertools.pairwise(good)), default=0.0)
 
 
 @dataclass(slots=True, kw_only=True)
 class Seen:
-    """What the clients were answered, and what became of sessions and the upload."""
+    """Answers of the clients, what became of sessions and the upload, and when the first server was replaced."""
 
     queries: Answers = field(default_factory=Answers)
     kept_alive: Answers = field(default_factory=Answers)
@@ -70,6 +73,7 @@ class Seen:
     whole_sessions: int = 0
     reconnects: int = 0
     upload_parts: int = 0
+    replacing_from_s: float = math.inf
     is_upload_whole: bool = False
 
 
@@ -129,13 +133,13 @@ async def stream(url: str, use: Used, seen: Seen, is_over: asyncio.Event) -> Non
         seen.whole_sessions += bool(frames) and is_rising and await _held(client, session) >= frames[-1]
 
 
-async def upload(url: str, use: Used, seen: Seen, data_dir: Path) -> None:
-    """Send a file in the resumable way, slowly, and compare what has arrived."""
+async def upload(url: str, use: Used, seen: Seen, data_dir: Path, all_replaced: threading.Event) -> None:
+    """Send a file in the resumable way, slowly until all servers are replaced, and compare what has arrived."""
     length = use.upload.stat().st_size
     began = time.perf_counter()
 
     def slow_down(sent: int) -> None:
-        time.sleep(max(0.0, began + use.upload_s * sent / length - time.perf_counter()))
+        all_replaced.wait(max(0.0, began + SLOW_UPLOAD_S * sent / length - time.perf_counter()))
 
     def count(request: httpx.Request) -> None:
         seen.upload_parts += request.method == "PATCH"

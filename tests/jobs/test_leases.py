@@ -33,10 +33,10 @@ class Workers:
         self.server, self._environment, self.scan = server, environment, scan
         self.processes: list[subprocess.Popen[bytes]] = []
 
-    def start(self) -> subprocess.Popen[bytes]:
+    def start(self, **environment: str) -> subprocess.Popen[bytes]:
         """Start a worker process."""
         process = subprocess.Popen(
-            SLOW_WORKER, stdin=subprocess.PIPE, env={**os.environ, **self._environment}
+            SLOW_WORKER, stdin=subprocess.PIPE, env={**os.environ, **self._environment, **environment}
         )
         self.processes.append(process)
         return process
@@ -129,10 +129,19 @@ def test_two_workers_share_the_queue_and_take_over_from_the_dead(workers: Worker
     queued = workers.server.status(handed)
     assert (queued["state"], queued["attempts"]) == ("queued", 0)
     workers.release()
-    workers.start()
+    third = workers.start(ROOMFIX_FINISH_BUILD_S="600")
     ended_too = workers.server.wait(handed)
     assert (ended_too["state"], ended_too["attempts"]) == ("succeeded", 1)
     assert workers.versions() == [3, 2, 1]
+    # With time to finish, it ends its build and takes no other one.
+    workers.hold("refine")
+    finished, left = workers.submit(), workers.submit()
+    workers.wait_until_held()
+    third.send_signal(signal.SIGTERM)
+    workers.release()
+    assert third.wait(WAIT_S) == 0
+    assert [workers.server.status(build)["state"] for build in (finished, left)] == ["succeeded", "queued"]
+    assert workers.server.status(finished)["attempts"] == 1
 
 
 def test_a_worker_that_was_given_up_publishes_nothing(tmp_path: Path, scan: bytes) -> None:
