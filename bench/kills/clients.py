@@ -5,6 +5,7 @@ What the servers have acknowledged is kept to be compared.
 
 from __future__ import annotations
 
+import itertools
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,7 +15,6 @@ import httpx
 VENUE = "kills"
 FLOOR = {"name": "Ground", "level": 0, "z_min_m": -10, "z_max_m": 10}
 TIMEOUT_S = 180.0
-MOST_ROUNDS = 1000
 FRAMES_PER_SESSION = 2
 # Names of venues and anchors that one client changes in turn.
 VENUES = 5
@@ -47,11 +47,14 @@ class Acknowledged:
 
 
 class Client(threading.Thread):
-    """Calls until a call fails for want of a server."""
+    """Calls until a call fails for want of a server, or it is over."""
 
-    def __init__(self, url: str, kept: Acknowledged, sent: Sent, number: int) -> None:
+    def __init__(
+        self, url: str, kept: Acknowledged, sent: Sent, number: int, is_over: threading.Event
+    ) -> None:
         super().__init__(daemon=True)
         self._url, self._kept, self._sent, self._number = url, kept, sent, number
+        self._is_over = is_over
 
     def run(self) -> None:
         """Queue a build, then change this and that."""
@@ -60,7 +63,9 @@ class Client(threading.Thread):
             httpx.Client(base_url=self._url, timeout=TIMEOUT_S, trust_env=False) as client,
         ):
             self._build(client)
-            for turn in range(MOST_ROUNDS):
+            for turn in itertools.count():
+                if self._is_over.is_set():
+                    return
                 self._edit(client, f"s{self._number}-{turn % VENUES}", f"name {turn}")
                 self._change_anchor(client, f"a{self._number % CLIENTS_PER_ANCHOR}-{turn % ANCHORS}")
                 self._walk(client)

@@ -45,7 +45,8 @@ def kills(
         return number >= most or time.monotonic() > until
 
     with tempfile.TemporaryDirectory() as folder, postgres() if postgresql else nullcontext() as database:
-        site = Site(data_dir=Path(folder), servers=2 if postgresql else 1, database_url=database)
+        data_dir, logs = Path(folder) / "data", Path(folder)
+        site = Site(data_dir=data_dir, logs=logs, servers=2 if postgresql else 1, database_url=database)
         outcome = run_kills(site, sent, seed, is_enough)
     shown = Shown()
     shown.table(_table(outcome, site))
@@ -62,7 +63,7 @@ def _table(outcome: Outcome, site: Site) -> Table:
         "servers, each with a worker": site.servers,
         "kills of a server": outcome.kills["server"],
         "kills of a worker": outcome.kills["worker"],
-        "times that the servers served after it": outcome.starts - 1,
+        "servers started again": outcome.starts,
         "changes that were acknowledged": kept.changes,
         "of them builds": len(kept.builds),
         "builds that succeeded, each with a version of its own": builds["succeeded"],
