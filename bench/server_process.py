@@ -16,7 +16,7 @@ import httpx
 
 from app.errors import RoomfixError
 
-START_S = 90.0
+START_S = 300.0
 # Longer than a server that drains, with its worker, has to end.
 STOP_S = 300
 ROOT = Path(__file__).parents[1]
