@@ -30,10 +30,10 @@ from app.api import (
 from app.api.access import audit, keys
 from app.api.access.open_host import OpenHostMiddleware
 from app.api.access.throttle import Throttle
+from app.api.answers.drain import Drain, LeavingMiddleware
 from app.api.answers.drawings import Drawings
 from app.api.answers.writing import WritingMiddleware
 from app.api.deps import AppState
-from app.api.drain import Drain, LeavingMiddleware
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
 from app.api.maps import versions as map_versions
@@ -100,11 +100,8 @@ def create_app(
         resources = Resources.open(settings)
         # The models are opened before the first query has to wait for them.
         resources.models.extractor("sift")
-        log.info(
-            "global descriptor %s, poses by %s",
-            resources.models.global_descriptor.sha256[:12],
-            ESTIMATORS.name,
-        )
+        descriptor = resources.models.global_descriptor.sha256[:12]
+        log.info("global descriptor %s, poses by %s", descriptor, ESTIMATORS.name)
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         services = wire_services(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
@@ -143,8 +140,6 @@ def create_app(
         redoc_url=None,
         generate_unique_id_function=operation_id,
     )
-    # For the server that runs the app, which sees the signal to stop.
-    app.state.drain = drain
     include_routers(app)
     install_pages(app, access)
     install_openapi(app)
@@ -182,5 +177,7 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics, drain
             expose_headers=EXPOSED_HEADERS,
         )
     app.add_middleware(LeavingMiddleware, drain)
+    # For the server that runs the app, which sees the signal to stop.
+    app.state.drain = drain
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)

@@ -10,8 +10,8 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.requests import HTTPConnection
 
 from app.api.access.throttle import Throttle
+from app.api.answers.drain import Drain
 from app.api.answers.drawings import Drawings
-from app.api.drain import Drain
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
 from app.errors import AuthenticationError

@@ -12,11 +12,11 @@ import typer
 import uvicorn
 
 from app.api.access.credentials import is_loopback
-from app.commands.connections import connection_options
 from app.commands.console import DataDir, settings_from
 from app.commands.https import Certificate, make_certificate, own_names, print_phone_access
-from app.commands.leaving_server import OPTIONS as LEAVING
-from app.commands.leaving_server import LeavingServer
+from app.commands.serving.connections import connection_options
+from app.commands.serving.leaving_server import OPTIONS as LEAVING
+from app.commands.serving.leaving_server import LeavingServer
 from app.jobs.worker import run_worker
 from app.logs import configure_logs
 from app.main import create_app

@@ -16,8 +16,8 @@ from sse_starlette.sse import AppStatus
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.commands.connections import connection_options
-from app.commands.leaving_server import LeavingServer
+from app.commands.serving.connections import connection_options
+from app.commands.serving.leaving_server import LeavingServer
 from app.commands.uploads.client import PART_MEDIA_TYPE, TUS, begin_upload
 from app.jobs.runner import NoRunner
 from app.main import create_app

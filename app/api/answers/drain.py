@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from sse_starlette.sse import AppStatus
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -39,6 +40,14 @@ class Drain:
         until = loop.time() + wait_s
         while self._open and loop.time() < until:
             await asyncio.sleep(poll_s)
+
+
+def keep_event_streams() -> None:
+    """Let event streams of this process go on until `closing` is set.
+
+    Their library would end them at the signal, and again each time that their reader comes back.
+    """
+    AppStatus.enable_automatic_graceful_drain = False
 
 
 class LeavingMiddleware:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from types import FrameType
 
 import uvicorn
-from sse_starlette.sse import AppStatus
 
-from app.api.drain import Drain
+from app.api.answers.drain import Drain, keep_event_streams
 from app.limits import limit
 
 log = logging.getLogger("roomfix")
@@ -54,8 +53,7 @@ class LeavingServer(uvicorn.Server):
         self._drain, self._drain_s = drain, drain_s
         self._signals: list[int] = []
         self._leaves_at: float | None = None
-        # Event streams would end at the signal, and again each time that their client comes back.
-        AppStatus.enable_automatic_graceful_drain = False
+        keep_event_streams()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Note the signal."""
