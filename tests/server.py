@@ -21,7 +21,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from sqlalchemy import create_engine, select
 
-from app.commands.connections import connection_options
+from app.commands.serving.connections import connection_options
 from app.geometry.se3 import Pose
 from app.jobs.runner import BuildRunner, NoRunner
 from app.main import create_app

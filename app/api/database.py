@@ -222,7 +222,8 @@ def cancel(state: State, build: str) -> BuildBody:
 
 async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, str]]:
     sent = None
-    while True:
+    # A server that stops ends the stream; its reader comes back to another one.
+    while not state.drain.closing.is_set():
         if body != sent:
             yield {"event": "build", "data": body.model_dump_json(exclude_unset=True)}
             sent = body

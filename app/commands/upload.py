@@ -14,7 +14,7 @@ from app.commands.build import zip_folder
 from app.commands.console import console, json_object, progress_bars
 from app.commands.inspect import show_inspection
 from app.commands.stream import DEFAULT_SERVER, Server, admin_key
-from app.commands.uploads.client import OPTIONS, begin_upload, reason, send_file
+from app.commands.uploads.client import OPTIONS, reason, upload_file
 from app.errors import RoomfixError
 
 
@@ -43,10 +43,15 @@ def upload(
     ):
         archive = zip_folder(scan, Path(folder) / "scan.zip") if scan.is_dir() else scan
         length = archive.stat().st_size
-        url = resume or begin_upload(client, length, venue)
-        console.print(f"upload {url}")
-        sent = send_file(client, url, archive, lambda done: progress.report("upload", done, length))
-        form = {"options": json.dumps(parsed), "upload": url.rsplit("/", 1)[-1]}
+        sent = upload_file(
+            client,
+            archive,
+            venue,
+            resume,
+            lambda url: console.print(f"upload {url}"),
+            lambda done: progress.report("upload", done, length),
+        )
+        form = {"options": json.dumps(parsed), "upload": sent.url.rsplit("/", 1)[-1]}
         answer = (
             client.post("/database/inspect", data=form)
             if inspect_only

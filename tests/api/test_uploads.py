@@ -12,8 +12,8 @@ from typing import Any
 import httpx
 import pytest
 
-from app.commands.uploads.client import begin_upload, send_file
-from app.errors import InvalidInputError, RoomfixError, StorageFullError, UploadLockedError
+from app.commands.uploads.client import begin_upload, send_file, upload_file
+from app.errors import InvalidInputError, NotFoundError, RoomfixError, StorageFullError, UploadLockedError
 from app.storage import uploads as upload_store
 from app.storage.uploads import UploadFolder
 from bench.uploads.cutting_proxy import cutting_proxy
@@ -218,3 +218,21 @@ def test_a_file_arrives_whole_over_a_connection_that_breaks(tmp_path: Path) -> N
         assert (
             tmp_path / "data" / "uploads" / f"{upload.split('/')[-1]}.part"
         ).read_bytes() == file.read_bytes()
+
+
+def test_an_upload_that_is_lost_with_its_server_is_begun_anew(tmp_path: Path) -> None:
+    file, urls = tmp_path / "scan.zip", []
+    file.write_bytes(os.urandom(100_000))
+    with listening(tmp_path / "data") as (address, _), httpx.Client(base_url=address) as client:
+
+        def lose_first(url: str) -> None:
+            urls.append(url)
+            if len(urls) == 1:
+                client.delete(url, headers=TUS).raise_for_status()
+
+        sent = upload_file(client, file, "museum", None, lose_first)
+        assert urls[1:] == [sent.url]
+        assert client.head(sent.url, headers=TUS).headers["upload-offset"] == "100000"
+        # One that was named is not sent twice unasked.
+        with pytest.raises(NotFoundError):
+            upload_file(client, file, "museum", urls[0], lambda _: None)
