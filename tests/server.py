@@ -65,6 +65,17 @@ class Server:
             files={"archive": ("scan.zip", archive)},
         )
 
+    @contextmanager
+    def uploaded(self, data: bytes) -> Iterator[str]:
+        """Send a file as an upload, give its id, and delete it."""
+        tus = {"Tus-Resumable": "1.0.0"}
+        begun = self.client.post("/uploads", headers={**tus, "Upload-Length": str(len(data))})
+        url = begun.headers["location"]
+        part = {**tus, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+        assert self.client.patch(url, content=data, headers=part).status_code == 204
+        yield url.rsplit("/", 1)[-1]
+        assert self.client.delete(url, headers=tus).status_code == 204
+
     def build(self, archive: bytes, venue: str, **options: object) -> dict[str, Any]:
         """Post a scan and return its build when it has ended and its archive is gone, which is a moment later."""
         answer = self.submit(archive, venue, {"camera": CAMERA_TEXT, **options})
