@@ -135,7 +135,7 @@ def close_loops(scan: Scan, models: VisionModels, executor: Executor, progress: 
         progress=progress,
     )
     pairs = places.alike(near)
-    loops = [loop for loop in places.motions(pairs) if _is_drift(loop, path, way[rows])]
+    loops = [loop for loop in places.motions(pairs) if is_drift(loop, path, way[rows])]
     used, held = held_back(loops)
     found = ClosedLoops(scan=scan, compared=len(pairs), loops=len(loops), held=len(held))
     if not held:
@@ -159,7 +159,7 @@ def _corrected(found: ClosedLoops, poses: Sequence[Pose]) -> ClosedLoops:
     return replace(found, scan=replace(found.scan, frames=moved), moved_m=far, is_applied=True)
 
 
-def _is_drift(loop: Loop, poses: Sequence[Pose], way_m: Array) -> bool:
+def is_drift(loop: Loop, poses: Sequence[Pose], way_m: Array) -> bool:
     """Return whether a loop's error may be drift; more is a place that looks alike."""
     way = way_m[loop.b] - way_m[loop.a]
     by_path = poses[loop.a].inverse() @ poses[loop.b]
