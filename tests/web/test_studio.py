@@ -196,7 +196,7 @@ def draw(server: Server, hands: Hands, tmp_path: Path) -> None:
     hands.spot(3.48, 4.03)
     hands.press("Finish")
     hands.press("Area")
-    for x, y in ((1.1, 1.1), (3.9, 1.1), (3.9, 4.8), (1.1, 4.8)):
+    for x, y in ((1.1, 0.6), (3.9, 0.6), (3.9, 4.4), (1.1, 4.4)):
         hands.spot(x, y)
     hands.press("Finish")
     hands.write("Hall")

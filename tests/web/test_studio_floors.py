@@ -110,6 +110,8 @@ def test_names_that_lie_close_together_can_be_read(server: Server, studio: Tab, 
     page.get_by_role("button", name="landmark: Loading bay 7").click()
     chosen = page.locator("#board-svg g:has(> .chosen) > text")
     playwright.expect(chosen).to_have_text("Loading bay 7")
+    # The names are new, and none of them is left out until they are placed.
+    playwright.expect(hidden).not_to_have_count(0)
     playwright.expect(chosen).not_to_have_attribute("visibility", "hidden")
     assert page.evaluate(OVERLAPPING) == []
     keep_picture(page, tmp_path, "names")

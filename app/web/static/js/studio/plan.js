@@ -98,7 +98,7 @@ export class PlanTool {
     const [width, height] = this.size ?? [];
     const size = scale && this.size ? ` The whole plan is ${(width * scale).toFixed(1)} m by ${(height * scale).toFixed(1)} m.` : "";
     byId("scale-words").textContent = scale
-      ? `${scale} m per pixel.${size}`
+      ? `${Number(scale.toPrecision(4))} m per pixel.${size}`
       : `Click the ${this.ends.length ? "second" : "first"} of two points whose distance you know.`;
     byId("save-plan").disabled = !scale || !this.floors.current;
   }
