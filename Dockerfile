@@ -13,6 +13,8 @@ COPY --from=build /opt/roomfix /opt/roomfix
 RUN groupadd --system --gid 999 roomfix \
  && useradd --system --uid 999 --gid 999 --create-home --home-dir /var/lib/roomfix roomfix
 USER 999:999
+# A volume that is mounted here belongs to the same user.
+RUN mkdir /var/lib/roomfix/uploads
 ENV PATH=/opt/roomfix/bin:$PATH \
     ROOMFIX_HOST=0.0.0.0 \
     ROOMFIX_DATA_DIR=/var/lib/roomfix \

@@ -30,6 +30,7 @@ from app.api import (
 from app.api.access import audit, keys
 from app.api.access.open_host import OpenHostMiddleware
 from app.api.access.throttle import Throttle
+from app.api.answers.drain import Drain, LeavingMiddleware
 from app.api.answers.drawings import Drawings
 from app.api.answers.writing import WritingMiddleware
 from app.api.deps import AppState
@@ -92,18 +93,15 @@ def create_app(
     settings: Settings, runner: BuildRunner | None = None, access: PhoneAccess | None = None
 ) -> FastAPI:
     """Return the app; `runner` replaces the build runner that the settings ask for, `access` is how phones reach it."""
-    metrics = Metrics()
+    metrics, drain = Metrics(), Drain()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         resources = Resources.open(settings)
         # The models are opened before the first query has to wait for them.
         resources.models.extractor("sift")
-        log.info(
-            "global descriptor %s, poses by %s",
-            resources.models.global_descriptor.sha256[:12],
-            ESTIMATORS.name,
-        )
+        descriptor = resources.models.global_descriptor.sha256[:12]
+        log.info("global descriptor %s, poses by %s", descriptor, ESTIMATORS.name)
         builds = runner or (EmbeddedRunner(settings) if settings.run_worker else NoRunner())
         services = wire_services(resources)
         executor = BoundedExecutor(settings.workers, settings.queue_size)
@@ -113,6 +111,7 @@ def create_app(
             services=services,
             executor=executor,
             drawings=drawings,
+            drain=drain,
             runner=builds,
             metrics=metrics,
             throttle=throttle,
@@ -145,7 +144,7 @@ def create_app(
     install_pages(app, access)
     install_openapi(app)
     install_error_handlers(app)
-    install_middleware(app, settings, metrics)
+    install_middleware(app, settings, metrics, drain)
     return app
 
 
@@ -160,7 +159,7 @@ def include_routers(app: FastAPI) -> None:
         app.include_router(router)
 
 
-def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> None:
+def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics, drain: Drain) -> None:
     """Add what stands around the routes, from the innermost to the outermost."""
     app.add_middleware(RequestBodyMiddleware, settings.max_archive_bytes, settings.max_image_bytes)
     origins = settings.allowed_origins
@@ -177,5 +176,8 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics) -> No
             allow_headers=["*"],
             expose_headers=EXPOSED_HEADERS,
         )
+    app.add_middleware(LeavingMiddleware, drain)
+    # For the server that runs the app, which sees the signal to stop.
+    app.state.drain = drain
     app.add_middleware(MetricsMiddleware, metrics)
     app.add_middleware(RequestIdMiddleware)

@@ -65,6 +65,19 @@ class Settings(BaseSettings):
         2, ge=1, le=64, description="Threads that compute, in the server and in the build worker."
     )
     queue_size: int = Field(16, ge=1, le=10_000, description="Queries that may wait before 503.")
+    drain_s: float = Field(
+        0.0,
+        ge=0,
+        le=3600,
+        description="Seconds for which a server that is stopped (SIGTERM) still serves but is not ready, so that its "
+        "balancer sends no more.",
+    )
+    finish_build_s: float = Field(
+        0.0,
+        ge=0,
+        le=86_400,
+        description="Seconds that a worker which is stopped has to finish its build before another one begins it anew.",
+    )
     run_worker: bool = Field(True, description="Start the embedded build worker with the server.")
     max_image_bytes: int = Field(25_000_000, ge=1000, description="Largest image that is accepted.")
     max_image_pixels: int = Field(50_000_000, ge=10_000, description="Most pixels that are decoded.")

@@ -16,7 +16,9 @@ import httpx
 
 from app.errors import RoomfixError
 
-START_S = 90.0
+START_S = 300.0
+# Longer than a server that drains, with its worker, has to end.
+STOP_S = 300
 ROOT = Path(__file__).parents[1]
 
 
@@ -32,6 +34,17 @@ class ServerProcess:
 @contextmanager
 def server_process(data_dir: Path, log: Path, **settings: str) -> Iterator[ServerProcess]:
     """Run `roomfix serve`, open and without a build worker, on a free port of loopback; stop it in the end."""
+    process, url = start_server(data_dir, log, **settings)
+    try:
+        wait_until_ready(url, process, log)
+        yield ServerProcess(url, process.pid, data_dir)
+    finally:
+        process.terminate()
+        process.wait(STOP_S)
+
+
+def start_server(data_dir: Path, log: Path, **settings: str) -> tuple[subprocess.Popen[bytes], str]:
+    """Start such a server; return its process, which may not answer yet, and its address."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -49,16 +62,11 @@ def server_process(data_dir: Path, log: Path, **settings: str) -> Iterator[Serve
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROOMFIX_RUN_WORKER": "false", **settings}
     with log.open("wb") as output:
         process = subprocess.Popen(command, env=environment, stdout=output, stderr=output)  # noqa: S603 - our own code
-    try:
-        url = f"http://127.0.0.1:{port}"
-        _wait_until_ready(url, process, log)
-        yield ServerProcess(url, process.pid, data_dir)
-    finally:
-        process.terminate()
-        process.wait(60)
+    return process, f"http://127.0.0.1:{port}"
 
 
-def _wait_until_ready(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
+def wait_until_ready(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
+    """Return when a server is ready; raises `RoomfixError` with the end of its log when it isn't."""
     end = time.monotonic() + START_S
     with httpx.Client(base_url=url) as client:
         while time.monotonic() < end and process.poll() is None:

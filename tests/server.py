@@ -21,7 +21,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from sqlalchemy import create_engine, select
 
-from app.commands.connections import connection_options
+from app.commands.serving.connections import connection_options
 from app.geometry.se3 import Pose
 from app.jobs.runner import BuildRunner, NoRunner
 from app.main import create_app
@@ -64,6 +64,17 @@ class Server:
             data={"venue": venue, "options": text},
             files={"archive": ("scan.zip", archive)},
         )
+
+    @contextmanager
+    def uploaded(self, data: bytes) -> Iterator[str]:
+        """Send a file as an upload, give its id, and delete it."""
+        tus = {"Tus-Resumable": "1.0.0"}
+        begun = self.client.post("/uploads", headers={**tus, "Upload-Length": str(len(data))})
+        url = begun.headers["location"]
+        part = {**tus, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+        assert self.client.patch(url, content=data, headers=part).status_code == 204
+        yield url.rsplit("/", 1)[-1]
+        assert self.client.delete(url, headers=tus).status_code == 204
 
     def build(self, archive: bytes, venue: str, **options: object) -> dict[str, Any]:
         """Post a scan and return its build when it has ended and its archive is gone, which is a moment later."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, File, Form, UploadFile
+from fastapi import APIRouter, Depends, Form
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from app.api.bodies.report import FittedCurve, FittedThresholds
 from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.scan_fields import ArchiveField, UploadField, archive_of
 from app.api.schemas import problems
 from app.services.calibration import calibrate_archive
 
@@ -75,23 +77,23 @@ class CalibrationBody(BaseModel):
     warnings: list[str]
 
 
-@router.post("/calibrate", name="calibrateThresholds", responses=problems(401, 404, 413, 422, 503))
+@router.post("/calibrate", name="calibrateThresholds", responses=problems(401, 404, 409, 413, 422, 503))
 async def calibrate(
     state: State,
     caller: CallerOf,
-    archive: Annotated[UploadFile, File(description="The scan: zip or tar")],
     venue: Annotated[str, Form(min_length=1, description="The venue that the scan is of")],
+    archive: ArchiveField = None,
+    upload: UploadField = None,
     options: OptionsField = "{}",
 ) -> CalibrationBody:
     """Fit matches over pose difference to a scan and answer with the keyframe thresholds for it.
 
-    Takes some seconds and changes nothing. `options.keyframes.wanted_matches` says how many matches a frame must
-    share with its nearest keyframe. A build does the same by itself with `{"keyframes": {"thresholds":
-    "calibrated"}}`.
+    Takes some seconds and changes nothing; an upload stays, for a build. `options.keyframes.wanted_matches` says how
+    many matches a frame must share with its nearest keyframe. A build does the same by itself with `{"keyframes":
+    {"thresholds": "calibrated"}}`.
     """
     caller.check_venue(venue)
     parsed = read_options(options)
-    found = await state.executor.run(
-        lambda: calibrate_archive(state.services.resources, venue, parsed, archive.file)
-    )
+    sent = await run_in_threadpool(archive_of, archive, upload, state.services.uploads, venue)
+    found = await state.executor.run(lambda: calibrate_archive(state.services.resources, venue, parsed, sent))
     return CalibrationBody.model_validate(found)

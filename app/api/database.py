@@ -7,8 +7,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, File, Form, Header, Query, UploadFile
-from fastapi.exceptions import RequestValidationError
+from fastapi import APIRouter, Depends, Form, Header, Query
 from pydantic import BaseModel, ConfigDict, Field
 from sse_starlette.sse import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
@@ -18,6 +17,7 @@ from app.api.deps import AppState, CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.paging import Paged
+from app.api.requests.scan_fields import ArchiveField, UploadField, check_one_scan
 from app.api.schemas import problems
 from app.errors import NotFoundError
 from app.limits import limit
@@ -150,10 +150,8 @@ def build(
     state: State,
     caller: CallerOf,
     venue: Annotated[str, Form(min_length=1, description="The venue that the map is for")],
-    archive: Annotated[UploadFile | None, File(description="The scan: zip or tar")] = None,
-    upload: Annotated[
-        str | None, Form(description="In place of archive: the id of an upload that is whole")
-    ] = None,
+    archive: ArchiveField = None,
+    upload: UploadField = None,
     options: OptionsField = "{}",
     idempotency_key: Annotated[
         str | None,
@@ -167,13 +165,11 @@ def build(
     """Queue a build of a map from an RGB-D scan."""
     caller.check_venue(venue)
     resources, uploads, parsed = state.services.resources, state.services.uploads, read_options(options)
-    if archive is not None and upload is None:
+    check_one_scan(archive, upload)
+    if archive is not None:
         build_id = submit_build(resources, venue, parsed, archive.file, idempotency_key)
-    elif upload is not None and archive is None:
-        build_id = submit_upload(resources, uploads, venue, parsed, upload, idempotency_key)
     else:
-        message = "Send the scan as archive, or the id of its upload as upload"
-        raise RequestValidationError([{"type": "missing", "loc": ("body", "archive"), "msg": message}])
+        build_id = submit_upload(resources, uploads, venue, parsed, upload or "", idempotency_key)
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")
@@ -226,7 +222,8 @@ def cancel(state: State, build: str) -> BuildBody:
 
 async def _follow(state: AppState, body: BuildBody) -> AsyncIterator[dict[str, str]]:
     sent = None
-    while True:
+    # A server that stops ends the stream; its reader comes back to another one.
+    while not state.drain.closing.is_set():
         if body != sent:
             yield {"event": "build", "data": body.model_dump_json(exclude_unset=True)}
             sent = body

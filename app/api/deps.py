@@ -10,6 +10,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.requests import HTTPConnection
 
 from app.api.access.throttle import Throttle
+from app.api.answers.drain import Drain
 from app.api.answers.drawings import Drawings
 from app.api.executor import BoundedExecutor
 from app.api.metrics import Metrics
@@ -40,6 +41,7 @@ class AppState:
     services: Services
     executor: BoundedExecutor
     drawings: Drawings
+    drain: Drain
     runner: BuildRunner
     metrics: Metrics
     throttle: Throttle

@@ -77,7 +77,10 @@ async def healthz() -> Health:
     dependencies=[Depends(public)],
 )
 def readyz(state: State) -> Readiness | Response:
-    """Answer 200 when database and blobs are there; `status` and `checks` say what else needs an operator."""
+    """Answer 200 when database and blobs are there and the server is not about to stop; `status` and `checks` say what
+    else needs an operator."""
+    if state.drain.is_leaving:
+        return problem(503, "not_ready", "The server is stopping; it answers what still comes.")
     checks = {
         "database": _database(state),
         "blobs": _blobs(state),

@@ -44,6 +44,8 @@ HINTS = tuple(StreamHints.model_fields)
 CLOSE_REPLACED = 4000
 # Close code of RFC 6455: a message is too large.
 CLOSE_TOO_BIG = 1009
+# Close code of IANA's registry: the server restarts; the session goes on at another connection.
+CLOSE_RESTART = 1012
 # Close code: the session has ended.
 CLOSE_GONE = 4404
 
@@ -88,6 +90,8 @@ class Stream:
     hints: dict[str, str] = field(default_factory=dict)
     received: int = 0
     arrived: asyncio.Event = field(default_factory=asyncio.Event)
+    # Held while a frame is answered.
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def put(self, data: bytes) -> None:
         """Let a frame wait in place of the one that does; the way between the two is not forgotten."""
@@ -153,12 +157,24 @@ async def stream(socket: WebSocket, session: str) -> None:
     older, _streams[session] = _streams.get(session), connection
     if older is not None:
         await _close(older.socket, CLOSE_REPLACED, "Another connection has taken over this session.")
-    answering = asyncio.create_task(_answer(state, connection))
+    tasks = [
+        asyncio.create_task(_answer(state, connection)),
+        asyncio.create_task(_close_when_leaving(state, connection)),
+    ]
     try:
-        await _receive(connection, state.services.resources.settings.max_image_bytes)
+        with state.drain.holding():
+            await _receive(connection, state.services.resources.settings.max_image_bytes)
     finally:
-        answering.cancel()
-        await asyncio.gather(answering, return_exceptions=True)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _close_when_leaving(state: AppState, connection: Stream) -> None:
+    """Close the stream when the server stops, after the answer to the frame that is worked on."""
+    await state.drain.closing.wait()
+    async with connection.turn:
+        await _close(connection.socket, CLOSE_RESTART, "The server restarts: connect again.")
 
 
 async def _receive(connection: Stream, max_bytes: int) -> None:
@@ -188,35 +204,42 @@ async def _receive(connection: Stream, max_bytes: int) -> None:
 
 
 async def _answer(state: AppState, connection: Stream) -> None:
-    """Answer the newest frame, again and again."""
-    while True:
+    """Answer the newest frame, again and again, until the session or the server ends."""
+    is_over = False
+    while not is_over:
         waiting = await connection.take()
-        try:
-            frames = parse_frames(waiting.hints.get("axes"), waiting.hints.get("device_pose"))
-            frame = _frame(waiting, frames.axes)
-            answer = await state.executor.run(
-                lambda frame=frame: state.services.sessions.process(connection.session, frame)  # type: ignore[misc]
-            )
-        except (BusyError, ConflictError):
-            _put_back(connection, waiting)
-            await asyncio.sleep(OPTIONS.retry_s)
-            continue
-        except NotFoundError as error:
-            await _send_problem(connection, error, waiting.received)
-            await _close(connection.socket, CLOSE_GONE, "The session has ended.")
-            return
-        except RoomfixError as error:
-            await _send_problem(connection, error, waiting.received)
-            continue
-        except Exception:
-            # As for a request: the log has the cause, the phone an answer, and the next frame its chance.
-            log.exception("frame %d of session %s failed", waiting.received, connection.session)
-            await _send_problem(connection, RoomfixError(UNEXPECTED), waiting.received)
-            continue
-        result = answer.result
-        state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
-        body = StreamedFrame.of(frame_body(answer, frames), waiting.received)
-        await _send(connection.socket, body.model_dump_json(exclude_unset=True))
+        async with connection.turn:
+            # A frame that isn't begun is sent again to the server that the phone connects to next.
+            is_over = state.drain.closing.is_set() or await _answer_frame(state, connection, waiting)
+
+
+async def _answer_frame(state: AppState, connection: Stream, waiting: Waiting) -> bool:
+    """Answer a frame, or put it back while all workers are occupied; return whether the session has ended."""
+    try:
+        frames = parse_frames(waiting.hints.get("axes"), waiting.hints.get("device_pose"))
+        frame = _frame(waiting, frames.axes)
+        answer = await state.executor.run(lambda: state.services.sessions.process(connection.session, frame))
+    except (BusyError, ConflictError):
+        _put_back(connection, waiting)
+        await asyncio.sleep(OPTIONS.retry_s)
+        return False
+    except NotFoundError as error:
+        await _send_problem(connection, error, waiting.received)
+        await _close(connection.socket, CLOSE_GONE, "The session has ended.")
+        return True
+    except RoomfixError as error:
+        await _send_problem(connection, error, waiting.received)
+        return False
+    except Exception:
+        # As for a request: the log has the cause, the phone an answer, and the next frame its chance.
+        log.exception("frame %d of session %s failed", waiting.received, connection.session)
+        await _send_problem(connection, RoomfixError(UNEXPECTED), waiting.received)
+        return False
+    result = answer.result
+    state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
+    body = StreamedFrame.of(frame_body(answer, frames), waiting.received)
+    await _send(connection.socket, body.model_dump_json(exclude_unset=True))
+    return False
 
 
 def _put_back(connection: Stream, waiting: Waiting) -> None:

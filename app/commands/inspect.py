@@ -40,6 +40,11 @@ def inspect(
     if as_json:
         console.print_json(json.dumps(found))
         return
+    show_inspection(found)
+
+
+def show_inspection(found: dict[str, Any]) -> None:
+    """Print an inspection as `POST /database/inspect` answers it."""
     console.print(_table(found))
     for finding in (found["examination"] or {}).get("findings", []):
         console.print(f"[yellow]{finding['sentence']}[/yellow]", soft_wrap=True)
@@ -56,5 +61,6 @@ def _table(found: dict[str, Any]) -> Table:
     table.add_row("depth", json.dumps(found["sensors"]["depth"]))
     table.add_row("trajectory", json.dumps(found["trajectory"]))
     table.add_row("examination", verdict)
+    table.add_row("loops", json.dumps(found["loops"]))
     table.add_row("build", json.dumps(found["build"]))
     return table

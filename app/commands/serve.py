@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
+from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
 import uvicorn
 
 from app.api.access.credentials import is_loopback
-from app.commands.connections import connection_options
 from app.commands.console import DataDir, settings_from
 from app.commands.https import Certificate, make_certificate, own_names, print_phone_access
+from app.commands.serving.connections import connection_options
+from app.commands.serving.leaving_server import OPTIONS as LEAVING
+from app.commands.serving.leaving_server import LeavingServer
 from app.jobs.worker import run_worker
 from app.logs import configure_logs
 from app.main import create_app
@@ -20,6 +24,8 @@ from app.services.keys.key_service import any_key
 from app.settings import Settings
 from app.web.phones import PhoneAccess
 
+# Exit code of a server that could not be started.
+NOT_STARTED = 3
 ALL_ADDRESSES = "0.0.0.0"  # noqa: S104 - what --https serves on, with a key
 
 
@@ -72,7 +78,13 @@ def run_server(settings: Settings) -> None:
     access, certificate = phone_access(settings) if settings.https else (None, None)
     if access is not None:
         print_phone_access(access)
-    uvicorn.run(create_app(settings, access=access), **server_options(settings, certificate))
+    app = create_app(settings, access=access)
+    config = uvicorn.Config(app, **server_options(settings, certificate))
+    server = LeavingServer(config, app.state.drain, settings.drain_s)
+    with suppress(KeyboardInterrupt):
+        server.run()
+    if not server.started:
+        sys.exit(NOT_STARTED)
 
 
 def phone_access(settings: Settings) -> tuple[PhoneAccess, Certificate]:
@@ -90,6 +102,7 @@ def server_options(settings: Settings, certificate: Certificate | None = None) -
         "port": settings.port,
         "log_config": None,
         "access_log": False,
+        "timeout_graceful_shutdown": LEAVING.answers_s,
         "ws_max_size": settings.max_image_bytes,
         **connection_options(),
         **tls,

@@ -12,8 +12,9 @@ import typer
 
 from app.commands.build import zip_folder
 from app.commands.console import console, json_object, progress_bars
+from app.commands.inspect import show_inspection
 from app.commands.stream import DEFAULT_SERVER, Server, admin_key
-from app.commands.uploads.client import OPTIONS, begin_upload, reason, send_file
+from app.commands.uploads.client import OPTIONS, reason, upload_file
 from app.errors import RoomfixError
 
 
@@ -25,6 +26,12 @@ def upload(
     resume: Annotated[
         str | None, typer.Option(help="Go on with this upload of the same file: what was printed then.")
     ] = None,
+    inspect_only: Annotated[
+        bool,
+        typer.Option(
+            "--inspect", help="Say what a build would do; --resume with the same file builds it then."
+        ),
+    ] = False,
 ) -> None:
     """Send a scan to a server and queue its build; a broken connection is taken up where it broke."""
     parsed, key = json_object(options), admin_key()
@@ -36,15 +43,25 @@ def upload(
     ):
         archive = zip_folder(scan, Path(folder) / "scan.zip") if scan.is_dir() else scan
         length = archive.stat().st_size
-        url = resume or begin_upload(client, length, venue)
-        console.print(f"upload {url}")
-        sent = send_file(client, url, archive, lambda done: progress.report("upload", done, length))
-        answer = client.post(
-            "/database/build",
-            data={"venue": venue, "options": json.dumps(parsed), "upload": url.rsplit("/", 1)[-1]},
+        sent = upload_file(
+            client,
+            archive,
+            venue,
+            resume,
+            lambda url: console.print(f"upload {url}"),
+            lambda done: progress.report("upload", done, length),
         )
-    if answer.status_code != 202:
+        form = {"options": json.dumps(parsed), "upload": sent.url.rsplit("/", 1)[-1]}
+        answer = (
+            client.post("/database/inspect", data=form)
+            if inspect_only
+            else client.post("/database/build", data={"venue": venue, **form})
+        )
+    if not answer.is_success:
         raise RoomfixError(reason(answer))
+    if inspect_only:
+        show_inspection(answer.json())
+        return
     console.print(
         f"{length:,} bytes sent, the connection broke {sent.breaks} times; build {answer.json()['build']}"
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.importers.unposed.pictures import format_of_names
+from app.importers.unposed.recording import LIST_NAME
 
 # What a format's files are called, by regular expressions of paths below the scan's folder. The first is what the
 # format is known by; the others are what a scan of it needs too.
@@ -98,23 +99,28 @@ class Recognised:
 def recognised(names: Iterable[str]) -> tuple[Recognised, ...]:
     """Return what paths with forward slashes look like: formats with nothing missing, else those that lack least.
 
+    Of formats whose folders lie in each other the outermost is returned, as a build reads it.
     No file is opened, so files of other formats with such names may be taken for one.
     """
     paths = [name.replace("\\", "/").removeprefix("./") for name in names]
     found = [item for name, parts in PARTS.items() if (item := _match(name, parts, paths)) is not None]
     name = None if found else format_of_names(paths)
     if name is not None:
-        return (Recognised(name, _folder_of(paths), ()),)
+        listed = (path for path in paths if path.rpartition("/")[2] == LIST_NAME)
+        return (Recognised(name, next(listed, paths[0]).rpartition("/")[0], ()),)
     least = min((len(item.missing) for item in found), default=0)
-    return tuple(item for item in found if len(item.missing) == least)
+    best = [item for item in found if len(item.missing) == least]
+    # The frames of a scan of 12-Scenes, in its folder data, are called as those of 7-Scenes.
+    return tuple(item for item in best if not any(_is_inside(item.folder, other.folder) for other in best))
 
 
-def _folder_of(paths: Sequence[str]) -> str:
-    return paths[0].rpartition("/")[0]
+def _is_inside(folder: str, other: str) -> bool:
+    return folder != other and (not other or folder.startswith(f"{other}/"))
 
 
 def _match(name: str, parts: Sequence[Part], paths: Sequence[str]) -> Recognised | None:
-    first = re.compile(rf"((?:.*/)?){parts[0][1]}", re.IGNORECASE)
+    # The outermost folder: a model in sparse/0 belongs to the folder that its pictures are in.
+    first = re.compile(rf"((?:.*?/)??){parts[0][1]}", re.IGNORECASE)
     folder = next((match.group(1) for path in paths if (match := first.fullmatch(path))), None)
     if folder is None:
         return None

@@ -141,6 +141,11 @@ def find_scan(directory: Path, format: str | None = None) -> tuple[Path, str]:  
     return _find_scan(directory, FORMATS if name == "auto" else {name: FORMATS[name]})
 
 
+def format_at(folder: Path, importers: Mapping[str, Importer] = FORMATS) -> str | None:
+    """Return the format of the scan that begins in a folder, without searching below it; None for no scan."""
+    return next((name for name, importer in importers.items() if importer.detect(folder)), None)
+
+
 def _read_by_convention(scan: Scan, convention: PoseConvention) -> Scan:
     """Return the scan whose poses are written by a convention with poses `scan_from_camera`; times are done already."""
     if convention.without_times() == PoseConvention():
@@ -178,7 +183,7 @@ def _scans(directory: Path, importers: Mapping[str, Importer]) -> Iterator[tuple
     for folder in _folders(directory):
         if any(folder.is_relative_to(scan) for scan in inside):
             continue
-        name = next((name for name, importer in importers.items() if importer.detect(folder)), None)
+        name = format_at(folder, importers)
         if name is not None:
             inside.append(folder)
             yield folder, name
@@ -201,8 +206,9 @@ def _folders(directory: Path) -> Iterator[Path]:
 def _nothing_found(directory: Path) -> str:
     names = sorted(child.name for child in directory.iterdir())
     there = ", ".join(names[: OPTIONS.shown]) + (", ..." if len(names) > OPTIONS.shown else "")
+    others = ", ".join(name for name in FORMATS if name not in ("tum", "7scenes"))
     return (
         "The format of the scan can't be told from its files: a TUM scan has rgb.txt, depth.txt and groundtruth.txt; a "
         "7-Scenes scan frame-000000.color.png and so on, at the top or in seq-01; the other formats that are read are "
-        f"{', '.join(list(FORMATS)[2:])}. At the top are: {there or 'no files'}."
+        f"{others}. At the top are: {there or 'no files'}."
     )

@@ -72,13 +72,13 @@ class EmbeddedRunner:
         return self._process.pid if self._process is not None else None
 
     def stop(self) -> None:
-        """Stop the worker; what it was building is queued again when the next one starts."""
+        """Stop the worker; what it has not finished building in the time for that is queued again."""
         self._stopping.set()
         process = self._process
         if process is not None:
             process.terminate()
             try:
-                process.wait(OPTIONS.stop_timeout_s)
+                process.wait(OPTIONS.stop_timeout_s + self._settings.finish_build_s)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()

@@ -55,15 +55,19 @@ OPTIONS = WorkerOptions()
 
 
 def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event) -> None:
-    """Run builds until `stop` is set; a build that runs then is handed over, and the process ends."""
+    """Run builds until `stop` is set; a build that runs then is finished in the time that the settings leave, or handed
+    over, and the process ends."""
     resources = Resources.open(settings, is_patient=True)
     worker = worker_name()
     heart = Heart(resources.database, worker)
     heart.start()
-    threading.Thread(target=_end_when_stopped, args=(settings, worker, stop), daemon=True).start()
+    idle = threading.Event()
+    ending = threading.Thread(target=_end_when_stopped, args=(settings, worker, stop, idle), daemon=True)
+    ending.start()
     try:
         _serve(resources, worker, wake, stop)
     finally:
+        idle.set()
         heart.stop()
         resources.close()
 
@@ -87,9 +91,12 @@ def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threa
         wake.wait(OPTIONS.poll_s)
 
 
-def _end_when_stopped(settings: Settings, worker: str, stop: threading.Event) -> None:
-    """Wait for `stop`, hand the running build over to the next worker, and end the process."""
+def _end_when_stopped(settings: Settings, worker: str, stop: threading.Event, idle: threading.Event) -> None:
+    """Wait for `stop` and the time to finish, hand a build that still runs over to the next worker, and end the
+    process."""
     stop.wait()
+    if not idle.wait(settings.finish_build_s):
+        log.info("the build did not end in %g s", settings.finish_build_s)
     # Not through the patient database of the worker: a lock that another program holds must not keep the process.
     database = Database(settings.resolved_database_url)
     try:

@@ -12,7 +12,6 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from shutil import copyfileobj
 from typing import Any, BinaryIO
 
 from app import errors
@@ -20,10 +19,11 @@ from app.engine.mapping.calibrate import calibrate
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError, RoomfixError
-from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.registry import open_scan
+from app.importers.unpack_scan import unpack_scan
 from app.services.resources import Resources, cap_threads, open_models
+from app.services.sent_scans.archive import archive_in
 from app.settings import Settings
 from app.storage.venues import get_venue
 
@@ -35,7 +35,9 @@ CRASHED = (
 )
 
 
-def calibrate_archive(resources: Resources, venue: str, options: object, archive: BinaryIO) -> dict[str, Any]:
+def calibrate_archive(
+    resources: Resources, venue: str, options: object, archive: BinaryIO | Path
+) -> dict[str, Any]:
     """Return the calibration of a scan's archive (zip or tar) as JSON; nothing of it stays.
 
     Raises `NotFoundError` for an unknown venue, `InvalidScanError` for an archive that can't be calibrated with.
@@ -45,11 +47,7 @@ def calibrate_archive(resources: Resources, venue: str, options: object, archive
         get_venue(connection, venue)
     # What a killed server leaves here, the sweep of the scratch folder removes.
     with tempfile.TemporaryDirectory(dir=resources.scratch_dir, prefix=FOLDER_PREFIX) as folder:
-        packed = Path(folder).resolve() / "archive"
-        with packed.open("wb") as file:
-            copyfileobj(archive, file)
-        if packed.stat().st_size == 0:
-            raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
+        packed = archive_in(Path(folder).resolve(), archive)
         settings = resources.settings.model_dump(mode="json", exclude={"admin_key"})
         order = {"settings": settings, "options": options, "archive": str(packed)}
         ended = subprocess.run(  # noqa: S603 - our own module
@@ -82,7 +80,7 @@ def main() -> None:
 
 def _calibrate(settings: Settings, options: BuildOptions, archive: Path) -> dict[str, Any]:
     limits = ArchiveLimits(max_total_bytes=settings.max_unpacked_bytes)
-    root = extract_archive(archive, archive.with_name("scan"), limits)
+    root = unpack_scan(archive, archive.with_name("scan"), limits)
     source = open_scan(root, options.format, replace(options.scan, scratch=archive.parent))
     with ThreadPoolExecutor(settings.workers) as executor:
         found = calibrate(source, options, open_models(settings), executor, NoProgress())

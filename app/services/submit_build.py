@@ -14,12 +14,11 @@ from app.engine.mapping.options import parse_build_options
 from app.errors import (
     ConflictError,
     InvalidInputError,
-    InvalidScanError,
     NotFoundError,
-    PermissionDeniedError,
     UploadLockedError,
 )
 from app.services.resources import Resources
+from app.services.sent_scans.archive import check_not_empty, whole_upload
 from app.storage.builds import Build, cancel_build, create_build, find_submission
 from app.storage.db import hold_blobs
 from app.storage.sweep import discard_blobs
@@ -78,20 +77,14 @@ def submit_upload(
     gone, and its build is returned.
     """
     try:
-        found = uploads.get(upload)
+        path = whole_upload(uploads, upload, venue)
     except NotFoundError:
         with resources.database.read() as connection:
             earlier = find_submission(connection, venue, idempotency_key)
         if earlier is None or earlier.options != _plain(options):
             raise
         return earlier.id
-    if found.facts.venue_id not in (None, venue):
-        raise PermissionDeniedError("This upload was begun for another venue.")
-    if not found.is_whole:
-        raise ConflictError(
-            f"Of the upload {found.offset:,} of {found.facts.length:,} bytes have arrived; send the rest first."
-        )
-    build_id = submit_build(resources, venue, options, found.path, idempotency_key)
+    build_id = submit_build(resources, venue, options, path, idempotency_key)
     with suppress(NotFoundError, UploadLockedError):
         uploads.delete(upload)
     return build_id
@@ -117,20 +110,15 @@ def _check_same(earlier: Build, options: dict[str, Any], archive_blob: str) -> N
 def _as_file(folder: Path, archive: BinaryIO | Path) -> Iterator[Path]:
     """Give a file with an archive's bytes: its own, or one that they are copied to."""
     if isinstance(archive, Path):
-        _check_not_empty(archive)
+        check_not_empty(archive)
         yield archive
         return
     with tempfile.NamedTemporaryFile(dir=folder, prefix=UPLOAD_PREFIX) as file:
         copyfileobj(archive, file)
         file.flush()
         path = Path(file.name)
-        _check_not_empty(path)
+        check_not_empty(path)
         yield path
-
-
-def _check_not_empty(path: Path) -> None:
-    if path.stat().st_size == 0:
-        raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
 
 
 def _plain(options: object) -> dict[str, Any]:

@@ -35,5 +35,7 @@ COMMANDS = {
     "evaluate-phone-page": "bench.pages.command:evaluate_phone_page",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
     "overload": "bench.overload.command:overload",
+    "kills": "bench.kills.command:kills",
+    "rolling-restart": "bench.rolling.command:rolling_restart",
     "upload-bench": "bench.uploads.command:upload_bench",
 }

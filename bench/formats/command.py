@@ -17,6 +17,7 @@ from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Dataset, Options, Queries
 from bench.evaluation.dataset import split_scan
+from bench.figures.provenance import ROOT, commit_of
 from bench.figures.shown import FiguresTitle, Shown
 from bench.formats.evaluate import FormatQueries, FormatResult, evaluate_formats
 from bench.formats.frames import written_scan
@@ -32,7 +33,10 @@ def evaluate_formats_command(
     only: Annotated[list[str] | None, typer.Option(help="A format; repeat it for several.")] = None,
     options: Options = "{}",
     rows_file: Annotated[
-        Path | None, typer.Option("--json", help="Keep the rows here; those of earlier runs are shown too.")
+        Path | None,
+        typer.Option(
+            "--json", help="Keep the rows here; formats with a row of an earlier run are not measured again."
+        ),
     ] = None,
     figures_title: FiguresTitle = None,
 ) -> None:
@@ -47,8 +51,9 @@ def evaluate_formats_command(
     if down is None:
         raise InvalidInputError("The formats of phones say which way is down: give gravity in the options.")
     written = written_scan(split.database, down)
-    writers = {name: write for name, write in WRITERS.items() if not only or name in only}
     rows = json.loads(rows_file.read_text()) if rows_file is not None and rows_file.is_file() else {}
+    asked_for = [name for name in WRITERS if not only or name in only]
+    writers = {name: WRITERS[name] for name in asked_for if name not in rows}
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         asked = FormatQueries(split.database, split.queries)
         for result in evaluate_formats(written, asked, writers, open_models(Settings()), executor, progress):
@@ -73,6 +78,7 @@ def _row(result: FormatResult) -> dict[str, float | int | str]:
         "p90 cm": summary.p90_cm or "none",
         "median deg": summary.median_deg or "none",
         "wrong %": summary.gross_percent,
+        "commit": commit_of(ROOT).strip("`"),
     }
 
 

@@ -15,9 +15,9 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.engine.query.localizer import Localizer
 from app.geometry.se3 import Pose
-from app.importers.archives.archive import extract_archive
 from app.importers.frames import Frame, Scan
 from app.importers.registry import open_scan
+from app.importers.unpack_scan import unpack_scan
 from app.services.examine_scan import examined_scan
 from app.vision.images import decode_image
 from bench.evaluation.outcome import outcome_of
@@ -73,7 +73,7 @@ def _evaluate(
     progress: Progress,
 ) -> FormatResult:
     started = time.perf_counter()
-    root = sent if sent.is_dir() else extract_archive(sent, folder / "unpacked")
+    root = sent if sent.is_dir() else unpack_scan(sent, folder / "unpacked")
     examined = examined_scan(root, open_scan(root), {}, executor, progress)
     scan = examined.scan
     built = build_map(scan, examined.options, models, executor, progress)

@@ -128,17 +128,30 @@ def _table(seen: dict[str, Observed]) -> Table:
         "health, ms: median, 95 %, 99 %, largest": [
             _spread_ms([answer.seconds for answer in each.health]) for each in seen.values()
         ],
-        "memory, MB, last quarter": [f"{_end_mb(each):.0f}" for each in seen.values()],
-        "memory, of busy": [f"{_end_mb(each) / first_mb:.2f}" for each in seen.values()],
+        "memory, MB: smallest, median, largest": [_memory_mb(each) for each in seen.values()],
+        "largest memory, of the median of busy": [
+            f"{_largest_mb(each) / first_mb:.2f}" for each in seen.values()
+        ],
+        "memory, last quarter over first": [f"{_growth(each):.2f}" for each in seen.values()],
     }
     for name, cells in rows.items():
         table.add_row(name, *cells)
     return table
 
 
-def _end_mb(seen: Observed) -> float:
-    """Return the largest resident memory in the last quarter of a load."""
-    return max(seen.memory_bytes[-max(1, len(seen.memory_bytes) // 4) :]) / 1e6
+def _memory_mb(seen: Observed) -> str:
+    """Return the spread of resident memory over a whole load."""
+    return ", ".join(f"{value / 1e6:.0f}" for value in np.percentile(seen.memory_bytes, [0, 50, 100]))
+
+
+def _largest_mb(seen: Observed) -> float:
+    return max(seen.memory_bytes) / 1e6
+
+
+def _growth(seen: Observed) -> float:
+    """Return the median memory of the last quarter of a load over that of the first."""
+    quarter = max(1, len(seen.memory_bytes) // 4)
+    return float(np.median(seen.memory_bytes[-quarter:]) / np.median(seen.memory_bytes[:quarter]))
 
 
 def _spread_ms(seconds: list[float]) -> str:

@@ -13,6 +13,7 @@ from bench.overload.request import Answer, ask, get_request, open_connection
 from bench.uploads.measure import resident_bytes
 
 HEALTH_S = 0.2
+MEMORY_S = 0.1
 # A client that goes away does so within this time, a query's own time or less.
 GONE_WITHIN_S = 0.3
 # Between two small reads of a slow reader.
@@ -45,21 +46,26 @@ async def observing(url: str, pid: int) -> AsyncIterator[Observed]:
     """Watch a server's health and memory while a load runs."""
     seen = Observed(time.perf_counter())
 
-    async def watch() -> None:
+    async def watch_health() -> None:
         request = get_request(url, "/healthz")
         while True:
             seen.health.append(await ask(url, request))
-            seen.memory_bytes.append(resident_bytes(pid))
             await asyncio.sleep(HEALTH_S)
 
-    task = asyncio.create_task(watch())
+    async def watch_memory() -> None:
+        # Not after each answer of health: memory counts most while a server is too busy to give one.
+        while True:
+            seen.memory_bytes.append(resident_bytes(pid))
+            await asyncio.sleep(MEMORY_S)
+
+    tasks = [asyncio.create_task(watch_health()), asyncio.create_task(watch_memory())]
     try:
         yield seen
     finally:
         seen.seconds = time.perf_counter() - seen.began_s
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def clients_in_turn(seen: Observed, url: str, request: bytes, clients: int, seconds: float) -> None:
@@ -110,14 +116,19 @@ async def go_away(url: str, request: bytes, clients: int, seconds: float, seed: 
 
 
 async def read_slowly(url: str, request: bytes, clients: int, is_over: Callable[[], bool]) -> None:
-    """Let clients ask for a large answer and read a few bytes of it at a time, until it is over."""
+    """Let clients ask for a large answer and read a few bytes of it at a time, until it is over.
+
+    One that is cut off, as a server does with clients that read too slowly, asks again.
+    """
 
     async def one() -> None:
-        with suppress(OSError):
-            reader, writer = await open_connection(url)
-            writer.write(request)
-            while not is_over() and await reader.read(SLOW_READ_BYTES):
-                await asyncio.sleep(SLOW_READ_S)
-            writer.transport.abort()
+        while not is_over():
+            with suppress(OSError):
+                reader, writer = await open_connection(url)
+                writer.write(request)
+                while not is_over() and await reader.read(SLOW_READ_BYTES):
+                    await asyncio.sleep(SLOW_READ_S)
+                writer.transport.abort()
+            await asyncio.sleep(SLOW_READ_S)
 
     await asyncio.gather(*(one() for _ in range(clients)))

@@ -23,9 +23,9 @@ from app.errors import InvalidScanError
 from app.geometry.alignment import Alignment, align_points
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, position_difference_m
-from app.importers.archives.archive import extract_archive
 from app.importers.frames import Scan
 from app.importers.registry import open_unposed
+from app.importers.unpack_scan import unpack_scan
 from bench.evaluation.pose_errors import ErrorSummary
 from bench.formats.evaluate import FormatQueries, locate_queries
 
@@ -80,7 +80,7 @@ def evaluate_unposed(
     `down` (3,) is in the frame of its poses."""
     started, processor_started = time.perf_counter(), time.process_time()
     options = parse_build_options(sent.options)
-    root = sent.path if sent.path.is_dir() else extract_archive(sent.path, scratch / "unpacked")
+    root = sent.path if sent.path.is_dir() else unpack_scan(sent.path, scratch / "unpacked")
     unposed = open_unposed(root, options.format, replace(options.scan, scratch=scratch))
     if unposed is None:
         raise InvalidScanError(f"{sent.name} has poses.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from app.engine.query.camera_sources import FILM_DIAGONAL_MM
 from app.geometry.alignment import world_from_scan_by_gravity
+from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.importers.frames import Frame, Scan
+from app.vision.exif import EXIF_IFD, FOCAL_35MM
 from app.vision.images import Rgb, decode_image
 from bench.formats.frames import write_files
 
@@ -67,11 +72,15 @@ def write_video(scan: Scan, target: Path, fps: float = FPS) -> Path:
 
 
 def write_photos(scan: Scan, every: int, folder: Path) -> Path:
-    """Write every n-th frame of a scan as a JPEG, named by its number, and return the folder."""
+    """Write every n-th frame of a scan as a JPEG, named by its number, and return the folder.
+
+    As phones do, a photo states its focal length as the equivalent on 35 mm film, in whole millimetres.
+    """
+    exif = _exif(scan.camera)
     return write_files(
         folder,
         {
-            photo_name(number): _jpeg(decode_image(scan.color_bytes(frame)))
+            photo_name(number): _jpeg(decode_image(scan.color_bytes(frame)), exif)
             for number, frame in enumerate(scan.frames)
             if number % every == 0
         },
@@ -83,9 +92,17 @@ def photo_name(number: int) -> str:
     return f"{number:06d}.jpg"
 
 
-def _jpeg(rgb: Rgb) -> bytes:
-    flags = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
+def _exif(camera: Camera) -> Image.Exif:
+    exif = Image.Exif()
+    diagonal_px = np.hypot(camera.width, camera.height)
+    exif[EXIF_IFD] = {FOCAL_35MM: round(float(camera.focal_px / diagonal_px * FILM_DIAGONAL_MM))}
+    return exif
+
+
+def _jpeg(rgb: Rgb, exif: Image.Exif) -> bytes:
+    data = io.BytesIO()
+    Image.fromarray(rgb).save(data, "JPEG", quality=JPEG_QUALITY, exif=exif)
+    return data.getvalue()
 
 
 def plan_places(scan: Scan, every: int, down: Array) -> dict[str, Any]:

@@ -25,9 +25,10 @@ def post(server: Server, archive: bytes, venue: str = "museum", options: object 
 
 @pytest.fixture(scope="module")
 def calibrated(museum: Server, scan_zip: bytes) -> dict[str, Any]:
-    """The answer to the scan, which leaves nothing on the server."""
-    with museum.unchanged():
-        answer = post(museum, scan_zip)
+    """The answer to the scan, sent as an upload; nothing of it stays on the server but the upload itself."""
+    with museum.unchanged(), museum.uploaded(scan_zip) as upload:
+        form = {"venue": "museum", "options": json.dumps({"camera": CAMERA_TEXT}), "upload": upload}
+        answer = museum.client.post("/database/calibrate", data=form)
     assert answer.status_code == 200, answer.text
     return dict(answer.json())
 

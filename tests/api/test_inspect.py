@@ -33,10 +33,19 @@ def test_a_scan_is_described(museum: Server, scan_zip: bytes) -> None:
     assert 0 < low < middle < high < 30
     assert body["trajectory"]["path_m"] > 0
     assert body["examination"]["verdict"] in ("confirmed", "doubtful", "unknown")
+    assert body["loops"]["found"] <= body["loops"]["compared"] <= 24
     assert body["build"]["would"] == "build"
     assert 0 < body["build"]["keyframes"] <= body["frames"]
     circles = ET.fromstring(body["path_svg"]).findall("{http://www.w3.org/2000/svg}circle")
     assert len(circles) == body["build"]["keyframes"] + 2
+
+
+def test_an_upload_is_described_and_stays(museum: Server, scan_zip: bytes) -> None:
+    with museum.unchanged(), museum.uploaded(scan_zip) as upload:
+        form = {"options": json.dumps({"camera": CAMERA_TEXT}), "upload": upload}
+        answer = museum.client.post("/database/inspect", data=form)
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["build"]["would"] == "build"
 
 
 def test_a_build_takes_the_announced_keyframes_that_are_sharp(museum: Server, scan_zip: bytes) -> None:

@@ -12,8 +12,8 @@ from typing import Any
 import httpx
 import pytest
 
-from app.commands.uploads.client import begin_upload, send_file
-from app.errors import InvalidInputError, RoomfixError, StorageFullError, UploadLockedError
+from app.commands.uploads.client import begin_upload, send_file, upload_file
+from app.errors import InvalidInputError, NotFoundError, RoomfixError, StorageFullError, UploadLockedError
 from app.storage import uploads as upload_store
 from app.storage.uploads import UploadFolder
 from bench.uploads.cutting_proxy import cutting_proxy
@@ -109,6 +109,29 @@ def test_what_a_client_gets_wrong_is_refused_and_nothing_is_stored(server: Serve
     assert server.client.head(url, headers=TUS).status_code == 404
 
 
+@pytest.mark.parametrize(
+    ("path", "fields"), [("/database/inspect", {}), ("/database/calibrate", {"venue": "museum"})]
+)
+def test_an_upload_that_is_not_whole_or_no_scan_is_refused_and_stays(
+    server: Server, path: str, fields: dict[str, str]
+) -> None:
+    def post(upload: str, **more: Any) -> httpx.Response:
+        return server.client.post(path, data={**fields, "upload": upload}, **more)
+
+    url = begun(server, 3)
+    upload = url.rsplit("/", 1)[-1]
+    assert "of 3 bytes" in assert_problem(post(upload), 409, "conflict")
+    append(server, url, 0, b"abc")
+    assert_problem(post(upload), 422, "invalid_scan")
+    # It is still there, for whatever the client wants of it next.
+    assert offset_of(server, url) == 3
+    assert_problem(post(upload, files={"archive": b"abc"}), 422, "invalid_request")
+    assert "upload" in assert_problem(server.client.post(path, data=fields), 422, "invalid_request")
+    for unknown in ("0" * 32, "../roomfix.db"):
+        assert_problem(post(unknown), 404, "not_found")
+    assert server.client.delete(url, headers=TUS).status_code == 204
+
+
 def test_what_can_not_fit_is_refused_before_it_travels(
     server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -163,8 +186,10 @@ def test_an_upload_belongs_to_its_venue(tmp_path: Path) -> None:
         url = begin(server, 3, **keys["museum"]).headers["location"]
         assert append(server, url, 0, b"abc", **keys["museum"]).status_code == 204
         assert server.client.head(url, headers={**TUS, **keys["hotel"]}).status_code == 403
-        form = {"venue": "hotel", "upload": url.split("/")[-1]}
-        assert_problem(server.client.post("/database/build", data=form, headers=keys["hotel"]), 403)
+        for path, venue in (("build", "hotel"), ("calibrate", "hotel"), ("inspect", None)):
+            form = {"venue": venue, "upload": url.split("/")[-1]} if venue else {"upload": url.split("/")[-1]}
+            answer = server.client.post(f"/database/{path}", data=form, headers=keys["hotel"])
+            assert "another venue" in assert_problem(answer, 403, "forbidden")
         metadata = {"Upload-Metadata": f"venue {base64.b64encode(b'hotel').decode()}"}
         assert_problem(begin(server, 3, **keys["museum"], **metadata), 403)
         # Parts are not acts.
@@ -193,3 +218,21 @@ def test_a_file_arrives_whole_over_a_connection_that_breaks(tmp_path: Path) -> N
         assert (
             tmp_path / "data" / "uploads" / f"{upload.split('/')[-1]}.part"
         ).read_bytes() == file.read_bytes()
+
+
+def test_an_upload_that_is_lost_with_its_server_is_begun_anew(tmp_path: Path) -> None:
+    file, urls = tmp_path / "scan.zip", []
+    file.write_bytes(os.urandom(100_000))
+    with listening(tmp_path / "data") as (address, _), httpx.Client(base_url=address) as client:
+
+        def lose_first(url: str) -> None:
+            urls.append(url)
+            if len(urls) == 1:
+                client.delete(url, headers=TUS).raise_for_status()
+
+        sent = upload_file(client, file, "museum", None, lose_first)
+        assert urls[1:] == [sent.url]
+        assert client.head(sent.url, headers=TUS).headers["upload-offset"] == "100000"
+        # One that was named is not sent twice unasked.
+        with pytest.raises(NotFoundError):
+            upload_file(client, file, "museum", urls[0], lambda _: None)

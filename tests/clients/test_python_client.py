@@ -12,8 +12,8 @@ from typing import Any
 
 import httpx
 import pytest
-from roomfix_client import AsyncRoomfix, BuildError, Frame, Roomfix, RoomfixError, answers
-from roomfix_client.calls import LONGEST_PAUSE_S, form, pause_s, with_picture
+from roomfix_client import AsyncRoomfix, BuildError, Frame, Roomfix, RoomfixError, Uploaded, answers
+from roomfix_client.calls import LONGEST_PAUSE_S, form, inspection, pause_s, submission, with_picture
 
 from tests.clients.conftest import Site
 from tests.clients.schemas import schemas
@@ -24,7 +24,8 @@ SAMPLES = re.findall(
     r"^(\S[^\n]*):\n```python\n(.*?)^```", README.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
 )
 PRINTED = {
-    "Locate": r"0 \d", "Content": r"position", "Build": r"of \d+\n2\n", "Stream": r"tracking\n", "Push": r"\d+\n",
+    "Locate": r"0 \d", "Content": r"position", "Build": r"build\n(?s:.*)of \d+\n2\n", "Stream": r"tracking\n",
+    "Push": r"\d+\n",
 }  # fmt: skip
 # Client's name -> the server's name of the same.
 NAMES = {
@@ -147,6 +148,15 @@ def test_a_build_that_fails_is_an_error(site: Site, tmp_path: Path) -> None:
         build = server.build(tmp_path / "scan.zip", "museum", {})
         with pytest.raises(BuildError):
             server.wait_for_build(build["build"], 0.1)
+
+
+def test_what_was_uploaded_is_named_in_place_of_a_file() -> None:
+    assert inspection(Uploaded("a1"), {"format": "tum"}, None).options() == {
+        "data": {"options": '{"format": "tum"}', "upload": "a1"}
+    }
+    call = submission(Uploaded("a1"), "museum", {}, None)
+    assert call.options() == call.options()
+    assert call.options()["data"] == {"venue": "museum", "options": "{}", "upload": "a1"}
 
 
 def test_only_what_passes_is_tried_again() -> None:

@@ -18,7 +18,7 @@ from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from app.commands.connections import (
+from app.commands.serving.connections import (
     CLOSE_TOO_BIG,
     OPTIONS,
     ConnectionOptions,

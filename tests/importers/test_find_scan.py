@@ -9,7 +9,7 @@ import pytest
 from app.errors import InvalidScanError
 from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
-from app.importers.registry import open_scan
+from app.importers.registry import FORMATS, open_scan
 from tests.importers.scans import INTRINSICS, write_seven_scenes, write_tum
 
 
@@ -50,6 +50,13 @@ def test_links_to_other_folders_are_not_searched(tmp_path: Path) -> None:
     (tmp_path / "sent/scan").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(InvalidScanError, match="can't be told from its files"):
         open_scan(tmp_path / "sent")
+
+
+def test_every_format_is_named_once_where_none_is_found(tmp_path: Path) -> None:
+    with pytest.raises(InvalidScanError) as error:
+        open_scan(tmp_path)
+    listed = str(error.value).partition("that are read are ")[2].partition(". At the top")[0].split(", ")
+    assert sorted([*listed, "tum", "7scenes"]) == sorted(FORMATS)
 
 
 def touch(folder: Path, *names: str) -> None:

@@ -16,9 +16,9 @@ from app.jobs import lease as lease_module
 from app.jobs.lease import LeaseOptions, LeaseWatch
 from app.jobs.worker_name import is_surely_dead, worker_name
 from app.storage.leases import Lease
+from bench.postgres import is_installed, postgres
 from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import is_gone
-from tests.postgres import is_installed, postgres
 from tests.scenes import View, scan_files, zipped
 from tests.server import WAIT_S, Server, running, wait_for
 
@@ -33,10 +33,10 @@ class Workers:
         self.server, self._environment, self.scan = server, environment, scan
         self.processes: list[subprocess.Popen[bytes]] = []
 
-    def start(self) -> subprocess.Popen[bytes]:
+    def start(self, **environment: str) -> subprocess.Popen[bytes]:
         """Start a worker process."""
         process = subprocess.Popen(
-            SLOW_WORKER, stdin=subprocess.PIPE, env={**os.environ, **self._environment}
+            SLOW_WORKER, stdin=subprocess.PIPE, env={**os.environ, **self._environment, **environment}
         )
         self.processes.append(process)
         return process
@@ -129,10 +129,19 @@ def test_two_workers_share_the_queue_and_take_over_from_the_dead(workers: Worker
     queued = workers.server.status(handed)
     assert (queued["state"], queued["attempts"]) == ("queued", 0)
     workers.release()
-    workers.start()
+    third = workers.start(ROOMFIX_FINISH_BUILD_S="600")
     ended_too = workers.server.wait(handed)
     assert (ended_too["state"], ended_too["attempts"]) == ("succeeded", 1)
     assert workers.versions() == [3, 2, 1]
+    # With time to finish, it ends its build and takes no other one.
+    workers.hold("refine")
+    finished, left = workers.submit(), workers.submit()
+    workers.wait_until_held()
+    third.send_signal(signal.SIGTERM)
+    workers.release()
+    assert third.wait(WAIT_S) == 0
+    assert [workers.server.status(build)["state"] for build in (finished, left)] == ["succeeded", "queued"]
+    assert workers.server.status(finished)["attempts"] == 1
 
 
 def test_a_worker_that_was_given_up_publishes_nothing(tmp_path: Path, scan: bytes) -> None:

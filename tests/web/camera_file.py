@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 FLAGS = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
 # What a browser notes by itself while a server is away.
-CUT_ERRORS = ("401", "ERR_CONNECTION_REFUSED", "WebSocket connection", "ERR_CONNECTION_RESET", "ERR_EMPTY")
+CUT_ERRORS = (
+    *("ERR_CONNECTION_REFUSED", "ERR_CONNECTION_RESET", "ERR_EMPTY", "ERR_INTERNET_DISCONNECTED"),
+    *("WebSocket connection", "401"),
+)
 
 
 def write_walk(path: Path, pictures: Iterable[NDArray[np.uint8]], width: int, height: int, fps: int) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,17 +9,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from tests import scenes
 from tests.server import wait_for
+from tests.web.hands import Hands, polycam_scan
 from tests.web.live import Server, Tab, live_server
 from tests.web.pictures import keep_picture
-from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, spot, visit
+from tests.web.studio_page import METERS_PER_PIXEL, OPENING_ACTIONS, open_studio, plan_pdf, spot, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-# The plan image shows 6 m by 5 m, the room's corner at (1, 1) m, turned by a quarter: plan = (1 + 3 - y, 1 + x).
-EXPECTED = np.array([[0, -1, 4.0], [1, 0, 1.0]])
+# What the whole way takes, as `Hands` counts, and where that is written down.
+ACTIONS = 115
+# The pace of somebody who has not seen the pages before, and how long the whole way may take, waiting left out.
+SECONDS_AN_ACTION = 3
+PAGES = Path(__file__).parents[2] / "docs" / "pages.md"
+LONGEST_S = 360
+# Where the monitoring camera hangs.
+MONITOR = scenes.pose_at(1.2, 1.4, 2.1, 5.0, -12.0)
+# The plan image shows 6 m by 5 m, the room's corner at (1, 0.5) m, turned by a quarter: plan = (1 + 3 - y, 0.5 + x).
+EXPECTED = np.array([[0, -1, 4.0], [1, 0, 0.5]])
 
 
 @pytest.fixture(scope="module")
@@ -37,123 +44,91 @@ def studio(browser: Any, server: Server) -> Iterator[Tab]:
         yield tab
 
 
-def plan_pdf() -> bytes:
-    """Return the plan as the second page of a PDF, of as many pixels as the server draws it with."""
-    image = np.full((SIZE_PX[1], SIZE_PX[0], 3), 250, np.uint8)
-    # The room's walls.
-    left, right, low, high = 100, 400, SIZE_PX[1] - 100, SIZE_PX[1] - 500
-    image[max(high, 0) : low, left : left + 3] = image[max(high, 0) : low, right : right + 3] = 0
-    image[low : low + 3, left:right] = 0
-    pages = [Image.fromarray(np.full_like(image, 255)), Image.fromarray(image)]
-    file = io.BytesIO()
-    pages[0].save(file, "pdf", save_all=True, append_images=pages[1:], resolution=150)
-    return file.getvalue()
-
-
 def plan_from_world(server: Server) -> np.ndarray:
     matrix = np.array(server.client.get("/venues/house/floors/0").json()["plan_from_world"])
     return matrix[:2, [0, 1, 3]]
 
 
 def test_the_way_of_a_newcomer(server: Server, studio: Tab, tmp_path: Path) -> None:
-    page, client = studio.page, server.client
+    """By mouse and keyboard alone, without a word of JSON, in fewer actions than fit into six minutes."""
+    page = studio.page
+    hands = Hands(page, OPENING_ACTIONS)
     steps = page.locator("#steps li")
     playwright.expect(steps).to_have_count(7)
     playwright.expect(page.locator("#steps .done")).to_have_count(0)
-    page.locator("#steps").get_by_role("button", name="Add a venue").click()
-    page.locator("#venue-name").fill("House")
-    page.get_by_role("button", name="Add", exact=True).click()
+    hands.click(page.locator("#steps").get_by_role("button", name="Add a venue"))
+    hands.type(page.locator("#venue-name"), "House")
+    hands.press("Add")
     playwright.expect(page.locator("#steps .done")).to_have_count(1)
 
-    # A scan whose poses are stated the wrong way around is refused, and repaired by a button.
-    visit(page, "Scan")
+    hands.visit("Scan")
     room = scenes.Room()
-    views = [room.view(pose) for pose in scenes.walk()]
-    scan = scenes.zipped(scenes.scan_files(views))
-    archive = {"name": "scan.zip", "mimeType": "application/zip", "buffer": scan}
-    page.locator("#archive").set_input_files(archive)
-    page.get_by_text("Options", exact=True).click()
-    page.locator("#scan-options").fill(f'{{"camera": [{scenes.CAMERA_TEXT}], "gravity": [0, 0, -1]}}')
-    page.get_by_role("button", name="Upload and build").click()
+    scan = polycam_scan([room.view(pose) for pose in scenes.walk()])
+    hands.file(page.locator("#archive"), "scan.zip", "application/zip", scan)
+    hands.press("Upload and build")
     playwright.expect(page.locator("#report")).to_contain_text("Report on version 1")
     playwright.expect(page.locator("#report")).to_contain_text("of its own frames are located")
     keep_picture(page, tmp_path, "scan")
     playwright.expect(page.locator("#versions")).to_contain_text("Serving")
     playwright.expect(page.locator(".top-view")).to_have_attribute("src", re.compile("^blob:"))
 
-    show_the_plan(server, page, tmp_path)
-    align(server, page, tmp_path)
-    draw(server, page, tmp_path)
-    try_a_photo(page, room, tmp_path)
-
-    visit(page, "Share")
-    page.locator("#address").fill("https://house.example:8443/")
-    page.get_by_role("button", name="Make the code").click()
-    playwright.expect(page.locator("#qr")).to_be_visible()
-    keep_picture(page, tmp_path, "share")
-    link = page.locator("#go-link").get_attribute("href") or ""
-    assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)
-    token = {"Authorization": f"Bearer {link.partition('#token=')[2]}"}
-    assert client.get("/venues/house", headers=token).status_code == 200
-    assert client.get("/venues/house/maps/1/points", headers=token).status_code == 403
-
-    visit(page, "Start")
+    show_the_plan(server, hands, tmp_path)
+    align(server, hands, tmp_path)
+    draw(server, hands, tmp_path)
+    hang_a_camera(server, hands, room)
+    try_a_photo(server, hands, room, tmp_path)
+    share(server, hands, tmp_path)
+    hands.visit("Start")
     playwright.expect(page.locator("#steps .done")).to_have_count(7)
+    assert hands.actions == ACTIONS
+    assert ACTIONS * SECONDS_AN_ACTION < LONGEST_S
+    assert f"**{ACTIONS} actions**" in PAGES.read_text(encoding="utf-8")
 
 
-def show_the_plan(server: Server, page: Any, tmp_path: Path) -> None:
+def show_the_plan(server: Server, hands: Hands, tmp_path: Path) -> None:
     """Add a floor, choose the second page of a PDF as its plan, and click two points whose distance is known."""
-    visit(page, "Plan")
-    page.get_by_role("button", name="Add a floor").click()
-    page.locator("#floor-name").fill("Ground floor")
-    page.locator("#floor-form").get_by_role("button", name="Add floor").click()
+    page = hands.page
+    hands.visit("Plan")
+    hands.press("Add a floor")
+    hands.type(page.locator("#floor-name"), "Ground floor")
+    hands.press("Add floor")
     playwright.expect(page.locator("#floor option:checked")).to_have_text("Ground floor")
-    page.locator("#plan-image").set_input_files(
-        {"name": "plan.pdf", "mimeType": "application/pdf", "buffer": plan_pdf()}
-    )
+    hands.file(page.locator("#plan-image"), "plan.pdf", "application/pdf", plan_pdf())
     shown = page.locator("#board-svg image")
     playwright.expect(shown).to_have_attribute("href", re.compile("^blob:"))
     first = shown.get_attribute("href")
-    page.get_by_label("Page", exact=True).fill("2")
-    page.keyboard.press("Tab")
+    hands.type(page.get_by_label("Page", exact=True), "2")
+    hands.key("Tab")
     playwright.expect(shown).not_to_have_attribute("href", first)
     # The room is 3 m wide on the plan.
-    click(page, 1.0, 2.0)
-    click(page, 4.0, 2.0)
-    page.locator("#distance").fill("3")
+    hands.spot(1.0, 2.0)
+    hands.spot(4.0, 2.0)
+    hands.type(page.locator("#distance"), "3")
     playwright.expect(page.locator("#scale-words")).to_contain_text("m per pixel")
     keep_picture(page, tmp_path, "plan")
-    page.get_by_role("button", name="Save plan").click()
+    hands.press("Save plan")
     playwright.expect(page.locator("#board-error")).to_contain_text("The plan is stored.")
     stored = server.client.get("/venues/house/floors/0").json()["plan"]
     assert stored["meters_per_pixel"] == pytest.approx(METERS_PER_PIXEL, rel=0.01)
 
 
-def align(server: Server, page: Any, tmp_path: Path) -> None:
+def align(server: Server, hands: Hands, tmp_path: Path) -> None:
     """Lay the scan over the plan by dragging, then by pairs."""
-    visit(page, "Align")
+    page = hands.page
+    hands.visit("Align")
     playwright.expect(page.locator("#board-svg image.scan")).to_be_visible()
-    turn, box = page.get_by_role("button", name="Turn"), page.locator("#board").bounding_box()
-    turn.click()
+    hands.press("Turn")
     x, y = (float(page.locator(f"#shift-{axis}").input_value()) for axis in "xy")
-    middle = spot(page, x, y)
-    page.mouse.move(middle[0] + 80, middle[1])
-    page.mouse.down()
-    page.mouse.move(middle[0] + 40, middle[1] - 60, steps=4)
-    page.mouse.move(middle[0], middle[1] - 80, steps=4)
-    page.mouse.up()
+    u, v = spot(page, x, y)
+    hands.drag((u + 80, v), (u + 40, v - 60), (u, v - 80))
     assert float(page.locator("#turn").input_value()) == pytest.approx(90, abs=1)
-    page.get_by_role("button", name="Move").click()
+    hands.press("Move")
     world = drawn_middle(page)
     target = EXPECTED @ [*world, 1]
     x, y = (float(page.locator(f"#shift-{axis}").input_value()) for axis in "xy")
-    start, end = spot(page, x, y), spot(page, *target)
-    page.mouse.move(*start)
-    page.mouse.down()
-    page.mouse.move(*end, steps=5)
-    page.mouse.up()
+    hands.drag(spot(page, x, y), spot(page, *target))
     keep_picture(page, tmp_path, "align")
-    page.get_by_role("button", name="Save alignment").click()
+    hands.press("Save alignment")
     playwright.expect(page.locator("#board-error")).to_contain_text("The alignment is stored.")
     found = plan_from_world(server)
     angle = np.degrees(np.arctan2(found[1, 0], found[0, 0]))
@@ -162,33 +137,32 @@ def align(server: Server, page: Any, tmp_path: Path) -> None:
     assert np.linalg.norm(found @ corners - EXPECTED @ corners, axis=0).mean() < 0.15
 
     # Pairs: each scan point where it is drawn now, each plan point where it belongs; one is wrong.
-    page.get_by_role("button", name="Add a pair").click()
+    hands.press("Add a pair")
     before = found
     wrong = (0.8, 0.5)
     for world_point in ([0.5, 0.5, 1], [3.5, 0.5, 1], [3.5, 2.5, 1], [0.5, 2.5, 1], [2.0, 1.5, 1]):
-        click(page, *(before @ world_point))
+        hands.spot(*(before @ world_point))
         truth = EXPECTED @ world_point
-        click(page, *(truth + wrong if world_point[:2] == [2.0, 1.5] else truth))
+        hands.spot(*(truth + wrong if world_point[:2] == [2.0, 1.5] else truth))
     pairs = page.locator("#pairs li")
     playwright.expect(pairs).to_have_count(5)
     playwright.expect(pairs.nth(4)).to_contain_text("contradicts the others")
-    page.get_by_role("button", name="Remove pair 5").click()
-    page.get_by_role("button", name="Fit to the pairs").click()
+    hands.press("Remove pair 5")
+    hands.press("Fit to the pairs")
     fitted = page.locator("#turn").input_value()
-    page.get_by_role("button", name="Undo").click()
-    page.get_by_role("button", name="Redo").click()
+    hands.press("Undo")
+    hands.press("Redo")
     # What is not saved comes back.
-    page.reload()
+    hands.reload()
     playwright.expect(page.locator("#board-error")).to_contain_text(
         "The alignment that you didn't save is back"
     )
     playwright.expect(page.locator("#turn")).to_have_value(fitted)
     playwright.expect(pairs).to_have_count(4)
-    page.get_by_role("button", name="Save alignment").click()
+    hands.press("Save alignment")
     playwright.expect(page.locator("#board-error")).to_contain_text("The pairs are")
     found = plan_from_world(server)
     assert np.linalg.norm(found @ corners - EXPECTED @ corners, axis=0).max() < 0.03
-    assert box is not None
 
 
 def drawn_middle(page: Any) -> np.ndarray:
@@ -206,38 +180,39 @@ def drawn_middle(page: Any) -> np.ndarray:
     )
 
 
-def draw(server: Server, page: Any, tmp_path: Path) -> None:
+def draw(server: Server, hands: Hands, tmp_path: Path) -> None:
     """Draw an area, two landmarks and a link; undo, redo, reload, save; try the route."""
-    visit(page, "Draw")
-    page.get_by_role("button", name="Landmark", exact=True).click()
+    page = hands.page
+    hands.visit("Draw")
+    hands.press("Landmark")
     for x, y, name in ((1.5, 1.5, "Door"), (3.5, 4.0, "Window")):
-        click(page, x, y)
-        page.locator("#feature-name").fill(name)
-        page.keyboard.press("Enter")
-    page.get_by_role("button", name="Link", exact=True).click()
+        hands.spot(x, y)
+        hands.write(name)
+        hands.key("Enter")
+    hands.press("Link")
     # Close to the landmarks: the ends snap to them.
-    click(page, 1.53, 1.52)
-    click(page, 2.5, 3.0)
-    click(page, 3.48, 4.03)
-    page.get_by_role("button", name="Finish").click()
-    page.get_by_role("button", name="Area", exact=True).click()
-    for x, y in ((1.1, 1.1), (3.9, 1.1), (3.9, 4.8), (1.1, 4.8)):
-        click(page, x, y)
-    page.get_by_role("button", name="Finish").click()
-    page.locator("#feature-name").fill("Hall")
-    page.keyboard.press("Enter")
+    hands.spot(1.53, 1.52)
+    hands.spot(2.5, 3.0)
+    hands.spot(3.48, 4.03)
+    hands.press("Finish")
+    hands.press("Area")
+    for x, y in ((1.1, 0.6), (3.9, 0.6), (3.9, 4.4), (1.1, 4.4)):
+        hands.spot(x, y)
+    hands.press("Finish")
+    hands.write("Hall")
+    hands.key("Enter")
     playwright.expect(page.locator("#feature-list li")).to_have_count(4)
-    page.get_by_role("button", name="Undo").click()
-    page.get_by_role("button", name="Undo").click()
+    hands.press("Undo")
+    hands.press("Undo")
     playwright.expect(page.locator("#feature-list li")).to_have_count(3)
-    page.get_by_role("button", name="Redo").click()
-    page.get_by_role("button", name="Redo").click()
+    hands.press("Redo")
+    hands.press("Redo")
     playwright.expect(page.locator("#feature-list li")).to_have_count(4)
-    page.reload()
+    hands.reload()
     playwright.expect(page.locator("#board-error")).to_contain_text("What you drew and didn't save is back")
     playwright.expect(page.locator("#feature-list li")).to_have_count(4)
     keep_picture(page, tmp_path, "draw")
-    page.get_by_role("button", name="Save", exact=True).click()
+    hands.press("Save")
     playwright.expect(page.locator("#board-error")).to_contain_text("Saved.")
     features = server.client.get("/venues/house/floors/0/features").json()["features"]
     kinds = sorted(each["properties"]["kind"] for each in features)
@@ -247,29 +222,98 @@ def draw(server: Server, page: Any, tmp_path: Path) -> None:
     assert [ends[0], ends[-1]] == points
     assert {each["properties"].get("name") for each in features} >= {"Door", "Window", "Hall"}
 
-    page.get_by_role("button", name="Try a route").click()
-    click(page, 1.5, 1.5)
-    click(page, 3.5, 4.0)
+    hands.press("Try a route")
+    hands.spot(1.5, 1.5)
+    hands.spot(3.5, 4.0)
     playwright.expect(page.locator("#draw-words")).to_contain_text("Window. You have arrived.")
     playwright.expect(page.locator("polyline.route")).to_have_count(1)
+    route = server.client.get("/venues/house/route", params={"from": "0:1.5,1.5", "to": "0:3.5,4.0"}).json()
+    shown = page.locator("#draw-words").text_content() or ""
+    assert shown.startswith(f"{route['distance_m']:.1f} m: ")
+    assert all(step["instruction"] in shown for step in route["steps"])
 
 
-def try_a_photo(page: Any, room: scenes.Room, tmp_path: Path) -> None:
-    """Locate a photo; the matches are drawn."""
-    visit(page, "Try")
+def hang_a_camera(server: Server, hands: Hands, room: scenes.Room) -> None:
+    """Place a monitoring camera by its picture, mark what it sees, and let the map find its pose."""
+    page = hands.page
+    pose, view = MONITOR, room.view(MONITOR)
+    hands.visit("Cameras")
+    playwright.expect(page.locator("#board-svg image")).to_have_count(1)
+    hands.file(page.locator("#camera-picture"), "p.png", "image/png", view.png())
+    playwright.expect(page.locator("#picture image")).to_have_count(1)
+    hands.press("Find them by the map")
+    playwright.expect(page.locator("#board-error")).to_contain_text("where the camera hangs", timeout=60_000)
+    hands.type(page.locator("#camera-id"), "corner")
+    u, v = 0.4, 0.45
+    hands.mark(page.locator("#picture"), (u - 0.08, v - 0.1), (u + 0.08, v + 0.1))
+    height, width = view.rgb.shape[:2]
+    pixel = np.array([[u * width, v * height]])
+    seen = scenes.CAMERA.unproject(pixel, np.array([view.depth_m[int(v * height), int(u * width)]]))
+    target = pose.apply(seen)[0]
+    hands.type(page.locator("#poi-name"), "print")
+    hands.press("The place")
+    hands.spot(*(EXPECTED @ [*target[:2], 1]))
+    hands.type(page.locator("#poi-distance"), f"{np.linalg.norm(target - pose.translation):.2f}")
+    hands.press("Save camera")
+    playwright.expect(page.locator("#board-error")).to_contain_text("The camera is stored.")
+    hands.press("Find it in the map: corner")
+    playwright.expect(page.locator("#board-error")).to_contain_text("is found in the map", timeout=60_000)
+    anchor = server.client.get("/anchors/corner").json()
+    expected = EXPECTED @ [*pose.translation[:2], 1]
+    found = [anchor["calibration"]["plan"][axis] for axis in "xy"]
+    assert np.linalg.norm(found - expected) < 0.1
+    assert np.linalg.norm([anchor["position"][axis] for axis in "xy"] - expected) < 0.2
+
+
+def try_a_photo(server: Server, hands: Hands, room: scenes.Room, tmp_path: Path) -> None:
+    """Locate a photo; the answer is the API's, and the matches are drawn."""
+    page = hands.page
+    hands.visit("Try")
     pose = scenes.query_poses()[1]
-    photo = {"name": "photo.jpg", "mimeType": "image/jpeg", "buffer": room.view(pose).jpeg()}
-    page.locator("#photo").set_input_files(photo)
-    page.locator("#photo-camera").fill(scenes.CAMERA_TEXT)
-    page.get_by_role("button", name="Locate").click()
+    photo = room.view(pose).jpeg()
+    hands.file(page.locator("#photo"), "photo.jpg", "image/jpeg", photo)
+    hands.type(page.locator("#photo-camera"), scenes.CAMERA_TEXT)
+    hands.press("Locate")
     result = page.locator("#try-result")
     playwright.expect(result).to_contain_text("Located")
     x, y = EXPECTED @ [*pose.translation[:2], 1]
     shown = re.search(r"At (-?[\d.]+), (-?[\d.]+) m", result.text_content() or "")
     assert shown
     assert np.hypot(float(shown[1]) - x, float(shown[2]) - y) < 0.1
+    fields = {"venue": "house", "camera": scenes.CAMERA_TEXT, "matches": "true"}
+    answer = server.client.post("/locate", data=fields, files={"image": photo}).json()
+    assert shown[0] == f"At {answer['plan']['x']:.2f}, {answer['plan']['y']:.2f} m"
+    playwright.expect(result).to_contain_text(f"{answer['inliers']} of {answer['matches']} matches agree")
     playwright.expect(page.locator("line.match").nth(10)).to_be_attached()
     keep_picture(page, tmp_path, "try")
+
+
+def share(server: Server, hands: Hands, tmp_path: Path) -> None:
+    """Make the QR code of the phone page, and a key for the monitoring camera."""
+    page, client = hands.page, server.client
+    hands.visit("Share")
+    hands.type(page.locator("#address"), "https://house.example:8443/")
+    hands.press("Make the code")
+    playwright.expect(page.locator("#qr")).to_be_visible()
+    keep_picture(page, tmp_path, "share")
+    link = page.locator("#go-link").get_attribute("href") or ""
+    assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)
+    token = {"Authorization": f"Bearer {link.partition('#token=')[2]}"}
+    assert client.get("/venues/house", headers=token).status_code == 200
+    assert client.get("/venues/house/maps/1/points", headers=token).status_code == 403
+
+    hands.click(page.get_by_role("link", name="Keys", exact=True))
+    hands.type(page.locator("#key-name"), "Camera in the corner")
+    hands.choose(page.locator("#key-scope"), "anchor")
+    hands.type(page.locator("#key-camera"), "corner")
+    hands.press("Make the key")
+    playwright.expect(page.locator("#new-key")).to_contain_text("only time")
+    key = {"Authorization": f"Bearer {page.locator('#new-key pre').text_content()}"}
+    picture = scenes.Room().view(MONITOR).jpeg()
+    assert client.post("/anchors/corner/frames", content=picture, headers=key).status_code == 200
+    assert client.get("/anchors/corner", headers=key).status_code == 403
+    hands.back()
+    playwright.expect(page.get_by_role("navigation", name="Steps")).to_be_visible()
 
 
 def test_the_plan_works_by_keyboard_alone(server: Server, studio: Tab) -> None:

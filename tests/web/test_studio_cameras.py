@@ -15,7 +15,7 @@ from tests.built_maps import publish
 from tests.server import wait_for
 from tests.web.live import Server, Tab, live_server
 from tests.web.pictures import keep_picture
-from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, visit
+from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, mark, open_studio, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 # The plan shows the world's own frame.
@@ -55,14 +55,6 @@ def view() -> scenes.View:
     return scenes.Room().view(MONITOR)
 
 
-def mark(page: Any, *shares: tuple[float, float]) -> None:
-    """Click points of the camera's picture, each a share of its width and height."""
-    page.locator("#picture").scroll_into_view_if_needed()
-    box = page.locator("#picture").bounding_box()
-    for across, down in shares:
-        page.mouse.click(box["x"] + box["width"] * across, box["y"] + box["height"] * down)
-
-
 def begin(page: Any) -> None:
     visit(page, "Cameras")
     playwright.expect(page.locator("#board-svg image")).to_have_count(1)
@@ -80,7 +72,7 @@ def test_a_camera_is_placed_by_clicks_and_its_draft_survives(
     picture = {"name": "p.png", "mimeType": "image/png", "buffer": view.png()}
     page.locator("#camera-picture").set_input_files(picture)
     playwright.expect(page.locator("#picture image")).to_have_count(1)
-    mark(page, (0.3, 0.3), (0.5, 0.6))
+    mark(page.locator("#picture"), (0.3, 0.3), (0.5, 0.6))
     page.get_by_label("Id of the place").fill("print")
     page.get_by_role("button", name="The place", exact=True).click()
     click(page, 3.5, 2.0)
@@ -169,7 +161,7 @@ def test_the_map_gives_lens_and_pose_and_the_picture_is_live(
     pixel = np.array([[u * width, v * height]])
     seen = scenes.CAMERA.unproject(pixel, np.array([view.depth_m[int(v * height), int(u * width)]]))
     target = MONITOR.apply(seen)[0]
-    mark(page, (u - 0.08, v - 0.1), (u + 0.08, v + 0.1))
+    mark(page.locator("#picture"), (u - 0.08, v - 0.1), (u + 0.08, v + 0.1))
     page.locator("#poi-name").fill("print")
     page.locator("#camera-id").fill("hall")
     page.get_by_role("button", name="The place", exact=True).click()

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from app.storage.db import Database
-from app.storage.sessions import SessionPoint, create_session, record_frame
 from tests import scenes
 from tests.plans import collection, landmark, link
 from tests.services.plans.plan_files import picture
 from tests.web.live import Server, Tab, live_server
 from tests.web.pictures import keep_picture
-from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, visit
+from tests.web.studio_page import METERS_PER_PIXEL, SIZE_PX, click, open_studio, store_walk, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -82,23 +81,40 @@ def test_a_way_between_floors_is_drawn_changed_and_leads(server: Server, studio:
     assert [step["mode"] for step in route["steps"] if step["to_floor"] == "1"] == ["lift"]
 
 
-def walk(database: Database, *, share: bool) -> str:
-    """Store a session that was located, lost for three frames, and located again a metre further."""
-    with database.write() as connection:
-        session = create_session(connection, "house", None, None, None, share=share)
-    for frame, x in enumerate((2.0, None, None, None, 3.0), start=1):
-        point = SessionPoint(
-            frame=frame,
-            time_s=float(frame),
-            tracking="lost" if x is None else "tracking",
-            pose=None,
-            floor=None if x is None else "0",
-            plan=None if x is None else [x, 2.5, 90.0],
-            position_m=None if x is None else 0.1,
-        )
-        with database.write() as connection:
-            record_frame(connection, session, None, {}, point, keep_points=100)
-    return session.id
+# Pairs of names on the board that can be seen and lie over each other.
+OVERLAPPING = """() => {
+    const texts = [...document.querySelectorAll("#board-svg text:not([visibility])")];
+    const places = texts.map((text) => text.getBoundingClientRect());
+    const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+    return texts.flatMap((text, i) => texts.slice(i + 1).flatMap((other, j) =>
+        apart(places[i], places[i + 1 + j]) ? [] : [`${text.textContent}, ${other.textContent}`]));
+}"""
+
+
+def test_names_that_lie_close_together_can_be_read(server: Server, studio: Tab, tmp_path: Path) -> None:
+    page, client = studio.page, server.client
+    crowd = [landmark(f"bay{i}", 2.0 + 0.12 * i, 1.5 + 0.03 * i, name=f"Loading bay {i}") for i in range(12)]
+    floor = {"name": "Cellar", "level": -1, "z_min_m": -4.0, "z_max_m": -0.5}
+    client.put("/venues/house/floors/b1", json=floor).raise_for_status()
+    client.put("/venues/house/floors/b1/features", json=collection(*crowd)).raise_for_status()
+    visit(page, "Draw")
+    page.reload()
+    page.locator("#floor").select_option("b1")
+    names, hidden = page.locator("#board-svg text"), page.locator("#board-svg text[visibility=hidden]")
+    playwright.expect(names).to_have_count(12)
+    playwright.expect(hidden).not_to_have_count(0)
+    playwright.expect(hidden).not_to_have_count(12)
+    assert page.evaluate(OVERLAPPING) == []
+    # What is chosen is named, whatever is around it.
+    page.get_by_text("All features", exact=True).click()
+    page.get_by_role("button", name="landmark: Loading bay 7").click()
+    chosen = page.locator("#board-svg g:has(> .chosen) > text")
+    playwright.expect(chosen).to_have_text("Loading bay 7")
+    # The names are new, and none of them is left out until they are placed.
+    playwright.expect(hidden).not_to_have_count(0)
+    playwright.expect(chosen).not_to_have_attribute("visibility", "hidden")
+    assert page.evaluate(OVERLAPPING) == []
+    keep_picture(page, tmp_path, "names")
 
 
 def test_phones_that_agreed_are_shown_and_where_they_were_lost(
@@ -110,7 +126,7 @@ def test_phones_that_agreed_are_shown_and_where_they_were_lost(
         "No phone has agreed to be shown in the last hour."
     )
     database = Database(f"sqlite:///{server.folder}/data/roomfix.db")
-    shown, hidden = walk(database, share=True), walk(database, share=False)
+    shown, hidden = store_walk(database, share=True), store_walk(database, share=False)
     database.close()
     playwright.expect(page.locator("#phone-list li")).to_have_count(1)
     playwright.expect(page.locator("#phone-list")).to_contain_text(
@@ -139,7 +155,7 @@ def test_a_plan_of_many_pixels_is_fetched_as_far_as_it_is_in_view(server: Server
     page.on("request", lambda request: asked.append(request.url.split("/floors/2/")[-1]))
     visit(page, "Draw")
     page.reload()
-    page.get_by_label("Floor", exact=True).select_option("Site")
+    page.locator("#floor").select_option("Site")
     tiles = page.locator("#board-svg .plan-tiles image")
     playwright.expect(tiles.first).to_be_attached()
     playwright.expect(page.locator('#board-svg image[data-zoom="5"]')).to_have_count(0)

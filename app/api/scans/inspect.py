@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Depends, File, UploadFile
+from fastapi import APIRouter, Depends
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from app.api.bodies.report import ScanExamination
-from app.api.deps import State, require
+from app.api.deps import CallerOf, State, require
 from app.api.requests.build_options import OptionsField, read_options
 from app.api.requests.contract_route import ContractRoute
+from app.api.requests.scan_fields import ArchiveField, UploadField, archive_of
 from app.api.schemas import problems
 from app.engine.mapping.options import parse_build_options
 from app.services.inspection.inspect_archive import inspect_archive
@@ -33,6 +35,7 @@ EXAMPLE: dict[str, Any] = {
     "rate_hz": 15.0,
     "trajectory": {"path_m": 7.44, "extent_m": [1.89, 1.12, 0.38], "z_up": True},
     "examination": {"verdict": "confirmed", "pairs_tried": 12, "pairs": 11, "findings": []},
+    "loops": {"compared": 24, "found": 11, "error_m": 0.016},
     "build": {
         "would": "build",
         "keyframes": 47,
@@ -90,6 +93,17 @@ class TrajectoryBody(BaseModel):
     z_up: bool = Field(description="Whether the extent's z is known to be the height")
 
 
+class LoopsBody(BaseModel):
+    """Frames far apart on the way whose pictures show the same place; a few pairs of those whose poses are near."""
+
+    compared: int = Field(description="Pairs of frames that were compared")
+    found: int = Field(description="Pairs that see the same place by their features and depth")
+    error_m: float | None = Field(
+        description="Median difference of their motion by the poses from that by the pictures: more than a few "
+        "centimetres is drift, which a build corrects where it can; null for too few pairs"
+    )
+
+
 class PlannedBuildBody(BaseModel):
     """What a build with these options would do."""
 
@@ -114,18 +128,27 @@ class InspectionBody(BaseModel):
     rate_hz: float | None
     trajectory: TrajectoryBody
     examination: ScanExamination | None
+    loops: LoopsBody | None = Field(
+        description="null without depth, without an examination, and where that found more than drift"
+    )
     build: PlannedBuildBody
     notes: list[str]
     path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")
 
 
-@router.post("/inspect", name="inspectScan", responses=problems(401, 413, 422, 503))
+@router.post("/inspect", name="inspectScan", responses=problems(401, 404, 409, 413, 422, 503))
 async def inspect(
     state: State,
-    archive: Annotated[UploadFile, File(description="The scan: zip, tar or recording")],
+    caller: CallerOf,
+    archive: ArchiveField = None,
+    upload: UploadField = None,
     options: OptionsField = "{}",
 ) -> InspectionBody:
-    """Say what a scan holds and what a build would do with it. Takes some seconds, builds and changes nothing."""
+    """Say what a scan holds and what a build would do with it. Takes some seconds, builds and changes nothing.
+
+    An upload stays as it is, and can be built next.
+    """
     parsed = parse_build_options(read_options(options))
-    found = await state.executor.run(lambda: inspect_archive(state.services.resources, parsed, archive.file))
+    sent = await run_in_threadpool(archive_of, archive, upload, state.services.uploads, caller.venue_id)
+    found = await state.executor.run(lambda: inspect_archive(state.services.resources, parsed, sent))
     return InspectionBody.model_validate(found)

@@ -143,6 +143,9 @@ async def append(
                 if len(pieces) >= PIECE_BYTES:
                     await run_in_threadpool(part.write, bytes(pieces))
                     pieces.clear()
+                if state.drain.closing.is_set():
+                    # A server that stops keeps what is here; the rest goes to the next one.
+                    break
         except ClientDisconnect:
             # Nobody hears the answer; the next request asks for the offset.
             pass

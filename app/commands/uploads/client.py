@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 
 from app.commands.backoff import Backoff
-from app.errors import InvalidInputError, RoomfixError
+from app.errors import InvalidInputError, NotFoundError, RoomfixError
 from app.limits import limit
 
 TUS = {"Tus-Resumable": "1.0.0"}
@@ -31,6 +31,11 @@ class UploadClientOptions:
     )
     piece_bytes: int = limit(
         262_144, "Bytes that are read from the file at a time.", chosen="By hand: memory stays small."
+    )
+    max_starts: int = limit(
+        3,
+        "Times that an upload is begun whose server has lost it.",
+        chosen="By hand: each of two servers is replaced once in an update.",
     )
     max_failures: int = limit(
         30,
@@ -61,6 +66,30 @@ def begin_upload(client: httpx.Client, length: int, venue: str) -> str:
     return str(answer.headers["Location"])
 
 
+def upload_file(
+    client: httpx.Client,
+    path: Path,
+    venue: str,
+    resume: str | None,
+    begun: Callable[[str], None],
+    report: Callable[[int], None] = lambda _: None,
+) -> Sent:
+    """Send a whole file, or the rest of the upload `resume`; an upload that its server has lost is begun anew.
+
+    `begun` gets the address of each upload. Raises as `send_file`.
+    """
+    starts = 1
+    while True:
+        url = resume or begin_upload(client, path.stat().st_size, venue)
+        begun(url)
+        try:
+            return send_file(client, url, path, report)
+        except NotFoundError:
+            if resume is not None or starts == OPTIONS.max_starts:
+                raise
+        starts += 1
+
+
 def send_file(
     client: httpx.Client,
     url: str,
@@ -71,7 +100,8 @@ def send_file(
     """Send the rest of a file to an upload, going on after each break from what has arrived.
 
     `report` gets the number of bytes that have been sent. Raises `InvalidInputError` when the file is not the one that
-    the upload began with, `RoomfixError` when the server refuses, or can't be reached for long.
+    the upload began with, `NotFoundError` when the server has no such upload, or no more, `RoomfixError` when it
+    refuses, or can't be reached for long.
     """
     length, breaks, failures, before, backoff = path.stat().st_size, 0, 0, -1, Backoff()
     while True:
@@ -96,6 +126,8 @@ def send_file(
                 problem = reason(answer)
             elif answer.is_success:
                 continue
+            elif answer.status_code == 404:
+                raise NotFoundError(reason(answer))
             else:
                 raise RoomfixError(reason(answer))
         except httpx.TransportError as error:
@@ -112,6 +144,8 @@ def _offset(client: httpx.Client, url: str, length: int) -> int:
     answer = client.head(url, headers=TUS)
     if answer.status_code in PASSING:
         raise httpx.ReadError(f"the server answered {answer.status_code}")
+    if answer.status_code == 404:
+        raise NotFoundError(f"There is no upload {url}; it may have expired.")
     if answer.status_code != 200:
         raise RoomfixError(f"The upload {url} can't be continued: the server answered {answer.status_code}.")
     if int(answer.headers["Upload-Length"]) != length:

@@ -18,9 +18,9 @@ from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.surroundings import with_places
 from app.engine.progress import Progress
 from app.errors import CancelledBuildError, ConflictError, MapDamagedError
-from app.importers.archives.archive import extract_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame
+from app.importers.unpack_scan import unpack_scan
 from app.services.builds.place_scan import Placement, PresentMap, place_scan
 from app.services.examine_scan import ExaminedScan, read_scan
 from app.services.map_library import MapLibrary
@@ -141,7 +141,7 @@ def _unpack(build: Build, resources: Resources, folder: Path, progress: Progress
     def report(done: int, total: int) -> None:
         progress.report("unpack", done, total)
 
-    return extract_archive(archive, folder / "scan", limits, report)
+    return unpack_scan(archive, folder / "scan", limits, report)
 
 
 def _publish(

@@ -6,33 +6,29 @@ import tempfile
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from shutil import copyfileobj
 from typing import Any, BinaryIO
 
 from app.engine.mapping.inspection.inspect import inspect_scan
 from app.engine.mapping.options import BuildOptions
 from app.engine.progress import NoProgress, Progress
-from app.errors import InvalidScanError
-from app.importers.archives.archive import extract_archive, names_in_archive
+from app.importers.archives.archive import names_in_archive
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.recognition import recognised
 from app.importers.registry import find_scan, open_scan
+from app.importers.unpack_scan import unpack_scan
 from app.services.resources import Resources
+from app.services.sent_scans.archive import archive_in
 
 FOLDER_PREFIX = "inspect-"
 
 
-def inspect_archive(resources: Resources, options: BuildOptions, archive: BinaryIO) -> dict[str, Any]:
+def inspect_archive(resources: Resources, options: BuildOptions, archive: BinaryIO | Path) -> dict[str, Any]:
     """Return the inspection of a scan's archive or recording for JSON; nothing of it stays.
 
     Raises `InvalidScanError` for what no map can be made of; the sentence is that of a build.
     """
     with tempfile.TemporaryDirectory(dir=resources.scratch_dir, prefix=FOLDER_PREFIX) as folder:
-        packed = Path(folder) / "archive"
-        with packed.open("wb") as file:
-            copyfileobj(archive, file)
-        if packed.stat().st_size == 0:
-            raise InvalidScanError("The archive is empty; send a zip or tar of the scan.")
+        packed = archive_in(Path(folder), archive)
         limits = ArchiveLimits(max_total_bytes=resources.settings.max_unpacked_bytes)
         return inspect_sent(packed, options, resources.executor, NoProgress(), Path(folder), limits)
 
@@ -47,7 +43,7 @@ def inspect_sent(
 ) -> dict[str, Any]:
     """Return the inspection of a folder, an archive or a recording; it is unpacked below `scratch`."""
     names = _names(sent, limits)
-    root = sent if sent.is_dir() else extract_archive(sent, scratch / "scan", limits)
+    root = sent if sent.is_dir() else unpack_scan(sent, scratch / "scan", limits)
     given = replace(options, scan=replace(options.scan, scratch=scratch))
     _, name = find_scan(root, given.format)
     found = inspect_scan(open_scan(root, given.format, given.scan), name, given, executor, progress)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
+from pathlib import Path
+
 import numpy as np
 
 from app.geometry.camera import Camera
@@ -13,6 +16,8 @@ WIDTH = 320
 HEIGHT = 240
 CAMERA = Camera("PINHOLE", WIDTH, HEIGHT, (280.0, 284.0, 161.0, 118.0))
 FRAMES = 5
+# What people have around a scan when they pack it.
+OUTER_FOLDERS = ("", "my scan/", "2026/my scan/")
 
 
 def tiny_scan() -> WrittenScan:
@@ -26,3 +31,13 @@ def tiny_scan() -> WrittenScan:
         pose = Pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
         frames.append(WrittenFrame(100.0 + 0.1 * i, bgr, depth_m, pose))
     return WrittenScan(CAMERA, tuple(frames), (0.0, 1.0, 0.0))
+
+
+def packed(written: Path, archive: Path, outer: str) -> Path:
+    """Write a zip of a written folder or file with its paths below `outer`, and return it."""
+    files = [path for path in sorted(written.rglob("*")) if path.is_file()] or [written]
+    top = written if written.is_dir() else written.parent
+    with zipfile.ZipFile(archive, "w") as packing:
+        for path in files:
+            packing.write(path, outer + path.relative_to(top).as_posix())
+    return archive

@@ -10,13 +10,15 @@ import pytest
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.errors import InvalidScanError
-from app.importers.archives.archive import extract_archive
+from app.importers.archives.archive import names_in_archive
 from app.importers.frames import Scan
-from app.importers.registry import FORMATS, open_scan
+from app.importers.recognition import recognised
+from app.importers.registry import FORMATS, find_scan, open_scan
+from app.importers.unpack_scan import unpack_scan
 from bench.formats.frames import WITHOUT_DEPTH, WrittenScan
 from bench.formats.recordings import rtabmap
 from bench.formats.writers import WRITERS
-from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, WIDTH, tiny_scan
+from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, OUTER_FOLDERS, WIDTH, packed, tiny_scan
 
 FORMAT_OF = {
     "TUM": "tum",
@@ -59,7 +61,7 @@ PHONES = (
 
 def folder_of(written: Path, tmp_path: Path) -> Path:
     """Return the folder that a server would read: a file goes through the unpacking of uploads."""
-    return written if written.is_dir() else extract_archive(written, tmp_path / "unpacked")
+    return written if written.is_dir() else unpack_scan(written, tmp_path / "unpacked")
 
 
 def assert_is(scan: Scan, expected: WrittenScan) -> None:
@@ -98,6 +100,20 @@ def test_the_same_scan_in_every_format(tmp_path: Path, name: str) -> None:
     assert open_scan(folder, FORMAT_OF[name]).camera == scan.camera
     others = [other for other in FORMATS if other != FORMAT_OF[name]]
     assert not [other for other in others if FORMATS[other].detect(folder) and other not in ("7scenes",)]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_folders_around_a_scan_do_not_matter(tmp_path: Path, name: str) -> None:
+    written = WRITERS[name](tiny_scan(), tmp_path / "written/scan")
+    for number, outer in enumerate(OUTER_FOLDERS):
+        archive = packed(written, tmp_path / f"{number}.zip", outer)
+        (told,) = recognised(names_in_archive(archive))
+        assert (told.format, told.missing) == (FORMAT_OF[name], ())
+        assert told.folder.removesuffix("seq-01") == (outer if name == "7-Scenes" else outer.rstrip("/"))
+        root = unpack_scan(archive, tmp_path / f"unpacked-{number}")
+        assert find_scan(root) == (root, FORMAT_OF[name])
+        assert find_scan(root, FORMAT_OF[name]) == (root, FORMAT_OF[name])
+    assert_is(open_scan(root), tiny_scan())
 
 
 @pytest.mark.parametrize("name", PHONES)

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.engine.query.camera_sources import camera_from_tags
 from app.geometry.camera_hint import hint_of
+from app.importers.archives.archive import names_in_archive
 from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
 from app.importers.phones.video import open_video
+from app.importers.recognition import recognised
 from app.importers.registry import open_unposed
+from app.importers.unpack_scan import unpack_scan
+from app.vision.exif import read_photo_tags
+from bench.tests.formats.scans import OUTER_FOLDERS, packed
 from bench.unposed.command import KINDS
 from bench.unposed.evaluate import true_pose_of
 from bench.unposed.inputs import (
@@ -48,6 +56,33 @@ def test_photos_are_named_by_their_frame(scan: Scan, tmp_path: Path) -> None:
     folder = write_photos(scan, 2, tmp_path / "photos")
     assert sorted(path.name for path in folder.iterdir()) == ["000000.jpg", "000002.jpg"]
     assert true_pose_of("000002.jpg", 7.0, scan) == scan.frames[2].scan_from_camera
+
+
+def test_folders_around_pictures_do_not_matter(scan: Scan, tmp_path: Path) -> None:
+    photos, frames = write_photos(scan, 1, tmp_path / "photos"), tmp_path / "recording"
+    shutil.copytree(photos, frames / "frames")
+    listed = [{"file": name, "time_s": i} for i, name in enumerate(sorted(p.name for p in photos.iterdir()))]
+    (frames / "recording.json").write_text(json.dumps({"frames": listed}))
+    for format_name, written in (("images", photos), ("recording", frames)):
+        for number, outer in enumerate(OUTER_FOLDERS):
+            archive = packed(written, tmp_path / f"{format_name}-{number}.zip", outer)
+            (told,) = recognised(names_in_archive(archive))
+            assert (told.format, told.folder) == (format_name, outer.rstrip("/"))
+            unposed = open_unposed(unpack_scan(archive, archive.with_suffix("")), None, ScanOptions())
+            assert unposed is not None
+            assert (unposed.format, [path.name for path in unposed.photos]) == (
+                format_name,
+                [item["file"] for item in listed],
+            )
+
+
+def test_photos_state_the_focal_length(scan: Scan, tmp_path: Path) -> None:
+    folder = write_photos(scan, 2, tmp_path / "photos")
+    tags = read_photo_tags((folder / "000002.jpg").read_bytes())
+    found = camera_from_tags(tags, CAMERA.width, CAMERA.height)
+    assert found.source == "exif"
+    assert found.likely is not None
+    assert found.likely.focal_px == pytest.approx(CAMERA.focal_px, rel=0.03)
 
 
 def test_frames_with_depth_have_no_poses(scan: Scan, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from roomfix_client.answers import (
     Build,
     Camera,
     GeoPose,
+    Inspection,
     LocateResult,
     Origin,
     PlanPoint,
@@ -20,7 +21,7 @@ from roomfix_client.answers import (
     Venue,
 )
 from roomfix_client.asynchronous import AsyncRoomfix
-from roomfix_client.calls import Frame
+from roomfix_client.calls import Frame, Uploaded
 from roomfix_client.errors import BuildError, RoomfixError
 from roomfix_client.synchronous import Roomfix
 
@@ -32,6 +33,7 @@ __all__ = [
     "Camera",
     "Frame",
     "GeoPose",
+    "Inspection",
     "LocateResult",
     "Origin",
     "PlanPoint",
@@ -44,5 +46,6 @@ __all__ = [
     "Session",
     "Token",
     "TrackedFrame",
+    "Uploaded",
     "Venue",
 ]

@@ -241,6 +241,24 @@ class Build(TypedDict):
     finished_at: str | None
 
 
+class Inspection(TypedDict):
+    """What a scan holds and what a build would do with it."""
+
+    recognised: list[dict[str, Any]]
+    format: str
+    frames: int
+    discarded: dict[str, int]
+    sensors: dict[str, Any]
+    duration_s: float
+    rate_hz: float | None
+    trajectory: dict[str, Any]
+    examination: dict[str, Any] | None
+    loops: dict[str, Any] | None
+    build: dict[str, Any]
+    notes: list[str]
+    path_svg: str
+
+
 class PushedFrame(TypedDict):
     """What became of a monitoring camera's frame."""
 

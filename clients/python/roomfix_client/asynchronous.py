@@ -6,7 +6,6 @@ import asyncio
 import json
 import sys
 from collections.abc import AsyncIterable, AsyncIterator, Mapping
-from os import PathLike
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -15,6 +14,7 @@ import httpx
 from roomfix_client import calls
 from roomfix_client.answers import (
     Build,
+    Inspection,
     LocateResult,
     PushedFrame,
     Session,
@@ -22,7 +22,7 @@ from roomfix_client.answers import (
     TrackedFrame,
     Venue,
 )
-from roomfix_client.calls import Call, Frame, Picture, Progress
+from roomfix_client.calls import Call, Frame, Picture, Progress, Scan
 from roomfix_client.errors import BuildError
 
 
@@ -130,9 +130,15 @@ class AsyncRoomfix:
             PushedFrame, await self._call(calls.with_picture(f"/anchors/{camera}/frames", picture, {}))
         )
 
+    async def inspect(
+        self, archive: Scan, options: Mapping[str, Any] | None = None, on_upload: Progress | None = None
+    ) -> Inspection:
+        """Return what a scan holds and what a build would do with it."""
+        return cast(Inspection, await self._call(calls.inspection(archive, options or {}, on_upload)))
+
     async def build(
         self,
-        archive: str | PathLike[str],
+        archive: Scan,
         venue: str,
         options: Mapping[str, Any],
         on_upload: Progress | None = None,

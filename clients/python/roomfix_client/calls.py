@@ -33,6 +33,17 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
+class Uploaded:
+    """A scan that a tus client has uploaded: the id is the end of the upload's address."""
+
+    upload: str
+
+
+# A file, or what was uploaded before.
+Scan = str | PathLike[str] | Uploaded
+
+
+@dataclass(frozen=True, slots=True)
 class Call:
     """A call that can be made again; `options` makes the arguments of httpx anew, since files are read once."""
 
@@ -79,21 +90,27 @@ def with_picture(path: str, picture: Picture, fields: Mapping[str, Any]) -> Call
     return Call("POST", path, lambda: {"data": data, "files": files})
 
 
-def submission(
-    archive: str | PathLike[str], venue: str, options: Mapping[str, Any], on_progress: Progress | None
-) -> Call:
+def submission(scan: Scan, venue: str, options: Mapping[str, Any], on_progress: Progress | None) -> Call:
     """Return the call that submits a scan; sent again, it is the same build."""
-    key = uuid.uuid4().hex
+    headers, fields = (
+        {"Idempotency-Key": uuid.uuid4().hex},
+        {"venue": venue, **form({"options": dict(options)})},
+    )
+    return Call(
+        "POST", "/database/build", lambda: {**_with_scan(scan, fields, on_progress), "headers": headers}
+    )
 
-    def arguments() -> dict[str, Any]:
-        file = CountedFile(Path(archive), on_progress)
-        return {
-            "data": {"venue": venue, "options": json.dumps(dict(options))},
-            "files": {"archive": (Path(archive).name, file)},
-            "headers": {"Idempotency-Key": key},
-        }
 
-    return Call("POST", "/database/build", arguments)
+def inspection(scan: Scan, options: Mapping[str, Any], on_progress: Progress | None) -> Call:
+    """Return the call that asks what a scan holds."""
+    fields = form({"options": dict(options)})
+    return Call("POST", "/database/inspect", lambda: _with_scan(scan, fields, on_progress))
+
+
+def _with_scan(scan: Scan, fields: dict[str, str], on_progress: Progress | None) -> dict[str, Any]:
+    if isinstance(scan, Uploaded):
+        return {"data": {**fields, "upload": scan.upload}}
+    return {"data": fields, "files": {"archive": (Path(scan).name, CountedFile(Path(scan), on_progress))}}
 
 
 class CountedFile:

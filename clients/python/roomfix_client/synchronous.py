@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from os import PathLike
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -13,6 +12,7 @@ import httpx
 from roomfix_client import calls
 from roomfix_client.answers import (
     Build,
+    Inspection,
     LocateResult,
     PushedFrame,
     Session,
@@ -20,7 +20,7 @@ from roomfix_client.answers import (
     TrackedFrame,
     Venue,
 )
-from roomfix_client.calls import Call, Picture, Progress
+from roomfix_client.calls import Call, Picture, Progress, Scan
 from roomfix_client.errors import BuildError
 
 
@@ -81,9 +81,15 @@ class Roomfix:
         """Push the newest frame of a monitoring camera."""
         return cast(PushedFrame, self._call(calls.with_picture(f"/anchors/{camera}/frames", picture, {})))
 
+    def inspect(
+        self, archive: Scan, options: Mapping[str, Any] | None = None, on_upload: Progress | None = None
+    ) -> Inspection:
+        """Return what a scan holds and what a build would do with it."""
+        return cast(Inspection, self._call(calls.inspection(archive, options or {}, on_upload)))
+
     def build(
         self,
-        archive: str | PathLike[str],
+        archive: Scan,
         venue: str,
         options: Mapping[str, Any],
         on_upload: Progress | None = None,

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from app.engine.mapping.build_map import scan_placement, supporting_rows
+from app.engine.mapping.examination.consistency import DRIFT
 from app.engine.mapping.examination.examine import examine_scan
 from app.engine.mapping.examination.outcome import Examination
 from app.engine.mapping.inspection.figures import ScanFigures, figures_of, positions_of
+from app.engine.mapping.inspection.loops import SampledLoops, sampled_loops
 from app.engine.mapping.inspection.path_picture import path_picture
 from app.engine.mapping.options import BuildOptions
 from app.engine.progress import Progress
@@ -24,12 +26,14 @@ class Inspection:
     """What a scan holds and what a build with these options would do; `path_svg` is its path from above.
 
     `keyframes` and `supporting` are numbers of frames by the pose rule, None for another rule, which looks at the
-    pictures. `examination` is None for a scan whose poses are a stated motion.
+    pictures. `examination` is None for a scan whose poses are a stated motion. `loops` is None for that too, for a scan
+    without depth, and for one that something else than drift is wrong with.
     """
 
     format: str
     figures: ScanFigures
     examination: Examination | None
+    loops: SampledLoops | None
     keyframes: int | None
     supporting: int | None
     notes: tuple[str, ...]
@@ -42,6 +46,7 @@ class Inspection:
             "format": self.format,
             **self.figures.as_dict(),
             "examination": None if self.examination is None else self.examination.as_dict(),
+            "loops": None if self.loops is None else self.loops.as_dict(),
             "build": {
                 "would": "refuse" if refused else "build",
                 "keyframes": self.keyframes,
@@ -64,6 +69,8 @@ def inspect_scan(
         examined = examine_scan(
             scan, options.scan, gravity, executor, progress, up_is_known=options.world_from_scan is not None
         )
+    may_drift = examined is not None and all(one.code == DRIFT for one in examined.wrong)
+    loops = sampled_loops(scan, executor, progress) if may_drift else None
     placed = scan_placement(options, scan)
     poses = [placed @ frame.scan_from_camera for frame in scan.frames]
     rule = options.keyframes
@@ -74,6 +81,7 @@ def inspect_scan(
         format=name,
         figures=figures_of(scan, gravity),
         examination=examined,
+        loops=loops,
         keyframes=len(rows) if by_pose else None,
         supporting=len(supporting_rows(poses, rule, rows)) if by_pose and options.refine_depth else None,
         notes=scan.notes,

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.engine.mapping.inspection.loops import OPTIONS, sampled_loops
 from app.engine.mapping.loops.close import close_loops, held_back, spread_over
 from app.engine.mapping.loops.optimize import Loop, loop_errors_m, optimized
 from app.engine.mapping.loops.places import choose_places, ways_m
@@ -77,6 +79,40 @@ def test_a_scan_without_depth_or_that_passes_no_place_twice_is_not_looked_at(sca
         for each in (replace(scan, has_depth=False), with_poses(scan, straight)):
             found = close_loops(each, models(), executor, NoProgress())
             assert (found.scan is each, found.compared, found.is_applied) == (True, 0, False)
+
+
+def test_a_few_pairs_tell_a_path_that_drifts_from_one_that_does_not(scan: Scan) -> None:
+    true = poses_of(scan)
+    straight = [pose_at(0.1 * k, 1.0, 1.4, 0.0) for k in range(len(true))]
+    with ThreadPoolExecutor(1) as executor:
+        right, wrong, once = (
+            sampled_loops(each, executor, NoProgress())
+            for each in (
+                scan,
+                with_poses(scan, drifted(true, 0.03, 0.004)),
+                with_poses(scan, straight),
+            )
+        )
+        assert sampled_loops(replace(scan, has_depth=False), executor, NoProgress()) is None
+    assert right is not None
+    assert wrong is not None
+    assert 3 <= right.found <= right.compared <= OPTIONS.max_pairs
+    assert right.error_m is not None
+    assert wrong.error_m is not None
+    assert right.error_m < 0.02
+    assert wrong.error_m > 3 * right.error_m
+    assert once is not None
+    assert once.as_dict() == {"compared": 0, "found": 0, "error_m": None}
+
+
+def test_pictures_that_cannot_be_decoded_close_no_loop(scan: Scan, tmp_path: Path) -> None:
+    junk = tmp_path / "junk.png"
+    junk.write_bytes(b"no picture")
+    damaged = replace(scan, frames=tuple(replace(frame, color=junk) for frame in scan.frames))
+    with ThreadPoolExecutor(1) as executor:
+        found = sampled_loops(damaged, executor, NoProgress())
+    assert found is not None
+    assert (found.compared > 0, found.found, found.error_m) == (True, 0, None)
 
 
 # Walked twice, so that each place of the second round closes a loop with the first.

@@ -33,7 +33,7 @@ export class AlignTool {
     });
     byId("align-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-align"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
+      guarded(byId("save-align"), byId("board-error"), () => surely(floors, () => this.save()));
     });
   }
 
@@ -229,10 +229,13 @@ export class AlignTool {
   async save() {
     const heights = { z_min_m: Number(byId("z-min").value), z_max_m: Number(byId("z-max").value) };
     const z = this.floors.current.plan_from_world?.[2][3] ?? 0;
-    await this.floors.put({ ...heights, plan_from_world: toMatrix(this.similarity, z) });
-    const off = residuals(this.similarity, this.pairs);
+    const before = this.history.value;
+    const { similarity, pairs } = this;
+    const off = residuals(similarity, pairs);
+    await this.floors.put({ ...heights, plan_from_world: toMatrix(similarity, z) });
     const rms = off.length ? ` The pairs are ${metres(Math.sqrt(off.reduce((sum, value) => sum + value * value, 0) / off.length))} off.` : "";
-    this.history.stored({ similarity: this.similarity, pairs: this.pairs });
+    // What was moved while this was on its way stays unsaved.
+    if (this.history.value === before) this.history.stored({ similarity, pairs });
     byId("board-error").replaceChildren(notice("good", `The alignment is stored.${rms}`));
     this.onStored();
   }

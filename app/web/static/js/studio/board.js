@@ -2,6 +2,7 @@
 
 import { byId, svg } from "../dom.js";
 import { Viewport } from "../viewport.js";
+import { placeLabels } from "./labels.js";
 
 // Metres of a unit where there is no plan image.
 const GRID_M = 0.02;
@@ -22,6 +23,8 @@ export class Board {
     this.tool = null;
     this.crossAt = null;
     this.glyphs = [];
+    this.labelling = null;
+    new MutationObserver(() => this.label()).observe(this.layer, { childList: true });
     // Before the viewport's own listeners, which move the plan.
     this.box.addEventListener("pointerdown", (event) => this.press(event), true);
     this.box.addEventListener("pointermove", (event) => this.pull(event), true);
@@ -87,7 +90,16 @@ export class Board {
   rescaled() {
     for (const { node, point } of this.glyphs ?? []) this.place(node, point);
     if (this.crossAt) this.drawCross();
+    this.label();
     this.tool?.rescaled?.();
+  }
+
+  /** Make room between names, once for all that changes before the next picture. */
+  label() {
+    this.labelling ??= requestAnimationFrame(() => {
+      this.labelling = null;
+      placeLabels(this.layer, this.box);
+    });
   }
 
   place(node, point) {

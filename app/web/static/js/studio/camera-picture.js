@@ -32,6 +32,8 @@ export class CameraPicture {
     const blob = await response.blob();
     if (asked !== this.asked) return;
     await this.use(blob);
+    // Another picture was chosen while this one was read.
+    if (asked !== this.asked) return;
     this.frame = frame.id;
     this.say(words);
   }

@@ -204,20 +204,23 @@ export class CameraTool {
   saveSurely() {
     // A place that was described and not added yet belongs to it.
     if (this.form.name && this.form.region) this.addPoi();
-    const { key } = this.history;
-    // What was entered for a floor that was left meanwhile stays its draft.
-    return surely(byId("board-error"), () => (this.history.key === key ? this.save() : undefined));
+    const { form: pressed } = this;
+    return surely(this.floors, () => this.save(pressed));
   }
 
-  async save() {
-    const { form } = this;
+  /** Store the camera for which the button was pressed, as it is now, or as it was when another one is in the form. */
+  async save(pressed) {
+    const isShown = this.form.id === pressed.id;
+    const form = isShown ? this.form : pressed;
     const before = this.history.value;
     const body = bodyOf(form, currentVenue().id, this.floors.current.id);
     const stored = await requestJson(path("anchors", form.id), { method: "PUT", json: body });
     // What was changed while this was on its way stays unsaved.
-    if (this.history.value === before) this.history.stored(formOf(stored));
-    byId("board-error").replaceChildren(notice("good", "The camera is stored. Push its pictures to it with roomfix push-frames."));
-    await this.refresh();
+    if (isShown && this.history.value === before) this.history.stored(formOf(stored));
+    const name = this.form.id === form.id ? "The camera" : `The camera ${form.id}`;
+    byId("board-error").replaceChildren(notice("good", `${name} is stored. Push its pictures to it with roomfix push-frames.`));
+    // It is stored, even if the list can't be read now.
+    await this.refresh().catch(() => {});
     this.changed();
     this.onStored();
   }

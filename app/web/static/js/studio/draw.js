@@ -281,18 +281,20 @@ export class DrawTool {
   }
 
   saveSurely() {
-    const { key } = this.history;
-    // What is drawn on a floor that was left meanwhile stays its draft.
-    return surely(byId("board-error"), () => (this.history.key === key ? this.save() : undefined));
+    return surely(this.floors, () => this.save());
   }
 
   async save() {
     showError(byId("board-error"), null);
+    const before = this.history.value;
+    const where = this.floors.path("features");
     const body = { type: "FeatureCollection", features: this.features };
-    const stored = await requestJson(this.floors.path("features"), { method: "PUT", json: body });
-    const now = await requestJson(this.floors.path("features"));
-    this.history.stored(now.features);
+    const stored = await requestJson(where, { method: "PUT", json: body });
+    const now = await requestJson(where);
     const warnings = stored.warnings ?? [];
+    // What was drawn while this was on its way stays unsaved.
+    if (this.history.value === before) this.history.stored(now.features);
+    else warnings.unshift("What you drew since you pressed Save is not saved yet.");
     byId("board-error").replaceChildren(notice("good", "Saved."), ...warnings.map((words) => notice("info", words)));
     this.onStored();
   }

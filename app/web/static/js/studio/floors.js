@@ -63,6 +63,11 @@ export class Floors {
     return `${venuePath("floors", this.current.id)}${parts.map((part) => `/${path(part)}`).join("")}`;
   }
 
+  /** Which floor of which venue is shown, null for none. */
+  get place() {
+    return this.current && this.path();
+  }
+
   openDialog() {
     byId("floor-form").reset();
     byId("floor-level").value = String(this.all.length ? Math.max(...this.all.map((floor) => floor.level)) + 1 : 0);
@@ -89,10 +94,12 @@ export class Floors {
 
   /** Store changes of the shown floor; what is not named stays. */
   async put(changes) {
-    const { name, level, z_min_m, z_max_m, plan_from_world } = this.current;
+    const floor = this.current;
+    const { name, level, z_min_m, z_max_m, plan_from_world } = floor;
     const body = { name, level, z_min_m, z_max_m, plan_from_world, ...changes };
     const stored = await requestJson(this.path(), { method: "PUT", json: body });
-    Object.assign(this.current, stored);
+    // Another floor may be shown by now.
+    Object.assign(floor, stored);
     return stored;
   }
 }

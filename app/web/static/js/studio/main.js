@@ -99,7 +99,7 @@ async function venueChanged() {
 
 setUpKey();
 setUpVenues();
-setUpPhoto();
+setUpPhoto(floors);
 setUpShare();
 byId("film-scan").addEventListener("click", () => {
   chooseRecording();

@@ -8,14 +8,15 @@ import { metres, reasonWords } from "../words.js";
 const MAX_LINES = 150;
 const GAP_SHARE = 0.03;
 
-export function setUpPhoto() {
+/** `floors` has the names of the venue's floors. */
+export function setUpPhoto(floors) {
   byId("try-form").addEventListener("submit", (event) => {
     event.preventDefault();
-    guarded(byId("try"), byId("try-error"), locate);
+    guarded(byId("try"), byId("try-error"), () => locate(floors));
   });
 }
 
-async function locate() {
+async function locate(floors) {
   const photo = byId("photo").files[0];
   const form = new FormData();
   form.set("venue", currentVenue()?.id ?? "");
@@ -30,8 +31,9 @@ async function locate() {
     place.replaceChildren(notice("info", ...reasonWords(answer.reason).map((words) => el("span", {}, `${words} `))));
     return;
   }
+  const floor = floors.all.find(({ id }) => id === answer.floor)?.name ?? answer.floor;
   const where = answer.plan
-    ? `At ${answer.plan.x.toFixed(2)}, ${answer.plan.y.toFixed(2)} m on ${answer.floor}, looking ${Math.round(answer.plan.heading_deg)}°.`
+    ? `At ${answer.plan.x.toFixed(2)}, ${answer.plan.y.toFixed(2)} m on ${floor}, looking ${Math.round(answer.plan.heading_deg)}°.`
     : "Located in the map; it has no place on a plan yet.";
   const sure = `Within ${metres(answer.accuracy.position_m)}, ${Math.round(100 * answer.confidence)} % sure. ${answer.inliers} of ${answer.matches} matches agree.`;
   place.replaceChildren(el("section", { class: "card" }, el("h2", {}, "Located"), el("p", {}, where), el("p", {}, sure)));

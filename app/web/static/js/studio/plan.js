@@ -9,7 +9,7 @@ const SHOWN = ["image/png", "image/jpeg"];
 
 export class PlanTool {
   constructor(board, floors, onStored) {
-    Object.assign(this, { board, floors, onStored, ends: [], file: null, turn: 0 });
+    Object.assign(this, { board, floors, onStored, ends: [], file: null, turn: 0, place: null });
     byId("plan-image").addEventListener("change", () => {
       byId("plan-page").value = "1";
       this.choose(byId("plan-image").files[0]);
@@ -22,8 +22,18 @@ export class PlanTool {
     });
     byId("plan-panel").addEventListener("submit", (event) => {
       event.preventDefault();
-      guarded(byId("save-plan"), byId("board-error"), () => surely(byId("board-error"), () => this.save()));
+      guarded(byId("save-plan"), byId("board-error"), () => surely(floors, () => this.save()));
     });
+  }
+
+  /** Begin with the shown floor: a picture that was chosen for another one is not stored as its plan. */
+  begin() {
+    const { place } = this.floors;
+    if (this.place === place) return;
+    Object.assign(this, { place, file: null, ends: [], turn: this.turn + 1 });
+    byId("plan-image").value = "";
+    byId("page-field").hidden = true;
+    this.draw();
   }
 
   /** Show a file before it is sent. One unit is one pixel until its scale is known. */
@@ -88,7 +98,7 @@ export class PlanTool {
     const [width, height] = this.size ?? [];
     const size = scale && this.size ? ` The whole plan is ${(width * scale).toFixed(1)} m by ${(height * scale).toFixed(1)} m.` : "";
     byId("scale-words").textContent = scale
-      ? `${scale} m per pixel.${size}`
+      ? `${Number(scale.toPrecision(4))} m per pixel.${size}`
       : `Click the ${this.ends.length ? "second" : "first"} of two points whose distance you know.`;
     byId("save-plan").disabled = !scale || !this.floors.current;
   }

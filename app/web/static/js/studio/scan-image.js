@@ -5,8 +5,11 @@ import { venuePath } from "../venues.js";
 
 const MAGIC = "RFPTS001";
 const MAX_POINTS = 150_000;
-const MAX_SIDE_PX = 2400;
+// About as many pixels as the board has: what is drawn finer than the screen shows fades away.
+const MAX_SIDE_PX = 1000;
 const MIN_METRES_PER_PX = 0.015;
+// White walls are not to vanish on white paper: each point is half of this colour.
+const INK = [10, 98, 208];
 // Points behind mirrors and windows must not make the rest small.
 const OUTLIER_SHARE = 0.002;
 
@@ -63,7 +66,9 @@ export class ScanPoints {
       const v = Math.floor((top - this.points[3 * i + 1]) / metresPerPx);
       if (u < 0 || v < 0 || u >= width || v >= height) continue;
       const at = 4 * (v * width + u);
-      pixels.data.set(this.colours.subarray(3 * i, 3 * i + 3), at);
+      INK.forEach((value, channel) => {
+        pixels.data[at + channel] = (this.colours[3 * i + channel] + value) / 2;
+      });
       pixels.data[at + 3] = 255;
     }
     context.putImageData(pixels, 0, 0);

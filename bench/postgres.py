@@ -1,4 +1,4 @@
-"""A PostgreSQL server for tests, where the machine has one installed."""
+"""A PostgreSQL server of our own, where the machine has one installed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def postgres() -> Iterator[str]:
     data = str(folder / "data")
 
     def run(program: str, *arguments: str) -> None:
-        subprocess.run(
+        subprocess.run(  # noqa: S603 - the server's own programs
             [*as_user, str(binaries / program), *arguments], check=True, stdout=subprocess.DEVNULL, cwd=folder
         )
 

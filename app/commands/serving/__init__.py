@@ -1,0 +1,1 @@
+"""The server as a process: its connections, and how it stops."""

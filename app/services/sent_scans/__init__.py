@@ -1,0 +1,1 @@
+"""Scans as clients send them."""
