@@ -1,0 +1,208 @@
+"""A video's path is tied where it comes back to a place, and not where another place looks the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.engine.mapping.structure.joined import rejoined
+from app.engine.mapping.structure.matches import MatchedPictures, Pair
+from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.engine.mapping.structure.revisits import Revisits, find_revisits
+from app.engine.mapping.structure.sequence import reconstruct_sequence
+from app.engine.progress import NoProgress
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+from app.vision.features import LocalFeatures
+from tests.scenes import pose_at
+
+Array = NDArray[np.float64]
+CAMERA = Camera("PINHOLE", 640, 480, (500.0, 500.0, 319.5, 239.5))
+# A walk around once and a little more, looking at a round wall.
+FRAMES = 66
+STEP_DEG = 6.0
+TURN = 60
+WALK_RADIUS_M = 4.0
+WALL_RADIUS_M = 7.0
+DRIFT_DEG = 0.04
+# What is seen at 120 degrees is a copy of what is seen at the start.
+COPY = 20
+
+
+def true_pose(frame: int) -> Pose:
+    """Return where the camera is, looking away from the centre."""
+    angle = np.radians(STEP_DEG * frame)
+    return pose_at(
+        WALK_RADIUS_M * float(np.cos(angle)), WALK_RADIUS_M * float(np.sin(angle)), 1.5, STEP_DEG * frame, 0.0
+    )
+
+
+def drifted_pose(frame: int) -> Pose:
+    """Return where the path says that it is: it turns a little too far with each frame."""
+    turn = np.radians(DRIFT_DEG * frame)
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
+    drift = Pose(rotation, np.array([0.004 * frame, 0.0, 0.002 * frame]))
+    return drift @ true_pose(frame)
+
+
+@pytest.fixture(scope="module")
+def wall() -> Array:
+    """Points (n, 3) of the wall; the second third is the first one again, turned."""
+    rng = np.random.default_rng(5)
+    angle = rng.uniform(0, 2 * np.pi / 3, 3000)
+    radius = WALL_RADIUS_M + rng.uniform(-0.8, 0.8, 3000)
+    third = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 3, 3000)], axis=1)
+    turn = np.radians(120.0)
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
+    other = np.stack([radius * np.cos(-angle), radius * np.sin(-angle), rng.uniform(0, 3, 3000)], axis=1)
+    return np.concatenate([third, third @ rotation.T, other])
+
+
+def seen_rows(wall: Array, frame: int) -> NDArray[np.intp]:
+    """Return the rows of the wall's points that a frame sees, at most 300 of them."""
+    local = true_pose(frame).inverse().apply(wall)
+    pixels = CAMERA.project(np.where(local[:, 2:] > 0.5, local, [0, 0, 1.0]))
+    inside = (
+        (local[:, 2] > 0.5) & (local[:, 2] < 5) & (pixels > 0).all(axis=1) & (pixels < [640, 480]).all(axis=1)
+    )
+    return np.flatnonzero(inside)[:: max(1, int(inside.sum()) // 300)]
+
+
+@pytest.fixture(scope="module")
+def structure(wall: Array) -> tuple[Reconstruction, MatchedPictures]:
+    """The drifted path with each frame's own points, and matches of a place with itself and with its copy."""
+    rows = [seen_rows(wall, frame) for frame in range(FRAMES)]
+    local = [true_pose(frame).inverse().apply(wall[own]) for frame, own in enumerate(rows)]
+    features = tuple(
+        LocalFeatures(CAMERA.project(points).astype(np.float32), np.zeros((len(points), 1), np.float32))
+        for points in local
+    )
+    counts = np.array([len(own) for own in rows])
+    observations = np.stack(
+        [
+            np.repeat(np.arange(FRAMES), counts),
+            np.concatenate([np.arange(n) for n in counts]),
+            np.arange(counts.sum()),
+        ],
+        axis=1,
+    )
+    poses = {frame: drifted_pose(frame) for frame in range(FRAMES)}
+    points = np.concatenate([poses[frame].apply(own) for frame, own in enumerate(local)])
+    part = Reconstruction(camera=CAMERA, poses=poses, points=points, observations=observations, error_px=0.3)
+    matches = {}
+    for i, j in [*((k, k + TURN) for k in range(6)), *((k, k + COPY) for k in range(6))]:
+        # The copy's points are the next 3,000.
+        wanted = rows[i] if j - i == TURN else rows[i] + 3000
+        _, a, b = np.intersect1d(wanted, rows[j], return_indices=True)
+        matches[i, j] = np.stack([a, b], axis=1)
+    return part, MatchedPictures(features, matches)
+
+
+def end_error_m(poses: dict[int, Pose]) -> float:
+    """Return by how far the motion from the first frame to the last is wrong."""
+    by_poses = poses[0].inverse() @ poses[FRAMES - 1]
+    truth = true_pose(0).inverse() @ true_pose(FRAMES - 1)
+    return float(np.linalg.norm(by_poses.translation - truth.translation))
+
+
+@pytest.fixture(scope="module")
+def revisits(structure: tuple[Reconstruction, MatchedPictures]) -> Revisits:
+    part, matched = structure
+    return find_revisits(part, matched, sorted(matched.matches), NoProgress())
+
+
+def test_a_place_that_only_looks_the_same_ties_nothing(revisits: Revisits) -> None:
+    assert set(revisits.agreeing) == {(k, k + TURN) for k in range(6)}
+    assert revisits.measured > 6
+    shown = revisits.as_dict()
+    assert (shown["compared"], shown["within_drift"], shown["agreeing"]) == (12, 6, 6)
+
+
+def test_the_path_is_corrected_by_what_it_sees_twice(
+    structure: tuple[Reconstruction, MatchedPictures], revisits: Revisits
+) -> None:
+    assert end_error_m(structure[0].poses) > 0.2
+    assert end_error_m(revisits.poses) < 0.05
+
+
+def test_what_the_other_loops_contradict_ties_nothing(
+    structure: tuple[Reconstruction, MatchedPictures],
+) -> None:
+    """A frame that sees what another one saw 1.3 m before: its drift would be possible, but not with theirs."""
+    part, matched = structure
+    late, before = 63, TURN
+    features = tuple(matched.features[before if row == late else row] for row in range(FRAMES))
+    seen = part.observations[part.observations[:, 0] == before]
+    local = part.poses[before].inverse().apply(part.points[seen[:, 2]])
+    rows = np.arange(len(seen)) + len(part.points)
+    added = np.stack([np.full(len(seen), late), seen[:, 1], rows], axis=1)
+    others = part.observations[part.observations[:, 0] != late]
+    changed = replace(
+        part,
+        points=np.concatenate([part.points, part.poses[late].apply(local)]),
+        observations=np.concatenate([others, added]),
+    )
+    matches = {pair: rows for pair, rows in matched.matches.items() if late not in pair}
+    matches[0, late] = matched.matches[0, before]
+    found = find_revisits(changed, MatchedPictures(features, matches), sorted(matches), NoProgress())
+    assert found.within_drift == 6
+    assert set(found.agreeing) == {(k, k + TURN) for k in range(6) if k + TURN != late}
+
+
+def test_pairs_outside_of_the_part_say_nothing(structure: tuple[Reconstruction, MatchedPictures]) -> None:
+    part, matched = structure
+    few = replace(part, poses={row: pose for row, pose in part.poses.items() if row < TURN})
+    rows = few.observations[:, 0] < TURN
+    found = find_revisits(
+        replace(few, observations=few.observations[rows]), matched, sorted(matched.matches), NoProgress()
+    )
+    assert (found.compared, found.agreeing) == (6, ())
+
+
+def sequence(wall: Array, copies: bool) -> MatchedPictures:
+    """Return the matches of frames that are beside each other, of a place with itself, and with its copy."""
+    rows = [seen_rows(wall, frame) for frame in range(FRAMES)]
+    rng = np.random.default_rng(6)
+    features = []
+    for frame, own in enumerate(rows):
+        pixels = CAMERA.project(true_pose(frame).inverse().apply(wall[own]))
+        noisy = (pixels + rng.normal(0, 0.3, pixels.shape)).astype(np.float32)
+        features.append(LocalFeatures(noisy, np.zeros((len(own), 1), np.float32)))
+    steps: list[tuple[Pair, int]] = [((i, i + step), 0) for step in (1, 2, 3) for i in range(FRAMES - step)]
+    steps += [((k, k + TURN), 0) for k in range(6)]
+    steps += [((k, k + COPY), 3000) for k in range(6)] if copies else []
+    matches = {}
+    for (i, j), shift in steps:
+        _, a, b = np.intersect1d(rows[i] + shift, rows[j], return_indices=True)
+        if len(a) >= 20:
+            matches[i, j] = np.stack([a, b], axis=1)
+    return MatchedPictures(tuple(features), matches)
+
+
+def test_a_copy_of_a_place_does_not_fold_the_path(wall: Array) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    matched = sequence(wall, copies=True)
+    found = reconstruct_sequence(matched, CAMERA, is_calibrated=True, scratch=None, progress=NoProgress())
+    (whole,) = found.parts
+    assert found.revisits is not None
+    assert set(found.revisits.agreeing) == {(k, k + TURN) for k in range(6)}
+    assert len(whole.poses) == FRAMES
+    across = np.linalg.norm(whole.poses[0].translation - whole.poses[TURN // 2].translation)
+    units = 2 * WALK_RADIUS_M / across
+    scaled = {row: Pose(pose.rotation, units * pose.translation) for row, pose in whole.poses.items()}
+    assert end_error_m(scaled) < 0.05
+
+
+def test_poses_that_are_nearly_right_are_adjusted_to_all_matches(wall: Array) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    matched = sequence(wall, copies=False)
+    start = {frame: drifted_pose(frame) for frame in range(10)}
+    part = rejoined(matched, start, CAMERA, is_calibrated=True, scratch=None, progress=NoProgress())
+    assert part is not None
+    assert sorted(part.poses) == list(range(10))
+    assert part.error_px < 0.6
+    steps = [np.linalg.norm(part.poses[k].translation - part.poses[k + 1].translation) for k in range(9)]
+    assert np.std(steps) / np.mean(steps) < 0.03
