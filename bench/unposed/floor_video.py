@@ -15,6 +15,7 @@ from rich.table import Table
 
 from app.commands.console import progress_bars
 from app.engine.progress import Progress
+from app.errors import InvalidScanError
 from app.importers.frames import DepthFormat, Frame, Scan
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
@@ -85,11 +86,19 @@ def evaluate_video(
         )
         watched = WatchedProgress(inner=progress)
         models = open_models(Settings())
-        result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, folder)
+        refusal, result = "", None
+        try:
+            result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, folder)
+        except InvalidScanError as error:
+            refusal = str(error)
     shown = Shown()
-    shown.table(_map_table(result, watched, len(truth.frames) / FPS))
+    shown.line(
+        f"The video of {len(truth.frames) / FPS:.0f} s is refused: {refusal}" if refusal else "It is built."
+    )
+    if result is not None:
+        shown.table(_map_table(result, watched, len(truth.frames) / FPS))
+        shown.table(_answer_table(result))
     shown.table(_stage_table(watched))
-    shown.table(_answer_table(result))
     shown.write("evaluate-video", figures_title)
 
 
