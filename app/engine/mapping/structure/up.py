@@ -28,7 +28,7 @@ MIN_MEAN = 0.05
 class UpOptions:
     """When the pictures' edges, or the camera's axes, show the vertical."""
 
-    pictures: int = limit(60, "Pictures whose edges are used.", chosen="By hand: a few seconds.")
+    pictures: int = limit(120, "Pictures whose edges are used.", chosen="By hand: some seconds.")
     max_edges: int = limit(
         4000,
         "Longest edges of all pictures that are used.",
