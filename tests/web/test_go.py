@@ -160,7 +160,7 @@ def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Ta
     assert KEY not in page.url
     page.get_by_label("Show my dot to the people who run this place").check()
     begin(page)
-    playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
+    playwright.expect(page.locator(".you")).to_be_visible()
     errors: list[float] = []
 
     def has_moved_often() -> bool:
@@ -239,7 +239,7 @@ def test_it_goes_on_by_itself_after_the_server_was_away(server: Server, phone: T
     page = phone.page
     wire = go(server, phone)
     begin(page)
-    playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
+    playwright.expect(page.locator(".you")).to_be_visible()
     session = wire.answers[-1]["session"]
     server.stop()
     try:
@@ -312,7 +312,7 @@ def test_it_speaks_german(server: Server, phone: Tab) -> None:
     page = phone.page
     wire = go(server, phone, query="?language=de")
     page.get_by_role("button", name="Zeig mir, wo ich bin").click()
-    playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
+    playwright.expect(page.locator(".you")).to_be_visible()
     page.get_by_role("button", name="Wohin?").click()
     page.get_by_role("button", name="Große Tür").click()
     playwright.expect(page.locator("#say-more")).to_contain_text("m bis Große Tür")
@@ -357,7 +357,7 @@ def test_without_a_camera_a_simulated_phone_walks(server: Server, browser: Any) 
     ):
         wire = go(opened, tab, token=False)
         tab.page.get_by_role("button", name="Try it without a camera").click()
-        playwright.expect(tab.page.locator(".you")).to_be_visible(timeout=30_000)
+        playwright.expect(tab.page.locator(".you")).to_be_visible()
         playwright.expect(tab.page.locator("#say-more")).to_contain_text("Simulated phone")
         wait_for(lambda: tab.page.wait_for_timeout(50) or sum(each["located"] for each in wire.answers) > 2)
 
@@ -381,7 +381,7 @@ def test_nothing_is_cut_off_or_scrolls_sideways(
         button = page.get_by_role("button", name="Zeig mir, wo ich bin")
         assert_inside(page, button, size)
         button.click()
-        playwright.expect(page.locator(".you")).to_be_visible(timeout=30_000)
+        playwright.expect(page.locator(".you")).to_be_visible()
         page.get_by_role("button", name="Wohin?").click()
         page.get_by_role("button", name="Große Tür").click()
         playwright.expect(page.locator("#say-more")).to_contain_text("Große Tür")

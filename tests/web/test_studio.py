@@ -242,7 +242,7 @@ def hang_a_camera(server: Server, hands: Hands, room: scenes.Room) -> None:
     hands.file(page.locator("#camera-picture"), "p.png", "image/png", view.png())
     playwright.expect(page.locator("#picture image")).to_have_count(1)
     hands.press("Find them by the map")
-    playwright.expect(page.locator("#board-error")).to_contain_text("where the camera hangs", timeout=60_000)
+    playwright.expect(page.locator("#board-error")).to_contain_text("where the camera hangs")
     hands.type(page.locator("#camera-id"), "corner")
     u, v = 0.4, 0.45
     hands.mark(page.locator("#picture"), (u - 0.08, v - 0.1), (u + 0.08, v + 0.1))
@@ -257,7 +257,7 @@ def hang_a_camera(server: Server, hands: Hands, room: scenes.Room) -> None:
     hands.press("Save camera")
     playwright.expect(page.locator("#board-error")).to_contain_text("The camera is stored.")
     hands.press("Find it in the map: corner")
-    playwright.expect(page.locator("#board-error")).to_contain_text("is found in the map", timeout=60_000)
+    playwright.expect(page.locator("#board-error")).to_contain_text("is found in the map")
     anchor = server.client.get("/anchors/corner").json()
     expected = EXPECTED @ [*pose.translation[:2], 1]
     found = [anchor["calibration"]["plan"][axis] for axis in "xy"]

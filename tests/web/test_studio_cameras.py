@@ -146,9 +146,7 @@ def test_the_map_gives_lens_and_pose_and_the_picture_is_live(
     page.locator("#camera-picture").set_input_files(picture)
     playwright.expect(page.locator("#picture image")).to_have_count(1)
     page.get_by_role("button", name="Find them by the map").click()
-    playwright.expect(page.locator("#board-error")).to_contain_text(
-        "and where the camera hangs", timeout=60_000
-    )
+    playwright.expect(page.locator("#board-error")).to_contain_text("and where the camera hangs")
     found = json.loads(page.locator("#camera-intrinsics").input_value())["params"]
     assert found[0] == pytest.approx(scenes.CAMERA.params[0], rel=0.05)
     # The rendered lens bends nothing.
@@ -172,9 +170,7 @@ def test_the_map_gives_lens_and_pose_and_the_picture_is_live(
     page.get_by_role("button", name="Save camera").click()
     playwright.expect(page.locator("#board-error")).to_contain_text("The camera is stored.")
     page.get_by_role("button", name="Find it in the map: hall").click()
-    playwright.expect(page.locator("#board-error")).to_contain_text(
-        "hall is found in the map", timeout=60_000
-    )
+    playwright.expect(page.locator("#board-error")).to_contain_text("hall is found in the map")
     playwright.expect(page.locator("#cameras")).to_contain_text("Found in the map within")
     calibration = server.client.get("/anchors/hall").json()["calibration"]["plan"]
     assert (
