@@ -13,6 +13,7 @@ from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
 from app.engine.mapping.structure.reconstruction import Reconstruction, check_installed, reconstruct
+from app.engine.mapping.structure.scale import OPTIONS as SCALE
 from app.engine.mapping.structure.scale import FoundScale, find_scale, median_depth
 from app.engine.mapping.structure.scale_options import Scale, frames_of
 from app.engine.mapping.structure.sequence import Path3D, reconstruct_sequence
@@ -31,11 +32,6 @@ from app.vision.images import Gray, to_gray
 class EstimateOptions:
     """What becomes of a reconstruction."""
 
-    own_depth: float = limit(
-        2.0,
-        "Median depth of the features, in the map's own unit, where no scale is known.",
-        chosen="By hand: rooms have about 2 m, so that limits in metres mean roughly the same.",
-    )
     warned_share: float = limit(
         0.8, "A warning is given where a smaller share of the chosen frames is connected.", chosen="By hand."
     )
@@ -117,7 +113,7 @@ def _posed(
     chosen: ChosenPictures, part: Reconstruction, down: DownDirection | None, scale: FoundScale | None
 ) -> Scan:
     scan = chosen.scan
-    units = scale.metres_per_unit if scale is not None else OPTIONS.own_depth / median_depth(part)
+    units = scale.metres_per_unit if scale is not None else SCALE.own_depth / median_depth(part)
     turn = scale.plan_from_scan if scale is not None else None
     gravity = None if down is None else down.down
     if turn is not None:

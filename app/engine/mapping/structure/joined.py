@@ -18,6 +18,7 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 
 STAGE = "adjust_structure"
+REPORT_EVERY_PICTURES = 32
 
 
 def rejoined(
@@ -55,7 +56,7 @@ def rejoined(
     triangulation = options.get_triangulation()
     images = sorted(model.reg_image_ids())
     for number, image_id in enumerate(images):
-        if number % 32 == 0:
+        if number % REPORT_EVERY_PICTURES == 0:
             progress.report(STAGE, number, len(images))
         mapper.triangulate_image(triangulation, image_id)
     mapper.complete_and_merge_tracks(triangulation)

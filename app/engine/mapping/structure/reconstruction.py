@@ -121,6 +121,7 @@ def reconstruct(
 
 
 def start_camera(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
+    """Return the camera that the adjustment starts from, in terms of pycolmap (`colmap` is the module)."""
     fx, fy, cx, cy, *lens = camera.params
     centre = cx + HALF_PX, cy + HALF_PX
     if _gets_radial(camera, is_calibrated):
@@ -165,6 +166,7 @@ def write_database(colmap: Any, path: Path, matched: MatchedPictures, camera: An
 
 
 def mapping_options(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
+    """Return pycolmap's options: one thread, a fixed seed, and which numbers of the camera are adjusted."""
     options = colmap.IncrementalPipelineOptions()
     options.random_seed = 0
     options.num_threads = OPTIONS.threads

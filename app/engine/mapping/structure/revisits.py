@@ -15,28 +15,25 @@ from app.engine.mapping.loops.optimize import Loop, loop_errors_m, optimized
 from app.engine.mapping.loops.places import ways_m
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.engine.mapping.structure.scale import OPTIONS as SCALE
 from app.engine.mapping.structure.scale import median_depth
 from app.engine.progress import Progress
 from app.geometry.se3 import Pose
 from app.limits import limit
 
 STAGE = "find_loops"
+REPORT_EVERY_PAIRS = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RevisitOptions:
     """When two far-apart pictures of a video may tie its path together."""
 
-    usual_depth_m: float = limit(
-        2.0,
-        "Median depth of the features that limits in metres are for, as long as the scale is not known.",
-        chosen="By hand: rooms have about this depth.",
-    )
     beside: int = limit(
         3,
         "Pictures after each one whose matches decide the path by themselves.",
-        chosen="`roomfix evaluate-video`: floors and walls that repeat themselves make no false pair among these, and "
-        "110 of 4,883 up to 8 apart, by which the path goes metres wrong.",
+        chosen="By hand, on the video of `roomfix evaluate-video` with its true poses: a floor that repeats itself "
+        "made false pairs up to 8 apart, and none up to 3.",
     )
     max_left_m: float = limit(
         0.25,
@@ -84,7 +81,7 @@ def find_revisits(
     """
     rows = sorted(part.poses)
     place = {row: number for number, row in enumerate(rows)}
-    units = OPTIONS.usual_depth_m / median_depth(part)
+    units = SCALE.own_depth / median_depth(part)
     path = [Pose(part.poses[row].rotation, units * part.poses[row].translation) for row in rows]
     seen = _seen(part, matched, units)
     way = ways_m(path)
@@ -93,7 +90,7 @@ def find_revisits(
     pair_of: list[Pair] = []
     measured = 0
     for number, (i, j) in enumerate(known):
-        if number % 32 == 0:
+        if number % REPORT_EVERY_PAIRS == 0:
             progress.report(STAGE, number, len(known))
         rows_i, rows_j = matched.matches[i, j].T
         motion = motion_of_matches(seen[i], rows_i, seen[j], rows_j, part.camera)

@@ -40,6 +40,11 @@ GrayOf = Callable[[int], Gray]
 class ScaleOptions:
     """When what is known determines a scale."""
 
+    own_depth: float = limit(
+        2.0,
+        "Median depth of the features, in the map's own unit, where no scale is known.",
+        chosen="By hand: rooms have about 2 m, so that limits in metres mean roughly the same.",
+    )
     max_marker_spread: float = limit(
         0.1,
         "Largest relative deviation of a marker's side from the median of all sides.",
