@@ -70,6 +70,34 @@ def test_a_venue_without_a_map_says_so_in_plain_words(server: Server, tab: Tab) 
     playwright.expect(page.locator("#locate-error")).to_be_empty()
 
 
+def test_floors_that_come_after_another_venue_was_chosen_are_not_shown(server: Server, tab: Tab) -> None:
+    page = tab.page
+    for venue in ("early", "late"):
+        server.client.post("/venues", json={"id": venue, "name": f"Venue {venue}"}).raise_for_status()
+        floor = {"name": f"Floor of {venue}", "level": 0, "z_min_m": 0.0, "z_max_m": 3.0}
+        floor["plan_from_world"] = np.eye(4).tolist()
+        server.client.put(f"/venues/{venue}/floors/g", json=floor).raise_for_status()
+    held: list[playwright.Route] = []
+
+    def hold(
+        route: playwright.Route,
+    ) -> None:  # Playwright marks its handlers, which a list's method doesn't allow.
+        held.append(route)
+
+    tab.open(server.url)
+    _give_key(page)
+    page.route("**/venues/late/floors", hold)
+    page.locator("#venue").select_option("late")
+    playwright.expect(page.locator("#floor-tabs")).not_to_contain_text("Floor of")
+    page.locator("#venue").select_option("early")
+    playwright.expect(page.locator("#floor-tabs")).to_contain_text("Floor of early")
+    with page.expect_response("**/venues/late/floors"):
+        held[0].continue_()
+    page.evaluate("() => new Promise((done) => setTimeout(done))")
+    playwright.expect(page.locator("#floor-tabs")).to_have_text("Floor of early")
+    playwright.expect(page.locator("#floor-hint option")).to_have_text(["Any floor", "Floor of early"])
+
+
 def test_every_view_opens_at_its_top(server: Server, tab: Tab) -> None:
     tab.page.set_viewport_size({"width": 400, "height": 300})
     tab.open(server.url)

@@ -29,12 +29,14 @@ export function setUpFloors() {
 export async function showFloors() {
   const list = byId("floors-list");
   for (const id of ["floor-form", "plan-form"]) byId(id).inert = currentVenue() === null;
-  if (!currentVenue()) {
+  const venue = currentVenue();
+  if (!venue) {
     list.replaceChildren(notice("info", "Add a venue first, with the plus sign above."));
     return;
   }
   try {
     const floors = await requestJson(venuePath("floors"));
+    if (currentVenue()?.id !== venue.id) return;
     for (const url of thumbnails) URL.revokeObjectURL(url);
     thumbnails = [];
     list.replaceChildren(...(floors.length ? floors.map(floorCard) : [noFloor()]));

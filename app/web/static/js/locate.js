@@ -16,6 +16,7 @@ const MAP_FRAME = "";
 let drawing = null;
 let photo = null;
 let floors = [];
+let loading = Promise.resolve();
 let shownFloor = null;
 let selected = null;
 let trail = [];
@@ -41,10 +42,19 @@ export function setUpLocate() {
 }
 
 /** Read the floors again, after the Floors view has changed them. */
-export async function reloadFloors() {
+export function reloadFloors() {
+  loading = readFloors();
+  return loading;
+}
+
+async function readFloors() {
+  const venue = currentVenue();
+  const found = venue ? await requestJson(venuePath("floors")) : [];
+  // Another venue may have been chosen meanwhile: its floors are read by a call of its own.
+  if (currentVenue()?.id !== venue?.id) return;
   for (const url of planUrls.values()) URL.revokeObjectURL(url);
   planUrls.clear();
-  floors = currentVenue() ? await requestJson(venuePath("floors")) : [];
+  floors = found;
   const options = floors.map((floor) => el("option", { value: floor.id }, floor.name));
   byId("floor-hint").replaceChildren(el("option", { value: "" }, "Any floor"), ...options);
   const before = shownFloor;
@@ -53,8 +63,9 @@ export async function reloadFloors() {
 }
 
 async function changeVenue() {
-  clearTrail();
+  floors = [];
   shownFloor = null;
+  clearTrail();
   const place = byId("page-error");
   const venue = currentVenue();
   showError(place, null);
@@ -87,7 +98,11 @@ async function locate() {
   const form = new FormData();
   form.set("image", photo, photo.name || "photo.jpg");
   for (const [name, value] of Object.entries(fields())) form.set(name, value);
+  const venue = currentVenue();
   const answer = await requestJson("locate", { method: "POST", form });
+  // An answer may come before the floors that it is shown on.
+  await loading.catch(() => null);
+  if (currentVenue()?.id !== venue.id) return;
   lastNumber += 1;
   trail.push({ number: lastNumber, answer, name: photo.name, url: URL.createObjectURL(photo) });
   await select(lastNumber);

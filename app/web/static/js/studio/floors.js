@@ -26,7 +26,11 @@ export class Floors {
   }
 
   async load(wanted = this.current?.id) {
-    this.all = currentVenue() ? await requestJson(venuePath("floors")) : [];
+    const venue = currentVenue();
+    const all = venue ? await requestJson(venuePath("floors")) : [];
+    // Another venue was chosen meanwhile: its floors are read by a call of its own.
+    if (currentVenue()?.id !== venue?.id) return;
+    this.all = all;
     const select = byId("floor");
     select.replaceChildren(...this.all.map((floor) => el("option", { value: floor.id }, floor.name)));
     if (!this.all.length) select.append(el("option", { value: "" }, "No floor yet"));
