@@ -14,7 +14,6 @@ from app.engine.query.placed import Accuracy
 from app.geometry.camera import Camera
 from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
-from app.geometry.pnp import PnpEstimate
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
@@ -36,8 +35,8 @@ class Estimate(Protocol):
         camera: Camera,
         prior: Pose | None = None,
         max_iterations: int | None = None,
-    ) -> PnpEstimate | None:
-        """Return the pose; `prior` is tried first."""
+    ) -> Hypothesis | None:
+        """Return the pose with its inliers; `prior` is tried first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,7 +276,7 @@ def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | 
 
     def count(tried: Camera) -> int:
         found = estimate(some, tried, max_iterations=OPTIONS.screen_iterations)
-        return 0 if found is None else _agreement(some, tried, found.world_from_camera, limit_px)[0]
+        return 0 if found is None else _agreement(some, tried, found.pose, limit_px)[0]
 
     counts = {zoom: count(changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0])) for zoom in ZOOMS}
     most = max(counts, key=lambda zoom: counts[zoom])
@@ -349,10 +348,9 @@ def _refined_from(
     for _ in range(OPTIONS.rounds):
         if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
             break
-        again = estimate(best.matches, tried, prior)
-        if again is None:
+        hypothesis = estimate(best.matches, tried, prior)
+        if hypothesis is None:
             break
-        hypothesis = Hypothesis.of(again, best.matches)
         agreeing, cost = _agreement(best.matches, tried, hypothesis.pose, limit_px)
         if found is not None and agreeing <= OPTIONS.round_gain_ratio * found.agreeing:
             break
