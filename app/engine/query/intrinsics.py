@@ -196,8 +196,8 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     fit = _fit(best, camera)
     if fit is None:
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
-    is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     is_stretched = bool(square_pixels(camera))
+    is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     zoomed = _screened(best, camera, estimate)
     may_be_other = is_doubted or not is_verified or is_stretched or zoomed is not None
     refined = _refined(best, camera, fit, estimate, search, zoomed) if may_be_other else None
@@ -248,9 +248,9 @@ def _by_focal_sigma(best: Hypothesis, focal_sigma: float) -> Accuracy:
 def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
     if best.inlier_features < OPTIONS.min_features:
         return None
-    step = -(-len(best.inliers) // OPTIONS.max_matches)
-    pixels, points = best.inliers.points_px[::step], best.inliers.points_in_world[::step]
-    return free_intrinsics(pixels, points, camera, best.pose)
+    pixels, points = best.inliers.points_px, best.inliers.points_in_world
+    step = -(-len(pixels) // OPTIONS.max_matches)
+    return free_intrinsics(pixels[::step], points[::step], camera, best.pose)
 
 
 def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
@@ -267,10 +267,11 @@ def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | 
     A wrong focal length can leave a few inliers of one part of the picture that show nothing of it; that most matches
     are no inliers does.
     """
-    if len(best.inliers) >= OPTIONS.screened_share * len(best.matches):
+    agree = best.estimate.inlier_mask
+    if np.count_nonzero(agree) >= OPTIONS.screened_share * len(agree):
         return None
-    step = -(-len(best.matches) // OPTIONS.screen_matches)
-    some = best.matches.take(np.arange(0, len(best.matches), step))
+    step = -(-len(agree) // OPTIONS.screen_matches)
+    some = best.matches.take(np.arange(0, len(agree), step))
 
     limit_px = _limit_px(best, camera)
 
@@ -278,11 +279,12 @@ def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | 
         found = estimate(some, tried, max_iterations=OPTIONS.screen_iterations)
         return 0 if found is None else _agreement(some, tried, found.pose, limit_px)[0]
 
-    counts = {zoom: count(changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0])) for zoom in ZOOMS}
-    most = max(counts, key=lambda zoom: counts[zoom])
+    zoomed = [changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0]) for zoom in ZOOMS]
+    counts = [count(tried) for tried in zoomed]
+    most = int(np.argmax(counts))
     if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * count(camera):
         return None
-    return changed_camera(camera, [float(np.log(most)), 0.0, 0.0])
+    return zoomed[most]
 
 
 def _limit_px(best: Hypothesis, camera: Camera) -> float:

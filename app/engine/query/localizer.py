@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +11,19 @@ from numpy.typing import NDArray
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap, SecondLook
 from app.engine.maps.vision_models import VisionModels
-from app.engine.query.camera import lens_of_query
-from app.engine.query.hints import picture_hints, view_hints
-from app.engine.query.intrinsics import CheckedCamera, check_intrinsics
+from app.engine.query.attempt.attempt import attempt, nothing
+from app.engine.query.attempt.pose import PoseSearch
+from app.engine.query.hints import picture_hints
 from app.engine.query.localization import Localization
-from app.engine.query.matches import Matches, QueryMatcher
-from app.engine.query.pose import Matcher, PoseSearch
+from app.engine.query.matches import QueryMatcher
 from app.engine.query.query import Query
-from app.engine.query.rival import against_rival
 from app.engine.query.second.look import OPTIONS as SECOND_LOOK
 from app.engine.query.second.look import SecondMatcher
 from app.engine.query.settings import LocalizerSettings
-from app.engine.query.verdict import conclude
-from app.engine.query.verification import Evidence, Limits
+from app.engine.query.verification import Limits
 from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera
-from app.geometry.focal import ApproximateCamera, focal_sigma_of
+from app.geometry.focal import ApproximateCamera
 from app.vision.images import Rgb, measure_quality
 from app.vision.index import GlobalIndex
 
@@ -68,17 +64,17 @@ class Localizer:
         """
         return self.answer(Query.of(rgb, camera, allowed, upright))
 
-    def answer(self, query: Query) -> Localization:
-        """Localize a query: a first attempt, and where that finds nothing a second and a third, wider ones."""
-        return self.answer_by(self.matcher_of(query))
-
     def matcher_of(self, query: Query) -> QueryMatcher:
         """Return what matches a query with this map."""
         return QueryMatcher(query, self.map, fundamental_filter=self.settings.fundamental_filter)
 
-    def answer_by(self, matcher: QueryMatcher) -> Localization:
-        """Localize the query of a matcher, which then holds the keyframes that were matched for it."""
-        opened, settings, query = self.map, self.settings, matcher.query
+    def answer(self, query: Query, matcher: QueryMatcher | None = None) -> Localization:
+        """Localize a query: a first attempt, and where that finds nothing a second and a third, wider ones.
+
+        A `matcher` of the query that is given holds the keyframes that were matched afterwards.
+        """
+        matcher = matcher or self.matcher_of(query)
+        opened, settings = self.map, self.settings
         started = clock_s()
         descriptor = opened.descriptor.describe(query.rgb)
         described = clock_s()
@@ -87,7 +83,7 @@ class Localizer:
         )
         query.spent_s["describe"] += described - started
         query.spent_s["retrieve"] += clock_s() - described
-        result = self.attempt(matcher, matcher.match(similar))
+        result = attempt(self.search, matcher, matcher.match(similar))
         if (
             settings.second_attempt
             and result.reason in UNSURE
@@ -116,14 +112,14 @@ class Localizer:
         for turns in () if query.upright else (1, 2, 3):
             turned = self.map.descriptor.describe(np.ascontiguousarray(np.rot90(query.rgb, turns)))
             rows += retrieval.similar(turned, self.settings.keyframes, 0, query.allowed)
-        return self.attempt(matcher, matcher.match_all(rows))
+        return attempt(self.search, matcher, matcher.match_all(rows))
 
     def _third_attempt(self, query: Query, keyframes: list[int]) -> Localization:
         """Localize with the features of a faint image, among keyframes that were matched before."""
         faint = QueryMatcher(
             query, self.map, self.map.faint_extractor, fundamental_filter=self.settings.fundamental_filter
         )
-        return self.attempt(faint, faint.match(keyframes))
+        return attempt(self.search, faint, faint.match(keyframes))
 
     def _second_look(self, first: QueryMatcher, look: SecondLook, similar: Sequence[int]) -> Localization:
         """Localize with the map's second features, by limits of their own."""
@@ -134,56 +130,23 @@ class Localizer:
             covisible=options.covisible,
             look_alikes=options.look_alikes,
             rival_support_ratio=options.max_rival_balance_ratio,
-            limits=replace(
-                self.limits,
-                min_inliers=options.min_inliers,
-                min_coverage=options.min_coverage,
-                min_unrepeated_share=options.min_unrepeated_share,
-                min_unrepeated_of_twin=0,
-                max_contradicted_share_of_twin=1.0,
-                min_agreeing_cells=options.min_agreeing_cells,
-                max_disagreeing_share=options.max_disagreeing_share,
-            ),
+        )
+        limits = replace(
+            self.limits,
+            min_inliers=options.min_inliers,
+            min_coverage=options.min_coverage,
+            min_unrepeated_share=options.min_unrepeated_share,
+            min_unrepeated_of_twin=0,
+            max_contradicted_share_of_twin=1.0,
+            min_agreeing_cells=options.min_agreeing_cells,
+            max_disagreeing_share=options.max_disagreeing_share,
         )
         matches = matcher.match(similar[: options.keyframes])
         if matches.feature_count < options.min_matches:
-            return _nothing(first.query, matches, None)
-        return Localizer(self.map, settings).attempt(matcher, matches)
-
-    def attempt(self, matcher: Matcher, matches: Matches) -> Localization:
-        """Localize by these matches and those that a first pose leads to."""
-        search, query, known = self.search, matcher.query, matcher.query.known
-        camera = known if isinstance(known, Camera) else search.find_camera(matches, query)
-        if camera is None:
-            return _nothing(query, matches, None)
-        lens = lens_of_query(self.map.artifact.metadata, known) if self.settings.fit_lens else None
-        camera = camera if lens is None else lens.of(camera)
-        best = search.best(matcher, matches, camera)
-        if best is not None and (not isinstance(known, Camera) or (lens is not None and lens.is_guess)):
-            camera, best = search.fit_camera(best, camera, known, lens)
-        if best is None:
-            return _nothing(query, matches, camera)
-        checked = CheckedCamera(camera=camera, best=best)
-        if isinstance(known, Camera) and self.settings.check_intrinsics:
-            checked = check_intrinsics(
-                best, camera, search.estimate, partial(search.find_camera, query=query)
-            )
-        best, rival = against_rival(search, matcher, checked.best, checked.camera)
-        sigmas = focal_sigma_of(known, checked.camera), 0.0 if lens is None else lens.sigma
-        return conclude(search, matcher, best, rival, checked, sigmas)
+            return nothing(first.query, matches, None)
+        return attempt(PoseSearch(self.map, settings, limits), matcher, matches)
 
 
 def _later(first: Localization, second: Localization) -> Localization:
     """Return the later attempt's result if it found the place, else the first one's with its reason."""
     return second if second.world_from_camera is not None else first
-
-
-def _nothing(query: Query, matches: Matches, camera: Camera | None) -> Localization:
-    evidence = Evidence(matches=matches.feature_count)
-    return Localization(
-        evidence=evidence,
-        reason="no_match",
-        camera=camera,
-        timings_ms=query.timings_ms,
-        hints=view_hints("no_match", np.zeros((0, 2)), query.size_px),
-    )

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.engine.query.accuracy import accuracy_in_map, with_map_error
+from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.contradiction import contradicted_in_map
 from app.engine.query.hints import view_hints
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import CheckedCamera
 from app.engine.query.localization import Localization, votes_of
-from app.engine.query.pose import Matcher, PoseSearch
 from app.engine.query.second.look import SecondMatcher
 from app.engine.query.verification import confidence_of, evidence_of, judge
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.localization import same_place, votes_of
 from app.engine.query.matches import Matches
-from app.engine.query.pose import Matcher, PoseSearch
 from app.engine.query.second.look import SecondMatcher
 from app.geometry.camera import Camera
 
