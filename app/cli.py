@@ -52,8 +52,8 @@ def bench_commands(checkout: Path = CHECKOUT) -> dict[str, str]:
 
 
 def _imported(module: str) -> ModuleType:
-    """Import a module, and search for garbage only afterwards: what modules define stays, and the searches take an eighth
-    of the time in which `roomfix serve` starts."""
+    """Import a module, and search for garbage only afterwards: what modules define stays, and the searches take an
+    eighth of the time in which `roomfix serve` is imported."""
     is_enabled = gc.isenabled()
     gc.disable()
     try:
