@@ -197,8 +197,8 @@ def _checked(
     hypothesis = Hypothesis.of(estimate, best.matches[most])
     if not localizer.settings.check_intrinsics:
         return CheckedCamera(camera=camera, best=hypothesis)
-    find = partial(localizer.find_camera, query=frames[most].matcher.query)
-    return check_intrinsics(hypothesis, camera, localizer.estimate, find)
+    find = partial(localizer.search.find_camera, query=frames[most].matcher.query)
+    return check_intrinsics(hypothesis, camera, localizer.search.estimate, find)
 
 
 def _accuracy(search: RigSearch, best: RigHypothesis, lens_sigma: float) -> Accuracy:
