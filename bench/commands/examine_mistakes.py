@@ -34,7 +34,8 @@ def examine_mistakes(
     dataset: Dataset,
     frames: Annotated[str, typer.Option(help="Frames of the scan: start:stop:step, by order.")] = "0:60",
     queries: Annotated[
-        str | None, typer.Option(help="Build the repaired maps, and locate these frames in them.")
+        str | None,
+        typer.Option(help="Build the repaired maps, and locate these frames in them: no scan has them."),
     ] = None,
     gravity: Annotated[
         str | None, typer.Option(help="Down in the scan's frame, x,y,z, where the scan has no gravity.txt.")
@@ -55,12 +56,10 @@ def examine_mistakes(
     scan = open_scan(dataset, base.format, base.scan)
     down = None if gravity is None else parse_build_options({"gravity": json.loads(f"[{gravity}]")}).gravity
     trajectory = dataset / "groundtruth.txt"
-    copy = ScanCopy.of(
-        replace(scan, frames=scan.frames[parse_range(frames)]),
-        down,
-        trajectory if trajectory.is_file() else None,
-    )
     asked = () if queries is None else scan.frames[parse_range(queries)]
+    left_out = {frame.name for frame in asked}
+    used = tuple(frame for frame in scan.frames[parse_range(frames)] if frame.name not in left_out)
+    copy = ScanCopy.of(replace(scan, frames=used), down, trajectory if trajectory.is_file() else None)
     arguments = {"data": dataset.name, "frames": frames, "queries": queries, "gravity": gravity}
     record = Record.at(json_file, {**arguments, "options": options})
     commit = commit_of(ROOT)
