@@ -163,13 +163,11 @@ class MapArtifact:
 
     def write(self, path: Path, index_checksum: int | None = None) -> None:
         """Write the map to a file; `index_checksum` is the checksum of the file of its index."""
-        arrays = {name: np.asarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
+        arrays = {name: getattr(self.arrays, name) for name in MapArrays.__slots__}
         if self.places is not None:
-            arrays |= {name: np.asarray(getattr(self.places, name)) for name in Places.__slots__}
+            arrays |= {name: getattr(self.places, name) for name in Places.__slots__}
         if self.second is not None:
-            arrays |= {
-                SECOND + name: np.asarray(getattr(self.second, name)) for name in SecondFeatures.__slots__
-            }
+            arrays |= {SECOND + name: getattr(self.second, name) for name in SecondFeatures.__slots__}
         metadata = {**asdict(self.metadata), "index_checksum": index_checksum}
         write_packed(path, metadata, arrays)
 
