@@ -103,29 +103,40 @@ def find_repetition(
     """
     if len(descriptors) < 2 or len(among) == 0:
         return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
-    unit = to_unit_vectors(descriptors, binary)
-    index = _inverted_file(unit[among])
+    index = _inverted_file(descriptors, binary, among)
     scaled = points_in_world * PLACE.axis_weights(z_up)
-    size = OPTIONS.chunk_features
+    searched = scaled[among]
     parts = [
-        _search(index, unit[i : i + size], scaled[i : i + size], scaled[among])
-        for i in range(0, len(unit), size)
+        _search(index, to_unit_vectors(descriptors[chunk], binary), scaled[chunk], searched)
+        for chunk in _chunks(len(descriptors))
     ]
     found = np.concatenate([p.row for p in parts])
     rows = np.where(found < 0, -1, among[np.maximum(found, 0)])
     return Repetition(np.concatenate([p.distance for p in parts]), rows)
 
 
-def _inverted_file(unit: NDArray[np.float32]) -> faiss.Index:
-    count, size = unit.shape
-    cells = int(np.clip(OPTIONS.cells_ratio * np.sqrt(count), 1, min(OPTIONS.max_cells, count)))
+def _chunks(count: int) -> list[slice]:
+    """Return slices of `OPTIONS.chunk_features` rows, of `count` in all."""
+    size = OPTIONS.chunk_features
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def _inverted_file(
+    descriptors: Descriptors | NDArray[np.float16], binary: bool, among: NDArray[np.int64]
+) -> faiss.Index:
+    """Return the index of the unit descriptors in the rows `among` (m,); unit vectors are made a chunk at a time."""
+    rows = np.random.default_rng(0).permutation(len(among))
+    cells = int(np.clip(OPTIONS.cells_ratio * np.sqrt(len(among)), 1, min(OPTIONS.max_cells, len(among))))
+    trained = among[np.sort(rows[: cells * OPTIONS.training_features_per_cell])]
+    unit = to_unit_vectors(descriptors[trained], binary)
+    size = unit.shape[1]
     index = faiss.IndexIVFScalarQuantizer(
         faiss.IndexFlatL2(size), size, cells, faiss.ScalarQuantizer.QT_fp16, faiss.METRIC_L2
     )
     index.cp.niter, index.cp.min_points_per_centroid = OPTIONS.training_steps, 1
-    rows = np.random.default_rng(0).permutation(count)[: cells * OPTIONS.training_features_per_cell]
-    index.train(unit[np.sort(rows)])
-    index.add(unit)
+    index.train(unit)
+    for chunk in _chunks(len(among)):
+        index.add(to_unit_vectors(descriptors[among[chunk]], binary))
     index.nprobe = OPTIONS.searched_cells
     return index
 
