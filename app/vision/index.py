@@ -109,7 +109,9 @@ class GlobalIndex:
             return self._search_rows(descriptor, k, allowed.astype(np.int64))
         selection, parameters = None, None
         if allowed is not None:
-            selector = faiss.IDSelectorBatch(allowed.astype(np.int64))
+            is_allowed = np.zeros(len(self), dtype=bool)
+            is_allowed[allowed] = True
+            selector = faiss.IDSelectorBitmap(np.packbits(is_allowed, bitorder="little"))
             parameters = selection = faiss.SearchParameters(sel=selector)  # type: ignore[call-arg]
         if not self.is_exact:
             candidates = max(OPTIONS.min_candidates, round(OPTIONS.candidates_ratio * k))
