@@ -111,7 +111,8 @@ class GlobalIndex:
         if allowed is not None:
             is_allowed = np.zeros(len(self), dtype=bool)
             is_allowed[allowed] = True
-            selector = faiss.IDSelectorBitmap(np.packbits(is_allowed, bitorder="little"))
+            bits = np.packbits(is_allowed, bitorder="little")
+            selector = faiss.IDSelectorBitmap(bits)  # type: ignore[call-arg, arg-type]
             parameters = selection = faiss.SearchParameters(sel=selector)  # type: ignore[call-arg]
         if not self.is_exact:
             candidates = max(OPTIONS.min_candidates, round(OPTIONS.candidates_ratio * k))

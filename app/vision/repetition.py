@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import faiss
@@ -88,28 +89,35 @@ class Repetition:
     row: NDArray[np.int64]
 
 
+# Calls a function with each of some chunks and gives the results in their order, as `map` does.
+RunChunks = Callable[[Callable[[slice], Repetition], list[slice]], Iterable[Repetition]]
+
+
 def find_repetition(
     descriptors: Descriptors | NDArray[np.float16],
     binary: bool,
     points_in_world: NDArray[np.float32],
     among: NDArray[np.int64],
     z_up: bool = True,
+    run: RunChunks = map,
 ) -> Repetition:
     """Return the most similar feature at another place for features (n, d) at world points (n, 3).
 
     Only the features in the rows `among` (m,) are searched; `z_up` says whether z is known to point up. The search is
     approximate: an inverted file finds nearly all neighbours. When all of the nearest `OPTIONS.neighbours` are at the
-    same place, the distance is that of the last of them, a lower bound of the true one.
+    same place, the distance is that of the last of them, a lower bound of the true one. `run` may search chunks of the
+    features in several threads.
     """
     if len(descriptors) < 2 or len(among) == 0:
         return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
     index = _inverted_file(descriptors, binary, among)
     scaled = points_in_world * PLACE.axis_weights(z_up)
     searched = scaled[among]
-    parts = [
-        _search(index, to_unit_vectors(descriptors[chunk], binary), scaled[chunk], searched)
-        for chunk in _chunks(len(descriptors))
-    ]
+
+    def search(chunk: slice) -> Repetition:
+        return _search(index, to_unit_vectors(descriptors[chunk], binary), scaled[chunk], searched)
+
+    parts = list(run(search, _chunks(len(descriptors))))
     found = np.concatenate([p.row for p in parts])
     rows = np.where(found < 0, -1, among[np.maximum(found, 0)])
     return Repetition(np.concatenate([p.distance for p in parts]), rows)

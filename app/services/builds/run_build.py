@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.build_map import BuiltMap, build_map, in_chunks
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.self_check import SelfCheck, check_map
@@ -170,6 +170,7 @@ def _publish(
             artifact,
             index,
             resources.models.extractor(options.features).binary,
+            in_chunks(resources.executor, progress),
         )
         with resources.database.read() as connection:
             before = list_keyframe_images(connection, build.venue_id, present.version.version)
