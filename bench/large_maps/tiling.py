@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArrays, MapArtifact
-from app.engine.maps.surroundings import with_places
-from app.storage.map_files import file_checksum
+from app.storage.map_files import write_map
 from app.vision.index import GlobalIndex
 
 # Further apart than any venue is wide.
@@ -83,12 +82,11 @@ def tile_map(artifact: MapArtifact, index: GlobalIndex, copies: int, folder: Pat
     Its points alone are in memory, and its index while that is made.
     """
     tiled = _write_descriptors(index.descriptors, copies, folder / "descriptors")
-    GlobalIndex.from_descriptors(tiled).write(folder / "index")
     names = tuple(f"{copy}/{name}" for copy in range(copies) for name in artifact.metadata.keyframe_names)
     whole = MapArtifact(
         metadata=replace(artifact.metadata, keyframe_names=names), arrays=_arrays(artifact, copies)
     )
-    with_places(whole).write(folder / "map", file_checksum(folder / "index"))
+    write_map(whole, GlobalIndex.from_descriptors(tiled), folder / "map", folder / "index")
     return Tiled(folder / "map", folder / "index", tiled)
 
 
