@@ -115,11 +115,12 @@ class Retrieval:
     ) -> float:
         """Return the largest cosine of the global descriptors of some keyframes and of their look-alikes, 0 without
         any; `count` and `allowed` as in `look_alikes_of`."""
-        cosines = [
-            float(self._index.descriptor(keyframe) @ self._index.descriptor(twin))
+        pairs = [
+            (keyframe, twin)
             for keyframe in keyframes
             for twin in self.look_alikes_of([keyframe], count, allowed)
         ]
+        cosines = [float(self._index.descriptor(one) @ self._index.descriptor(twin)) for one, twin in pairs]
         return max(cosines, default=0.0)
 
     def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE.radius_m) -> bool:

@@ -105,20 +105,17 @@ class QueryMatcher:
         self.query = query
         self._map = opened
         self._extractor = extractor or opened.extractor
+        self._fundamental_filter = fundamental_filter
+        self._excluded = excluded_keyframes(opened.artifact, query.allowed)
+        self._matches: dict[int, Matches] = {}
         started = clock_s()
         features = self._extractor.extract(query.gray)
         self.feature_count = len(features)
-        self._matches: dict[int, Matches] = {}
         self._keypoints_px = features.keypoints_px
         self._unit = to_unit_vectors(features.descriptors, self._extractor.binary)
-        self._fundamental_filter = fundamental_filter
-        self._excluded = excluded_keyframes(opened.artifact, query.allowed)
+        # The pixels (n, 2) and unit descriptors (n, d) of the query's features.
+        self.features = self._keypoints_px.astype(np.float64), self._unit
         query.spent_s["describe"] += clock_s() - started
-
-    @property
-    def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """The pixels (n, 2) and unit descriptors (n, d) of the query's features."""
-        return self._keypoints_px.astype(np.float64), self._unit
 
     @property
     def matched(self) -> Set[int]:
@@ -152,9 +149,7 @@ class QueryMatcher:
         artifact, extractor = self._map.artifact, self._extractor
         arrays = artifact.arrays
         spans = artifact.spans(keyframes)
-        pairs = match_with_each(
-            self._unit, [arrays.descriptors[span] for span in spans], extractor.ratio, extractor.binary
-        )
+        pairs = match_with_each(self._unit, arrays.descriptors, spans, extractor.ratio, extractor.binary)
         found = []
         for keyframe, span, matched in zip(keyframes, spans, pairs, strict=True):
             a, b, distances = matched

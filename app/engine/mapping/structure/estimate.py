@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,12 @@ class EstimateOptions:
     warned_share: float = limit(
         0.8, "A warning is given where a smaller share of the chosen frames is connected.", chosen="By hand."
     )
+    refused_share: float = limit(
+        0.5,
+        "Where a smaller share is connected and no scale is found, the refusal names where the path broke first.",
+        chosen="By hand: what states the scale is then likely in another part.",
+    )
+    named_gaps: int = limit(6, "Longest stretches that are named.", chosen="By hand: a sentence.")
     cached_pictures: int = limit(
         24, "Pictures that are kept in memory.", chosen="By hand: those of one pixel."
     )
@@ -85,12 +92,18 @@ def estimate_poses(
     held = {frame.name: frame.down for frame in unposed.recorded if frame.down is not None}
     downs = {row: held[frame.name] for row, frame in enumerate(scan.frames) if frame.name in held}
     down = down_by_sensor(whole, downs) or find_down(whole, gray, executor, progress)
-    found = find_scale(scale, whole, chosen, down, gray, executor, progress)
+    try:
+        found = find_scale(scale, whole, chosen, down, gray, executor, progress)
+    except InvalidScanError as error:
+        broken = _broken(chosen, path)
+        if len(whole.poses) < OPTIONS.refused_share * len(scan.frames) and broken:
+            raise InvalidScanError(f"{broken} In the largest: {error}") from error
+        raise
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
         report=_report(chosen, path, down, found),
-        warnings=_warnings(chosen, whole, found),
+        warnings=_warnings(chosen, path, found),
     )
 
 
@@ -102,8 +115,9 @@ def _path(
 ) -> Path3D:
     camera, is_calibrated = chosen.scan.camera, chosen.camera_source == "given"
     if chosen.is_sequence:
+        times_s = [frame.timestamp_s for frame in chosen.scan.frames]
         return reconstruct_sequence(
-            matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress
+            matched, camera, times_s, is_calibrated=is_calibrated, scratch=scratch, progress=progress
         )
     parts = reconstruct(matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress)
     return Path3D(parts, None)
@@ -157,6 +171,7 @@ def _report(
         "pictures": chosen.total,
         "chosen": len(names),
         "connected": len(whole.poses),
+        "joined_parts": path.joined,
         "other_parts": others,
         "revisits": None if path.revisits is None else path.revisits.as_dict(),
         "points": len(whole.points),
@@ -173,12 +188,28 @@ def _report(
     }
 
 
-def _warnings(chosen: ChosenPictures, part: Reconstruction, scale: FoundScale | None) -> tuple[str, ...]:
+def _broken(chosen: ChosenPictures, path: Path3D) -> str:
+    """Return a sentence on the stretches of a video that are not connected with the rest; empty without any."""
+    if not chosen.is_sequence:
+        return ""
+    times_s = [frame.timestamp_s - chosen.scan.frames[0].timestamp_s for frame in chosen.scan.frames]
+    known = sorted(path.parts[0].poses)
+    gaps = [(times_s[i + 1], times_s[j - 1]) for i, j in pairwise([-1, *known, len(times_s)]) if j > i + 1]
+    longest = sorted(sorted(gaps, key=lambda gap: gap[0] - gap[1])[: OPTIONS.named_gaps])
+    stretches = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in longest)
+    return (
+        f"The path fell into {len(path.parts)} parts; the largest holds {len(known)} of {len(times_s)} chosen "
+        f"pictures and leaves out {stretches}. Film more slowly at doors and turns, and keep things with texture "
+        "in view."
+    )
+
+
+def _warnings(chosen: ChosenPictures, path: Path3D, scale: FoundScale | None) -> tuple[str, ...]:
     warnings = [] if scale is not None else [WITHOUT_SCALE]
-    total = len(chosen.scan.frames)
-    if len(part.poses) < OPTIONS.warned_share * total:
+    total, connected = len(chosen.scan.frames), len(path.parts[0].poses)
+    if connected < OPTIONS.warned_share * total:
         warnings.append(
-            f"Only {len(part.poses)} of {total} chosen pictures are connected with each other; the others are not in "
-            "the map (unconnected in discarded_frames)."
+            f"Only {connected} of {total} chosen pictures are connected with each other; the others are not in "
+            f"the map (unconnected in discarded_frames). {_broken(chosen, path)}".rstrip()
         )
     return tuple(warnings)

@@ -57,9 +57,7 @@ def match_keyframes(
     excluded = excluded_keyframes(artifact, allowed)
     keyframes = list(dict.fromkeys(keyframes))
     spans = artifact.spans(keyframes)
-    pairs = match_with_each(
-        unit, [arrays.descriptors[span] for span in spans], extractor.ratio, extractor.binary
-    )
+    pairs = match_with_each(unit, arrays.descriptors, spans, extractor.ratio, extractor.binary)
     for keyframe, rows, (a, b, distances) in zip(keyframes, spans, pairs, strict=True):
         found.append(
             KeyframeMatches(
