@@ -43,7 +43,7 @@ def built(folder: Path, room: Room, options: BuildOptions) -> BuiltMap:
 @pytest.fixture(scope="module")
 def opened(room: Room, tmp_path_factory: pytest.TempPathFactory) -> OpenMap:
     """A map whose own features recognise nothing."""
-    made = built(tmp_path_factory.mktemp("scan"), room, parse_build_options({"second_features": True}))
+    made = built(tmp_path_factory.mktemp("scan"), room, parse_build_options({}))
     arrays = made.artifact.arrays
     other = np.random.default_rng(0).integers(0, 255, arrays.descriptors.shape).astype(np.uint8)
     artifact = replace(made.artifact, arrays=replace(arrays, descriptors=other))
@@ -134,8 +134,8 @@ def test_a_map_without_second_features_has_no_second_look(opened: OpenMap, room:
     assert Localizer(bare).localize(room.view(SEEN_FROM).rgb, CAMERA).world_from_camera is None
 
 
-@pytest.mark.parametrize("options", [{}, {"second_features": True, "store_images": False}], ids=str)
-def test_a_build_keeps_them_only_where_it_is_asked_to(
+@pytest.mark.parametrize("options", [{"second_features": False}, {"store_images": False}], ids=str)
+def test_a_build_without_them_or_without_pictures_keeps_none(
     options: dict[str, bool], room: Room, tmp_path: Path
 ) -> None:
     assert built(tmp_path, room, parse_build_options(options)).artifact.second is None
