@@ -15,10 +15,13 @@ from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import NoProgress
+from app.engine.query.attempt.second_look import is_hopeless
 from app.engine.query.localizer import Localizer
+from app.engine.query.query import Query
 from app.engine.query.second.agreement import Agreement, agreement_in_map
-from app.engine.query.second.look import resembles_elsewhere
+from app.engine.query.second.look import SecondMatcher, resembles_elsewhere
 from app.engine.query.settings import LocalizerSettings
+from app.geometry.camera import Camera
 from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
@@ -126,6 +129,21 @@ def test_another_room_is_not_located(opened: OpenMap, foreign_room: Room) -> Non
         found = Localizer(opened).localize(foreign_room.view(pose_at(1.5, 1.3, yaw_deg=yaw_deg)).rgb, CAMERA)
         assert found.world_from_camera is None
         assert found.hints
+
+
+@pytest.mark.parametrize(("is_right", "camera"), [(True, CAMERA), (False, CAMERA), (False, None)], ids=str)
+def test_no_more_is_matched_where_the_first_pose_is_hopeless(
+    opened: OpenMap, room: Room, is_right: bool, camera: Camera | None
+) -> None:
+    localizer, query = Localizer(opened), Query.of(room.view(SEEN_FROM).rgb, camera)
+    assert opened.second_look is not None
+    matcher = SecondMatcher(query, opened, localizer.matcher_of(query), opened.second_look)
+    matches = matcher.match(range(5))
+    if not is_right:
+        shuffled = np.random.default_rng(0).permutation(matches.points_px)
+        matches = replace(matches, points_px=shuffled)
+    # Without a camera a pose is found only after a search for one.
+    assert is_hopeless(localizer.search, matcher, matches) == (not is_right and camera is not None)
 
 
 def test_a_map_without_second_features_has_no_second_look(opened: OpenMap, room: Room) -> None:

@@ -32,7 +32,7 @@ def second_look(
         rival_support_ratio=OPTIONS.max_rival_balance_ratio,
     )
     wider = PoseSearch(search.map, settings, _limits(search.limits))
-    if matches.feature_count < OPTIONS.min_matches or _is_hopeless(wider, matcher, matches):
+    if matches.feature_count < OPTIONS.min_matches or is_hopeless(wider, matcher, matches):
         return nothing(first.query, matches, None)
     return attempt(wider, matcher, matches)
 
@@ -50,7 +50,7 @@ def _limits(own: Limits) -> Limits:
     )
 
 
-def _is_hopeless(search: PoseSearch, matcher: SecondMatcher, matches: Matches) -> bool:
+def is_hopeless(search: PoseSearch, matcher: SecondMatcher, matches: Matches) -> bool:
     """Return whether the matches with the most similar keyframes agree on no pose that may be trusted in the end.
 
     Without a camera nothing is known before the search for one.
