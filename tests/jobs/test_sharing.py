@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from app.engine.maps.artifact import MapArrays, MapArtifact
+from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError
 from app.jobs import sharing
 from app.jobs.handlers import handle_build
 from app.jobs.sharing import Helper, parts_folder, shared
+from app.services.builds.run_build import make_map, scratch
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.submit_build import submit_build
@@ -62,9 +64,6 @@ class Venue:
             version = get_map(connection, "v", ended.map_version)
         return MapArtifact.open(self.resources.blobs.local_path(version.artifact_blob))
 
-    def helper(self) -> Helper:
-        return Helper(self.resources, MapLibrary(self.resources), threading.Event())
-
 
 @pytest.fixture
 def venue(tmp_path: Path, views: list[View]) -> Venue:
@@ -78,25 +77,23 @@ def same(a: MapArtifact, b: MapArtifact) -> bool:
     return a.metadata == b.metadata and all(arrays)
 
 
-def test_a_map_made_together_is_that_of_one_worker(venue: Venue) -> None:
-    build = venue.claimed()
-    parts_folder(venue.resources, build.id).mkdir()
-    helper = venue.helper()
-    # The helper does all there is before the owner begins.
+def test_a_map_made_of_parts_is_the_one_of_the_worker_that_made_them(venue: Venue) -> None:
+    resources, build = venue.resources, venue.claimed()
+    parts, folder = parts_folder(resources, build.id), resources.scratch_dir / "first"
+    parts.mkdir()
+    library = MapLibrary(resources)
+    with sharing._sharing(resources, build.id, folder) as own, scratch(folder):
+        alone = make_map(build, own, library, NoProgress(), folder)
+    made = {path.name: path.stat().st_mtime_ns for path in parts.iterdir()}
+    assert len(made) > 10
+    # A helper, and then the owner, in folders of their own: they find all there is to do done.
+    helper = Helper(resources, library, threading.Event())
     assert helper.help_one()
-    made = len(list(parts_folder(venue.resources, build.id).glob("*.lease")))
-    assert made > 5
     assert not helper.help_one()
-    together = venue.run(build, venue.resources)
-    assert not list(venue.resources.scratch_dir.iterdir())
-    with venue.resources.database.write() as connection:
-        create_venue(connection, "w", "W")
-    submit_build(venue.resources, "w", build.options, io.BytesIO(venue.scan))
-    other = venue.claim()
-    handle_build(other, venue.alone, MapLibrary(venue.alone))
-    with venue.resources.database.read() as connection:
-        version = get_map(connection, "w", 1)
-    assert same(together, MapArtifact.open(venue.resources.blobs.local_path(version.artifact_blob)))
+    assert {path.name: path.stat().st_mtime_ns for path in parts.iterdir()} == made
+    together = venue.run(build, resources)
+    assert same(together, alone.check.stated_in(alone.built.artifact))
+    assert not list(resources.scratch_dir.iterdir())
 
 
 def test_a_helper_stops_when_the_build_does(venue: Venue, monkeypatch: pytest.MonkeyPatch) -> None:
