@@ -62,19 +62,22 @@ def match_unit_vectors(
 def match_with_each(
     unit: Unit,
     descriptors: DescriptorRows,
-    spans: Sequence[slice],
+    offsets: NDArray[np.int64],
+    pictures: Sequence[int],
     ratio: float,
     binary: bool = False,
 ) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]]:
-    """Match unit descriptors (n, d) with each of several spans of rows of descriptors (m, d), one span at a time.
+    """Match unit descriptors (n, d) with those of each of several pictures, one picture at a time.
 
-    Returns, for each span, rows of `unit`, rows of the span, and the distances of the matched unit vectors (k,).
+    Picture i has the rows `offsets[i]:offsets[i + 1]` of `descriptors` (m, d). Returns, for each picture, rows of
+    `unit`, rows of `descriptors`, and the distances of the matched unit vectors (k,).
     """
     found = []
-    for span in spans:
-        theirs = to_unit_vectors(descriptors[span], binary)
+    for picture in pictures:
+        start, end = int(offsets[picture]), int(offsets[picture + 1])
+        theirs = to_unit_vectors(descriptors[start:end], binary)
         a, b, _ = match_unit_vectors(unit, theirs, ratio, binary)
-        found.append((a, b, unit_distances(unit[a], theirs[b])))
+        found.append((a, start + b, unit_distances(unit[a], theirs[b])))
     return found
 
 

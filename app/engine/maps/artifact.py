@@ -160,14 +160,10 @@ class MapArtifact:
         """Return the rows of a keyframe's features."""
         return slice(int(self.arrays.offsets[keyframe]), int(self.arrays.offsets[keyframe + 1]))
 
-    def spans(self, keyframes: Sequence[int]) -> list[slice]:
-        """Return the rows of each keyframe's features."""
-        offsets = self.arrays.offsets
-        return [slice(int(offsets[keyframe]), int(offsets[keyframe + 1])) for keyframe in keyframes]
-
     def rows_of(self, keyframes: Sequence[int]) -> NDArray[np.intp]:
         """Return the rows (n,) of the features of some keyframes, one keyframe after the other."""
-        spans = [np.arange(span.start, span.stop) for span in self.spans(keyframes)]
+        offsets = self.arrays.offsets
+        spans = [np.arange(offsets[keyframe], offsets[keyframe + 1]) for keyframe in keyframes]
         return np.concatenate([np.zeros(0, np.intp), *spans])
 
     def write(self, path: Path, index_checksums: FileChecksums | None = None) -> None:

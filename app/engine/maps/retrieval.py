@@ -59,6 +59,7 @@ class Retrieval:
         self._axis_weights = PLACE.axis_weights(artifact.metadata.z_up)
         self._axes = artifact.axes()
         self._look_alikes: dict[tuple[int, int], list[int]] = {}
+        self._cosines: dict[tuple[int, int], float] = {}
 
     def similar(
         self,
@@ -120,8 +121,13 @@ class Retrieval:
             for keyframe in keyframes
             for twin in self.look_alikes_of([keyframe], count, allowed)
         ]
-        cosines = [float(self._index.descriptor(one) @ self._index.descriptor(twin)) for one, twin in pairs]
-        return max(cosines, default=0.0)
+        return max((self._cosine(pair) for pair in pairs), default=0.0)
+
+    def _cosine(self, pair: tuple[int, int]) -> float:
+        """Return the cosine of the global descriptors of two keyframes; kept as look-alikes are."""
+        if pair not in self._cosines:
+            self._cosines[pair] = float(self._index.descriptor(pair[0]) @ self._index.descriptor(pair[1]))
+        return self._cosines[pair]
 
     def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE.radius_m) -> bool:
         offsets = (self._positions[chosen] - self._positions[row]) * self._axis_weights

@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,6 @@ class EstimateOptions:
         "Where a smaller share is connected and no scale is found, the refusal names where the path broke first.",
         chosen="By hand: what states the scale is then likely in another part.",
     )
-    named_gaps: int = limit(6, "Longest stretches that are named.", chosen="By hand: a sentence.")
     cached_pictures: int = limit(
         24, "Pictures that are kept in memory.", chosen="By hand: those of one pixel."
     )
@@ -95,10 +93,9 @@ def estimate_poses(
     try:
         found = find_scale(scale, whole, chosen, down, gray, executor, progress)
     except InvalidScanError as error:
-        broken = _broken(chosen, path)
-        if len(whole.poses) < OPTIONS.refused_share * len(scan.frames) and broken:
-            raise InvalidScanError(f"{broken} In the largest: {error}") from error
-        raise
+        if not chosen.is_sequence or len(whole.poses) >= OPTIONS.refused_share * len(scan.frames):
+            raise
+        raise InvalidScanError(f"{path.where_it_broke(_times_s(chosen))} In the largest: {error}") from error
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
@@ -115,12 +112,17 @@ def _path(
 ) -> Path3D:
     camera, is_calibrated = chosen.scan.camera, chosen.camera_source == "given"
     if chosen.is_sequence:
-        times_s = [frame.timestamp_s for frame in chosen.scan.frames]
         return reconstruct_sequence(
-            matched, camera, times_s, is_calibrated=is_calibrated, scratch=scratch, progress=progress
+            matched, camera, _times_s(chosen), is_calibrated=is_calibrated, scratch=scratch, progress=progress
         )
     parts = reconstruct(matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress)
     return Path3D(parts, None)
+
+
+def _times_s(chosen: ChosenPictures) -> list[float]:
+    """Return the times of the pictures since the first one."""
+    times_s = [frame.timestamp_s for frame in chosen.scan.frames]
+    return [time_s - times_s[0] for time_s in times_s]
 
 
 def _posed(
@@ -188,28 +190,14 @@ def _report(
     }
 
 
-def _broken(chosen: ChosenPictures, path: Path3D) -> str:
-    """Return a sentence on the stretches of a video that are not connected with the rest; empty without any."""
-    if not chosen.is_sequence:
-        return ""
-    times_s = [frame.timestamp_s - chosen.scan.frames[0].timestamp_s for frame in chosen.scan.frames]
-    known = sorted(path.parts[0].poses)
-    gaps = [(times_s[i + 1], times_s[j - 1]) for i, j in pairwise([-1, *known, len(times_s)]) if j > i + 1]
-    longest = sorted(sorted(gaps, key=lambda gap: gap[0] - gap[1])[: OPTIONS.named_gaps])
-    stretches = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in longest)
-    return (
-        f"The path fell into {len(path.parts)} parts; the largest holds {len(known)} of {len(times_s)} chosen "
-        f"pictures and leaves out {stretches}. Film more slowly at doors and turns, and keep things with texture "
-        "in view."
-    )
-
-
 def _warnings(chosen: ChosenPictures, path: Path3D, scale: FoundScale | None) -> tuple[str, ...]:
     warnings = [] if scale is not None else [WITHOUT_SCALE]
     total, connected = len(chosen.scan.frames), len(path.parts[0].poses)
     if connected < OPTIONS.warned_share * total:
         warnings.append(
             f"Only {connected} of {total} chosen pictures are connected with each other; the others are not in "
-            f"the map (unconnected in discarded_frames). {_broken(chosen, path)}".rstrip()
+            "the map (unconnected in discarded_frames)."
         )
+        if chosen.is_sequence:
+            warnings.append(path.where_it_broke(_times_s(chosen)))
     return tuple(warnings)

@@ -41,6 +41,11 @@ class RejoinOptions:
         "Bundle adjustments at the end, each after points that don't fit are left out and others added.",
         chosen="By hand: the third changes little.",
     )
+    min_cost_change_ratio: float = limit(
+        1e-6,
+        "An adjustment stops where a step changes the sum of squared errors by a smaller ratio.",
+        chosen="By hand: the errors don't fall by a thousandth of a pixel any more.",
+    )
 
 
 OPTIONS = RejoinOptions()
@@ -85,6 +90,7 @@ def _options(colmap: Any, camera: Camera, is_calibrated: bool) -> Any:
     options = mapping_options(colmap, camera, is_calibrated)
     options.triangulation.min_angle = OPTIONS.min_angle_deg
     options.mapper.filter_min_tri_angle = OPTIONS.min_angle_deg
+    options.ba_global_function_tolerance = OPTIONS.min_cost_change_ratio
     return options
 
 

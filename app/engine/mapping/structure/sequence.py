@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from app.engine.mapping.structure.joined import rejoined
@@ -17,6 +18,8 @@ from app.engine.mapping.structure.revisits import Revisits, find_revisits
 from app.engine.progress import Progress
 from app.geometry.camera import Camera
 
+NAMED_GAPS = 6
+
 
 @dataclass(frozen=True, slots=True)
 class Path3D:
@@ -28,6 +31,20 @@ class Path3D:
     parts: list[Reconstruction]
     revisits: Revisits | None
     joined: int = 1
+
+    def where_it_broke(self, times_s: Sequence[float]) -> str:
+        """Return a sentence on the stretches that the largest part leaves out; `times_s` are those of all pictures."""
+        known = sorted(self.parts[0].poses)
+        gaps = [
+            (times_s[i + 1], times_s[j - 1]) for i, j in pairwise([-1, *known, len(times_s)]) if j > i + 1
+        ]
+        longest = sorted(sorted(gaps, key=lambda gap: gap[0] - gap[1])[:NAMED_GAPS])
+        stretches = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in longest)
+        return (
+            f"The path fell into {len(self.parts)} parts; the largest holds {len(known)} of {len(times_s)} chosen "
+            f"pictures and leaves out {stretches}. Film more slowly at doors and turns, and keep things with texture "
+            "in view."
+        )
 
 
 def reconstruct_sequence(

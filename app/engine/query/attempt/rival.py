@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.hypothesis import Hypothesis
-from app.engine.query.localization import same_place, votes_of
+from app.engine.query.localization import leading, same_place, votes_of
 from app.engine.query.matches import Matches
 from app.engine.query.second.look import SecondMatcher
 from app.geometry.camera import Camera
@@ -28,12 +28,11 @@ def find_rival(search: PoseSearch, matcher: Matcher, best: Hypothesis, camera: C
 
     Places that look like the best keyframes are matched for it, whether retrieval found them or not.
     """
-    settings, voted = search.settings, [vote.keyframe for vote in votes_of(best.matches, best.inliers)[:2]]
+    settings, unexplained, twins = search.settings, ~best.estimate.inlier_mask, list[int]()
     if settings.look_alikes:
+        voted = leading(votes_of(best.matches, best.inliers))
         twins = search.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
-        rest = Matches.merge([best.rest, matcher.match(twins)])
-    else:
-        rest = best.rest
+    rest = Matches.merge([best.matches.take(unexplained), matcher.match(twins)])
     needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inlier_features)
     if search.limits.max_rival_share >= 1.0 or len(rest) < needed:
         return None

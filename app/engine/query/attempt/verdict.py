@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from app.engine.query.accuracy import accuracy_in_map, with_map_error
+from app.engine.query.accuracy import accuracy_in_map
 from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.contradiction import contradicted_in_map
 from app.engine.query.hints import view_hints
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import CheckedCamera
-from app.engine.query.localization import Localization, votes_of
+from app.engine.query.localization import Localization, leading, votes_of
 from app.engine.query.second.look import SecondMatcher
 from app.engine.query.verification import confidence_of, evidence_of, judge
 
@@ -31,15 +31,14 @@ def conclude(
     opened, query, inliers, camera = search.map, matcher.query, best.inliers, checked.camera
     metadata = opened.artifact.metadata
     own = accuracy_in_map(opened.artifact, inliers, camera, best.pose, *sigmas)
-    accuracy = with_map_error(own.with_more(checked.systematic), metadata)
+    accuracy = own.with_more(checked.systematic).with_map_error(metadata)
     if checked.is_contradicted:
         own = own.with_more(checked.systematic)
-    sigma_m = with_map_error(own, metadata).position_m
+    sigma_m = own.with_map_error(metadata).position_m
     votes = votes_of(best.matches, inliers)
+    voted = leading(votes)
     distance_m = opened.retrieval.distance_m(best.pose)
-    similarity = opened.retrieval.similarity_elsewhere(
-        [vote.keyframe for vote in votes[:2]], search.settings.look_alikes, query.allowed
-    )
+    similarity = opened.retrieval.similarity_elsewhere(voted, search.settings.look_alikes, query.allowed)
     unrepeated = matcher.unrepeated_count(inliers)
     agreement = matcher.agreement(best.pose, camera) if isinstance(matcher, SecondMatcher) else None
     evidence = replace(

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.query.accuracy import sigma_across, with_map_error
+from app.engine.query.accuracy import sigma_across
 from app.engine.query.camera import lens_of_query
 from app.engine.query.contradiction import Cells, cells_in_map
 from app.engine.query.hypothesis import Hypothesis
@@ -139,12 +139,12 @@ def _concluded(
     opened = localizer.map
     metadata, lens = opened.artifact.metadata, _lens(localizer, frames[0])
     own = _accuracy(search, best, 0.0 if lens is None else lens.sigma).with_more(_motion_sigma(frames, best))
-    accuracy = with_map_error(own.with_more(checked.systematic), metadata)
+    accuracy = own.with_more(checked.systematic).with_map_error(metadata)
     if checked.is_contradicted:
         own = own.with_more(checked.systematic)
     distance_m = opened.retrieval.distance_m(best.world_from_first)
     evidence = rig_evidence(best, rival, search.matchers, distance_m, own.position_m)
-    evidence, reason = _judged(localizer, search, best, evidence, with_map_error(own, metadata).position_m)
+    evidence, reason = _judged(localizer, search, best, evidence, own.with_map_error(metadata).position_m)
     inliers, first = Matches.merge(best.inliers), frames[0]
     found = Localization(
         evidence=evidence,

@@ -156,7 +156,7 @@ class VdmLocalizer:
             matched_rows=np.concatenate([fix.matches.query_rows for fix in fixes]),
             inlier_rows=np.concatenate([fix.inliers.query_rows for fix in fixes]),
             inlier_px=np.concatenate([fix.inliers.query_px for fix in fixes]),
-            distinct=len(np.unique(distinct)),
+            distinct_rows=distinct,
             rival_rows=rival,
             size_px=(camera.width, camera.height),
             keyframe_distance_m=self.map.retrieval.distance_m(best.world_from_user),

@@ -16,6 +16,7 @@ from app.engine.mapping.structure.parts.pace import is_walk
 from app.engine.mapping.structure.parts.placed import with_placed
 from app.engine.mapping.structure.parts.similarity import Similarity, average_similarity
 from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.engine.mapping.structure.sequence import Path3D
 from app.engine.progress import NoProgress
 from app.geometry.alignment import align_points
 from app.geometry.se3 import Pose, rotation_from_vector
@@ -134,6 +135,13 @@ def test_a_picture_is_not_placed_where_it_could_not_have_been(
     assert 20 not in with_placed(part, matched, later).poses
     near = matched_pictures(wall, seen, [((k, 20), 0) for k in range(16, 19)])
     assert 20 in with_placed(part, near, TIMES_S).poses
+
+
+def test_where_a_path_broke_is_said_in_seconds(wall: Array, seen: list[NDArray[np.intp]]) -> None:
+    parts = [part_of([*range(5, 15), 20], wall, seen, MOVED), part_of(range(16, 20), wall, seen, MOVED)]
+    said = Path3D(parts, None).where_it_broke([float(frame) for frame in range(23)])
+    assert "fell into 2 parts" in said
+    assert "11 of 23 chosen pictures and leaves out 0 to 4 s, 15 to 19 s, 21 to 22 s." in said
 
 
 def ties(scales: Iterable[float]) -> list[Tie]:
