@@ -52,10 +52,15 @@ class PlaceTrust:
 
     def __init__(self) -> None:
         self.is_lost = False
+        self._is_by_one_fix = False
+
+    def begun(self) -> None:
+        """Note that a place is by one fix alone: it may be one that looks alike."""
+        self.is_lost = self._is_by_one_fix = True
 
     def found(self) -> None:
         """Note that a fix is believed."""
-        self.is_lost = False
+        self.is_lost = self._is_by_one_fix = False
 
     def moved(self, unseen_s: float) -> None:
         """Note a step, after a time in which none was seen."""
@@ -71,7 +76,7 @@ class PlaceTrust:
 
     def may_answer(self, belief: PlanBelief, accuracy: Accuracy) -> bool:
         """Whether a place may be answered."""
-        if self.is_lost:
+        if self.is_lost and not self._is_by_one_fix:
             is_narrow = belief.position_sigma_m <= OPTIONS.refound_sigma_m
             is_turned = np.degrees(belief.yaw_sigma_rad) > OPTIONS.refound_sigma_deg
             self.is_lost = is_turned or not is_narrow
