@@ -81,7 +81,7 @@ class PlanTracker:
         found = self._fix(frame, camera, before, surroundings)
         state: State = "tracking"
         fix = found if isinstance(found, Fix) else None
-        is_new = self._particles is None
+        known = self._particles
         if fix is not None:
             state = self._believe(fix, frame, plans)
             support = fix.support
@@ -89,7 +89,7 @@ class PlanTracker:
             reason = (
                 found if isinstance(found, NoFix) else NoFix("ambiguous" if fix is not None else "no_match")
             )
-            self._learn(frame, camera, plans, fix if is_new else None)
+            self._learn(frame, camera, plans, fix if self._particles is not known else None)
             return self._nothing(reason)
         self._learn(frame, camera, plans, fix)
         belief = self._particles.belief()
@@ -141,9 +141,9 @@ class PlanTracker:
         )
 
     def _believe(self, fix: Fix, frame: TrackingFrame, plans: Plans) -> State:
-        """Correct the particles by a fix; one that contradicts them, and the first one, wait for a second that agrees.
+        """Correct the particles by a fix; one that contradicts them waits for a second that agrees.
 
-        The first one begins particles whose place is not answered until then.
+        Where there are none, or their place is lost, it begins particles whose place is not answered until then.
         """
         floor, pose = plans.floor_of(fix.placed), fix.frame_from_camera
         if floor is None:
@@ -163,15 +163,12 @@ class PlanTracker:
             self._pending, self._has_fix = None, True
             return "relocalized" if is_found else "tracking"
         if self._is_confirmed(seen, fix.frame_id, frame.time_s):
-            if self._particles is None:
-                self._odometry.start(frame, pose)
-            self._begin(seen, fix, floor, plans)
+            self._begin(seen, fix, floor, plans, frame)
             self._trust.found()
             self._pending, self._has_fix = None, True
             return "tracking" if self.memory.last is None else "relocalized"
-        if self._particles is None:
-            self._odometry.start(frame, pose)
-            self._begin(seen, fix, floor, plans)
+        if self._particles is None or self._trust.is_lost:
+            self._begin(seen, fix, floor, plans, frame)
             self._trust.begun()
             return "lost"
         self._pending = _Pending(
@@ -182,7 +179,9 @@ class PlanTracker:
         )
         return "lost"
 
-    def _begin(self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans) -> None:
+    def _begin(self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans, frame: TrackingFrame) -> None:
+        """Begin at a fix. What odometry followed had its scale by another place."""
+        self._odometry.start(frame, fix.frame_from_camera)
         self._particles, self._frame_id = Particles(plans.walls_in(fix.frame_id), seen), fix.frame_id
         self._note_height(fix.frame_from_camera, floor)
 

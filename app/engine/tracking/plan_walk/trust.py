@@ -22,9 +22,10 @@ class TrustOptions:
         chosen="By hand: a quarter turn.",
     )
     min_confidence: float = limit(
-        0.01,
+        0.05,
         "Least confidence of a place that is answered.",
-        chosen="By hand: below it one of a hundred such places is right.",
+        chosen="A recorded walk of roomfix simulate --no-map --seed 5 (trip 2): of 190 places the 21 below it had a "
+        "mean error of 1.2 m, the others of 0.28 m.",
     )
     refound_sigma_m: float = limit(
         0.5,
