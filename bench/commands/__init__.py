@@ -8,6 +8,7 @@ COMMANDS = {
     "evaluate": "bench.commands.evaluate:evaluate",
     "benchmark": "bench.commands.evaluate:benchmark",
     "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
+    "evaluate-twins": "bench.twins.command:evaluate_twins",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-formats": "bench.formats.command:evaluate_formats_command",

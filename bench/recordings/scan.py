@@ -68,7 +68,19 @@ def render_scan(
     name: str, walks: tuple[Walk, ...], directory: Path, frames: int, workers: int, progress: Progress | None
 ) -> DemoScan:
     """Render the scan of some walks, `name` seeding its noise; otherwise as `render_wing`."""
-    poses = tuple(scan_poses(walks, frames))
+    return render_poses(name, tuple(scan_poses(walks, frames)), directory, workers, progress)
+
+
+def render_poses(
+    name: str,
+    poses: tuple[Pose, ...],
+    directory: Path,
+    workers: int,
+    progress: Progress | None,
+    building: int = 0,
+) -> DemoScan:
+    """Render the scan of some poses in the building of a number (`other_building`); otherwise as `render_scan`."""
+    frames = len(poses)
     times = tuple(START_S + FRAME_INTERVAL_S * k for k in range(frames))
     scan = DemoScan(directory, SCAN_CAMERA, DEPTH_SCALE, times, poses)
 
@@ -87,15 +99,16 @@ def render_scan(
             )
             for k, pose in enumerate(poses)
         ]
-        make_frames(partial, jobs, workers, progress)
+        make_frames(partial, jobs, workers, progress, building)
         write_lists(part)
 
-    make_directory(directory, _recipe(name, frames), fill)
+    make_directory(directory, _recipe(name, frames, building), fill)
     return scan
 
 
-def _recipe(name: str, frames: int) -> dict[str, Any]:
-    return {"scan": name, "frames": frames, "version": SCENE_VERSION}
+def _recipe(name: str, frames: int, building: int) -> dict[str, Any]:
+    recipe = {"scan": name, "frames": frames, "version": SCENE_VERSION}
+    return {**recipe, "building": building} if building else recipe
 
 
 def write_lists(scan: DemoScan) -> None:

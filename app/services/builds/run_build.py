@@ -10,12 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.engine.mapping.build_map import BuiltMap, build_map
+from app.engine.mapping.build_map import BuiltMap, build_map, in_chunks
 from app.engine.mapping.extend_map import join_maps
 from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.self_check import SelfCheck, check_map
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.surroundings import with_places
 from app.engine.progress import Progress
 from app.errors import CancelledBuildError, ConflictError, MapDamagedError
 from app.importers.archives.archive_readers import ArchiveLimits
@@ -27,7 +26,7 @@ from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
 from app.storage.floors import list_floors
-from app.storage.map_files import file_checksum
+from app.storage.map_files import write_map
 from app.storage.maps import KeyframeImages, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 from app.vision.faces.blur import with_blurred_faces
@@ -170,16 +169,14 @@ def _publish(
             artifact,
             index,
             resources.models.extractor(options.features).binary,
+            in_chunks(resources.executor, progress),
         )
         with resources.database.read() as connection:
             before = list_keyframe_images(connection, build.venue_id, present.version.version)
         # Pictures are kept for all keyframes or for none.
         images = [*before, *images] if len(before) == opened.artifact.keyframe_count and images else []
     artifact_path, index_path = folder / "map.rfmap", folder / "global.faiss"
-    index.write(index_path)
-    # With all that opening it would compute.
-    artifact = with_places(artifact)
-    artifact.write(artifact_path, file_checksum(index_path))
+    write_map(artifact, index, artifact_path, index_path)
     artifact_blob = resources.blobs.put_file(artifact_path)
     index_blob = resources.blobs.put_file(index_path)
     written.update((artifact_blob, index_blob))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.maps.open_map import OpenMap, SecondLook
 from app.engine.maps.second_features import SecondFeatures
-from app.engine.query.localization import votes_of
+from app.engine.query.localization import leading, votes_of
 from app.engine.query.matches import Matches, QueryMatcher, excluded_keyframes
 from app.engine.query.query import Query
 from app.engine.query.second.agreement import Agreement, agreement_in_map
@@ -142,7 +142,7 @@ class SecondMatcher:
         """Return how many features have a distinct match, among these of this query, whose feature of the map resembles
         none in the keyframes of other places that look most like those that were matched best."""
         matches = matches.take(matches.distinct)
-        voted = [vote.keyframe for vote in votes_of(matches, matches)[:2]]
+        voted = leading(votes_of(matches, matches))
         twins = self._map.retrieval.look_alikes_of(voted, OPTIONS.twins, self.query.allowed)
         second = self._map.artifact.second
         if second is None or not twins or not len(matches):
