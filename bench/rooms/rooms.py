@@ -32,11 +32,12 @@ class RoomSplit:
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """A scan in a folder, the options that it is built with, and its splits."""
+    """A scan in a folder, its splits, the options that it is built with, and the limits that were chosen on it."""
 
     folder: str
     splits: tuple[RoomSplit, ...]
     options: Mapping[str, Any] = field(default_factory=dict)
+    decided: str = "none"
 
 
 KITCHEN_CAMERA = [525.505, 525.505, 320, 240]
@@ -53,6 +54,7 @@ ROOMS = (
             RoomSplit("few", "450:500", "0:450:5"),
         ),
         {"camera": KITCHEN_CAMERA, "depth_scale": 1000},
+        "how much is retrieved and matched; contradiction; wrong cameras; the confidence",
     ),
     Room(
         "desk_rs",
@@ -64,6 +66,7 @@ ROOMS = (
             RoomSplit("few", "170:", "0:170:4"),
         ),
         {"depth_scale": 1000},
+        "all limits of the second look; wrong cameras",
     ),
     Room(
         "tum_fr1_rpy",
@@ -74,6 +77,7 @@ ROOMS = (
             RoomSplit("few", "0:15", "15::2"),
         ),
         {"camera": FREIBURG1_CAMERA, "depth_scale": 5000},
+        "contradiction; wrong cameras; the confidence",
     ),
 )
 

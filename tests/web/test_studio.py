@@ -173,7 +173,7 @@ def drawn_middle(page: Any) -> np.ndarray:
                 const { ScanPoints } = await import("/assets/js/studio/scan-image.js");
                 const { z_min, z_max } = { z_min: Number(document.getElementById("z-min").value),
                                            z_max: Number(document.getElementById("z-max").value) };
-                const i = await (await ScanPoints.of(1)).drawn(z_min, z_max);
+                const i = await (await ScanPoints.of("house", 1)).drawn(z_min, z_max);
                 return [i.x + i.width * i.metresPerPx / 2, i.y - i.height * i.metresPerPx / 2];
             }"""
         )

@@ -109,7 +109,7 @@ class Retrieval:
     ) -> list[int]:
         """Return up to `count` look-alikes of each of some keyframes, of the allowed ones."""
         twins = [twin for keyframe in keyframes for twin in self.look_alikes(keyframe, count)]
-        return twins if allowed is None else [twin for twin in twins if twin in set(allowed.tolist())]
+        return twins if allowed is None else [int(twin) for twin in np.array(twins)[np.isin(twins, allowed)]]
 
     def similarity_elsewhere(
         self, keyframes: Sequence[int], count: int, allowed: NDArray[np.int64] | None = None
@@ -152,8 +152,9 @@ class Retrieval:
             outside = np.ones(len(cost), dtype=bool)
             outside[allowed] = False
             cost[outside] = np.inf
-        order = np.argsort(cost)[:count]
-        return [int(i) for i in order if np.isfinite(cost[i])]
+        # Few keyframes of a large map are near enough.
+        possible = np.flatnonzero(np.isfinite(cost))
+        return [int(i) for i in possible[np.argsort(cost[possible])][:count]]
 
     def distance_m(self, world_from_camera: Pose) -> float:
         """Return how far the nearest keyframe is."""

@@ -60,7 +60,7 @@ def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Lo
     if found.world_from_camera is not None or alone.world_from_camera is None:
         return found
     sigma_m = alone.evidence.position_sigma_m
-    agrees = _agree(alone.world_from_camera, best.world_from_first, sigma_m)
+    agrees = agree(alone.world_from_camera, best.world_from_first, sigma_m)
     return alone if agrees else alone.refused("ambiguous")
 
 
@@ -72,17 +72,20 @@ def _is_disputed(frames: Sequence[AskedFrame]) -> bool:
         if (pose := frame.world_from_first) is not None
     ]
     return any(
-        not _agree(one, other, math.hypot(sigma_m, other_sigma_m))
+        not agree(one, other, math.hypot(sigma_m, other_sigma_m))
         for (one, sigma_m), (other, other_sigma_m) in combinations(located, 2)
     )
 
 
-def _agree(a: Pose, b: Pose, sigma_m: float) -> bool:
+def agree(a: Pose, b: Pose, sigma_m: float) -> bool:
     """Whether two poses of frame 0 are one; `sigma_m` is the standard deviation of their distance by their inliers:
     what is not known of the camera is the same for both."""
-    near_m = OPTIONS.motion_tolerance_m + OPTIONS.max_sigmas * sigma_m
+    random_m = OPTIONS.max_sigmas * sigma_m
+    near_m = OPTIONS.motion_tolerance_m + random_m
+    # Inliers that leave the position open leave the rotation open as well: both move what the picture shows.
+    near_deg = OPTIONS.motion_tolerance_deg + math.degrees(random_m / OPTIONS.usual_depth_m)
     turned_deg = float(np.degrees(attitude_difference_rad(a, b)))
-    return position_difference_m(a, b) <= near_m and turned_deg <= OPTIONS.motion_tolerance_deg
+    return position_difference_m(a, b) <= near_m and turned_deg <= near_deg
 
 
 def _search(localizer: Localizer, frames: Sequence[AskedFrame]) -> RigSearch:

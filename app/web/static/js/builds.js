@@ -12,12 +12,14 @@ export class Progress {
     this.place = place;
     this.onEnd = onEnd;
     this.following = null;
+    this.venue = null;
     this.uploading = false;
   }
 
   /** Run an upload, given as a function of a progress listener and an abort signal. */
   async upload(send) {
     this.stop();
+    this.venue = null;
     this.uploading = true;
     const abort = new AbortController();
     const cancel = el("button", { type: "button", class: "small", on: { click: () => abort.abort() } }, "Cancel");

@@ -43,6 +43,7 @@ export function notice(kind, ...children) {
 /** Run an action with its button disabled, and its error shown at `place` until another file or value is chosen. */
 export async function guarded(button, place, action) {
   showError(place, null);
+  const hadFocus = document.activeElement === button;
   button.disabled = true;
   button.setAttribute("aria-busy", "true");
   try {
@@ -56,6 +57,8 @@ export async function guarded(button, place, action) {
   } finally {
     button.disabled = false;
     button.removeAttribute("aria-busy");
+    // A disabled button loses the focus: the keyboard keeps its place.
+    if (hadFocus && document.activeElement === document.body) button.focus({ preventScroll: true });
   }
 }
 

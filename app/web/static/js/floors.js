@@ -1,17 +1,20 @@
 // The Floors view: floors, and the plan image of each.
 
-import { request, requestJson } from "./api.js";
+import { path, request, requestJson } from "./api.js";
 import { byId, el, guarded, notice, showError } from "./dom.js";
 import { reloadFloors } from "./locate.js";
 import { PlanPicker } from "./plan-picker.js";
-import { currentVenue, venuePath } from "./venues.js";
+import { turns } from "./turns.js";
+import { currentVenue, onVenueChange, venuePath } from "./venues.js";
 import { metres } from "./words.js";
 
+const turn = turns();
 let picker = null;
 let thumbnails = [];
 
 export function setUpFloors() {
   picker = new PlanPicker();
+  onVenueChange(forgetFloors);
   byId("floor-form").addEventListener("submit", (event) => {
     event.preventDefault();
     guarded(event.submitter, byId("floor-error"), saveFloor);
@@ -25,8 +28,17 @@ export function setUpFloors() {
   });
 }
 
+/** Take away the floors of the venue before: their buttons and names would be taken for those of the chosen one. */
+function forgetFloors() {
+  turn();
+  byId("floors-list").replaceChildren();
+  byId("plan-floor").replaceChildren();
+  for (const id of ["floor-error", "plan-error"]) showError(byId(id), null);
+}
+
 /** Show the chosen venue's floors. */
 export async function showFloors() {
+  const isLatest = turn();
   const list = byId("floors-list");
   for (const id of ["floor-form", "plan-form"]) byId(id).inert = currentVenue() === null;
   const venue = currentVenue();
@@ -36,15 +48,15 @@ export async function showFloors() {
   }
   try {
     const floors = await requestJson(venuePath("floors"));
-    if (currentVenue()?.id !== venue.id) return;
+    if (!isLatest()) return;
     for (const url of thumbnails) URL.revokeObjectURL(url);
     thumbnails = [];
-    list.replaceChildren(...(floors.length ? floors.map(floorCard) : [noFloor()]));
+    list.replaceChildren(...(floors.length ? floors.map((floor) => floorCard(venue, floor)) : [noFloor()]));
     const before = byId("plan-floor").value;
     byId("plan-floor").replaceChildren(...floors.map((floor) => el("option", { value: floor.id }, floor.name)));
     if (floors.some((floor) => floor.id === before)) byId("plan-floor").value = before;
   } catch (error) {
-    showError(list, error);
+    if (isLatest()) showError(list, error);
   }
 }
 
@@ -52,13 +64,13 @@ function noFloor() {
   return notice("info", "This venue has no floors yet. Photos can be located without them, but not on a plan.");
 }
 
-function floorCard(floor) {
+function floorCard(venue, floor) {
   const { plan } = floor;
   const error = el("div", { role: "alert" });
   const edit = el("button", { type: "button", class: "small", on: { click: () => editFloor(floor) } }, "Edit");
   const remove = el("button", { type: "button", class: "small danger" }, "Delete");
   remove.addEventListener("click", () => {
-    if (confirm(`Delete the floor ${floor.name} with its plan?`)) guarded(remove, error, () => deleteFloor(floor));
+    if (confirm(`Delete the floor ${floor.name} with its plan?`)) guarded(remove, error, () => deleteFloor(venue, floor));
   });
   const head = el("div", { class: "map-head" }, el("h2", {}, floor.name), el("span", { class: "tag plain" }, floor.id), edit, remove);
   const rows = [
@@ -104,8 +116,8 @@ function editFloor(floor) {
   byId("floor-name").focus();
 }
 
-async function deleteFloor(floor) {
-  await request(venuePath("floors", floor.id), { method: "DELETE" });
+async function deleteFloor(venue, floor) {
+  await request(path("venues", venue.id, "floors", floor.id), { method: "DELETE" });
   await changed();
 }
 
@@ -118,10 +130,12 @@ async function saveFloor() {
     plan_from_world: planFromWorld(),
   };
   const id = byId("floor-id").value;
+  const venue = currentVenue();
   await requestJson(venuePath("floors", id), { method: "PUT", json: body });
+  if (currentVenue()?.id !== venue.id) return;
   byId("floor-error").replaceChildren(notice("good", "Saved."));
   await changed();
-  byId("plan-floor").value = id;
+  if (currentVenue()?.id === venue.id) byId("plan-floor").value = id;
 }
 
 function planFromWorld() {
@@ -140,7 +154,9 @@ async function uploadPlan() {
   form.set("image", image, image.name);
   form.set("meters_per_pixel", byId("meters-per-pixel").value);
   form.set("origin_px", byId("origin").value);
+  const venue = currentVenue();
   await requestJson(venuePath("floors", byId("plan-floor").value, "plan"), { method: "PUT", form });
+  if (currentVenue()?.id !== venue.id) return;
   byId("plan-form").reset();
   picker.clear();
   byId("plan-error").replaceChildren(notice("good", "The plan is stored."));

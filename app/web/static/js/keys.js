@@ -2,10 +2,12 @@
 
 import { path, requestJson, request } from "./api.js";
 import { byId, copyButton, el, guarded, notice, showError } from "./dom.js";
+import { turns } from "./turns.js";
 import { currentVenue, onVenueChange } from "./venues.js";
 import { moment } from "./words.js";
 
 const DAY_S = 86_400;
+const turn = turns();
 const MAY = {
   locate: "locate, and make tokens",
   anchor: "push frames of monitoring cameras",
@@ -28,17 +30,19 @@ export function setUpKeys() {
 
 /** List the keys, those that can be used first. */
 export async function showKeys() {
+  const isLatest = turn();
   const list = byId("keys-list");
   const venue = currentVenue();
   byId("key-venue").replaceChildren(el("option", { value: "" }, "All venues"));
   if (venue) byId("key-venue").append(el("option", { value: venue.id, selected: true }, venue.name));
   try {
     const keys = await requestJson("keys");
+    if (!isLatest()) return;
     const ended = (key) => Number(stateOf(key) !== null);
     keys.sort((a, b) => ended(a) - ended(b) || b.created_at.localeCompare(a.created_at));
     list.replaceChildren(...(keys.length ? keys.map(keyCard) : [notice("info", "There is no key yet but the one of the settings.")]));
   } catch (error) {
-    showError(list, error);
+    if (isLatest()) showError(list, error);
   }
 }
 

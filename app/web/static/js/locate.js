@@ -21,10 +21,11 @@ let shownFloor = null;
 let selected = null;
 let trail = [];
 let lastNumber = 0;
+// Floor, the very object, -> the address of its plan in memory.
 const planUrls = new Map();
 
 export function setUpLocate() {
-  drawing = new PlanDrawing(select);
+  drawing = new PlanDrawing((number) => shown(select(number)));
   setUpPhoto((file) => {
     photo = file;
     showError(byId("locate-error"), null);
@@ -73,7 +74,7 @@ async function changeVenue() {
   try {
     await reloadFloors();
   } catch (error) {
-    showError(place, error);
+    if (currentVenue()?.id === venue?.id) showError(place, error);
   }
   updateForm();
 }
@@ -96,7 +97,9 @@ function fields() {
 
 async function locate() {
   const form = new FormData();
-  form.set("image", photo, photo.name || "photo.jpg");
+  // Another photo may be chosen before the answer comes.
+  const sent = photo;
+  form.set("image", sent, sent.name || "photo.jpg");
   for (const [name, value] of Object.entries(fields())) form.set(name, value);
   const venue = currentVenue();
   const answer = await requestJson("locate", { method: "POST", form });
@@ -104,7 +107,7 @@ async function locate() {
   await loading.catch(() => null);
   if (currentVenue()?.id !== venue.id) return;
   lastNumber += 1;
-  trail.push({ number: lastNumber, answer, name: photo.name, url: URL.createObjectURL(photo) });
+  trail.push({ number: lastNumber, answer, name: sent.name, url: URL.createObjectURL(sent) });
   await select(lastNumber);
   if (matchMedia("(max-width: 60rem)").matches) {
     const news = answer.located ? document.querySelector(".plan-card") : byId("result");
@@ -121,6 +124,11 @@ async function select(number) {
   else showTrail();
 }
 
+/** Say on the page what kept a floor from being shown. */
+function shown(showing) {
+  showing.catch((error) => showError(byId("page-error"), error));
+}
+
 function frameOf(answer) {
   return answer.plan && floors.some((floor) => floor.id === answer.floor) ? answer.floor : MAP_FRAME;
 }
@@ -129,8 +137,14 @@ async function showFloor(id) {
   const changed = id !== shownFloor;
   shownFloor = id;
   const floor = floors.find((one) => one.id === id);
-  if (changed) await drawGround(floor);
-  if (shownFloor !== id) return;
+  try {
+    if (changed) await drawGround(floor);
+  } catch (error) {
+    // The next attempt reads the plan again.
+    if (shownFloor === id) shownFloor = null;
+    throw error;
+  }
+  if (shownFloor !== id || (floor !== undefined && !floors.includes(floor))) return;
   showTabs();
   showTrail();
 }
@@ -138,7 +152,8 @@ async function showFloor(id) {
 async function drawGround(floor) {
   const isTiled = Boolean(floor?.plan?.tiles);
   const url = floor?.plan && !isTiled ? await planUrl(floor) : null;
-  if (floor !== undefined && floor.id !== shownFloor) return;
+  // Another floor is shown by now, or one of the same id in another venue.
+  if (floor !== undefined && (floor.id !== shownFloor || !floors.includes(floor))) return;
   if (isTiled) drawing.showPlan(floor.plan, null, new PlanTiles(floor.plan, venuePath("floors", floor.id, "plan")));
   else if (url) drawing.showPlan(floor.plan, url);
   else drawing.showGrid();
@@ -146,11 +161,13 @@ async function drawGround(floor) {
 
 // An <img> can't send a key, so the image is fetched and shown from memory.
 async function planUrl(floor) {
-  if (!planUrls.has(floor.id)) {
+  if (!planUrls.has(floor)) {
     const response = await request(venuePath("floors", floor.id, "plan"));
-    planUrls.set(floor.id, URL.createObjectURL(await response.blob()));
+    const url = URL.createObjectURL(await response.blob());
+    if (floors.includes(floor)) planUrls.set(floor, url);
+    else URL.revokeObjectURL(url);
   }
-  return planUrls.get(floor.id);
+  return planUrls.get(floor) ?? null;
 }
 
 function showTabs() {
@@ -158,7 +175,7 @@ function showTabs() {
   const offPlan = trail.some(({ answer }) => answer.located && frameOf(answer) === MAP_FRAME);
   if (offPlan || !floors.length) frames.push([MAP_FRAME, "Map frame"]);
   const tabs = frames.map(([id, name]) =>
-    el("button", { type: "button", "aria-pressed": String(id === shownFloor), on: { click: () => showFloor(id) } }, name),
+    el("button", { type: "button", "aria-pressed": String(id === shownFloor), on: { click: () => shown(showFloor(id)) } }, name),
   );
   byId("floor-tabs").replaceChildren(...tabs);
 }
@@ -210,7 +227,7 @@ function trailItem(entry) {
       "aria-label": words,
       "aria-pressed": String(number === selected),
       title: name,
-      on: { click: () => select(number) },
+      on: { click: () => shown(select(number)) },
     },
     el("img", { src: url, alt: "" }),
     el("span", { "aria-hidden": "true" }, answer.located ? String(number) : `${number} ?`),

@@ -6,7 +6,7 @@ import { setUpKey } from "./key.js";
 import { setUpKeys, showKeys } from "./keys.js";
 import { setUpLocate } from "./locate.js";
 import { setUpMaps, showMaps } from "./maps.js";
-import { loadVenues, onVenueChange, setUpVenues } from "./venues.js";
+import { loadVenues, onVenueChange, setUpVenues, venuesAreKnown } from "./venues.js";
 
 const VIEWS = { locate: () => {}, maps: showMaps, floors: showFloors, keys: showKeys };
 const TITLES = { locate: "Locate", maps: "Maps", floors: "Floors", keys: "Keys" };
@@ -25,7 +25,7 @@ function showView() {
     else link.removeAttribute("aria-current");
   }
   document.title = `${TITLES[current]} · Roomfix`;
-  VIEWS[current]();
+  if (venuesAreKnown()) VIEWS[current]();
 }
 
 function setUpTheme() {

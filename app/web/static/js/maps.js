@@ -1,13 +1,15 @@
 // The Maps view: the versions of a venue's map, and builds of new ones.
 
-import { requestJson } from "./api.js";
+import { path, requestJson } from "./api.js";
 import { Progress, endedBuild } from "./builds.js";
 import { byId, el, guarded, notice, showError } from "./dom.js";
 import { uploadScan } from "./scan-upload.js";
+import { turns } from "./turns.js";
 import { currentVenue, onVenueChange, venuePath } from "./venues.js";
 import { bytes, count, degrees, metres, moment, seconds } from "./words.js";
 
 const RUNNING = ["queued", "running"];
+const turn = turns();
 let progress = null;
 
 export function setUpMaps() {
@@ -15,15 +17,25 @@ export function setUpMaps() {
   byId("rule").addEventListener("change", () => {
     byId("every-field").hidden = byId("rule").value !== "interval";
   });
-  onVenueChange(() => showError(byId("build-error"), null));
+  onVenueChange(() => {
+    showError(byId("build-error"), null);
+    forgetMaps();
+  });
   byId("build-form").addEventListener("submit", (event) => {
     event.preventDefault();
     guarded(byId("build"), byId("build-error"), build);
   });
 }
 
+/** Take away the versions of the venue before: their buttons would be taken for those of the chosen one. */
+function forgetMaps() {
+  turn();
+  for (const id of ["maps-list", "builds"]) byId(id).replaceChildren();
+}
+
 /** Show the chosen venue's maps and builds, and follow a build that runs. */
 export async function showMaps() {
+  const isLatest = turn();
   const venue = currentVenue();
   const list = byId("maps-list");
   byId("build").disabled = venue === null || progress.uploading;
@@ -34,15 +46,15 @@ export async function showMaps() {
   }
   try {
     const maps = await requestJson(venuePath("maps"));
-    if (currentVenue()?.id !== venue.id) return;
-    list.replaceChildren(...(maps.length ? maps.map(mapCard) : [noMap()]));
+    if (!isLatest()) return;
+    list.replaceChildren(...(maps.length ? maps.map((map) => mapCard(venue, map)) : [noMap()]));
     const builds = await requestJson(`database/builds?venue=${encodeURIComponent(venue.id)}`);
-    if (currentVenue()?.id !== venue.id) return;
+    if (!isLatest()) return;
     const ended = builds.filter((one) => one.state === "failed" || one.state === "cancelled").slice(0, 5);
     byId("builds").replaceChildren(...(ended.length ? [el("h2", {}, "Builds without a map"), ...ended.map(endedBuild)] : []));
     progress.follow(builds.find((one) => RUNNING.includes(one.state)) ?? null, venue.id);
   } catch (error) {
-    showError(list, error);
+    if (isLatest()) showError(list, error);
   }
 }
 
@@ -52,7 +64,9 @@ async function build() {
   const values = options();
   const submitted = await progress.upload((onProgress, signal) => uploadScan(archive, venue, values, onProgress, signal));
   byId("archive").value = "";
-  progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
+  // Another venue is shown by now, whose own build may run.
+  if (currentVenue()?.id !== venue) return showMaps();
+  return progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
 }
 
 function options() {
@@ -81,13 +95,13 @@ function noMap() {
   return notice("info", "This venue has no map yet. Upload a scan to build one; photos can be located as soon as it is done.");
 }
 
-function mapCard(map) {
+function mapCard(venue, map) {
   const { statistics } = map;
   const title = el("h2", {}, `Version ${map.version}`);
   const error = el("div", { role: "alert" });
   const head = el("div", { class: "map-head" }, title, map.active ? el("span", { class: "tag" }, "Serving") : null);
   head.append(el("time", { datetime: map.created_at }, moment(map.created_at)));
-  if (!map.active) head.append(activateButton(map, error));
+  if (!map.active) head.append(activateButton(venue, map, error));
   const card = el("section", { class: map.active ? "card map active" : "card map" }, head, error);
   card.append(el("div", { class: "figures" }, ...figures(statistics)));
   const code = el("div", { class: "code" }, el("pre", { tabindex: "0" }, JSON.stringify(statistics, null, 2)));
@@ -95,11 +109,11 @@ function mapCard(map) {
   return card;
 }
 
-function activateButton(map, errorPlace) {
+function activateButton(venue, map, errorPlace) {
   const button = el("button", { type: "button", class: "small" }, "Activate");
   button.addEventListener("click", () =>
     guarded(button, errorPlace, async () => {
-      await requestJson(venuePath("maps", map.version, "activate"), { method: "POST" });
+      await requestJson(path("venues", venue.id, "maps", map.version, "activate"), { method: "POST" });
       await showMaps();
     }),
   );

@@ -1,11 +1,13 @@
 // Reads origin and scale of a plan image off the image itself: one click for the origin, two for a distance.
 
 import { byId, svg } from "./dom.js";
+import { turns } from "./turns.js";
 
 export class PlanPicker {
   constructor() {
     this.svg = byId("plan-pick-svg");
     this.image = null;
+    this.turn = turns();
     this.ends = [];
     byId("plan-image").addEventListener("change", (event) => this.load(event.target.files[0]));
     this.svg.addEventListener("click", (event) => this.pick(event));
@@ -32,6 +34,7 @@ export class PlanPicker {
 
   async load(file) {
     this.clear();
+    const isLatest = this.turn();
     if (!file) return;
     const image = new Image();
     image.src = URL.createObjectURL(file);
@@ -39,6 +42,11 @@ export class PlanPicker {
       await image.decode();
     } catch {
       // Not an image: the server's answer will say so in words.
+      return;
+    }
+    // Another file was chosen meanwhile.
+    if (!isLatest()) {
+      URL.revokeObjectURL(image.src);
       return;
     }
     this.image = image;

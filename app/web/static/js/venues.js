@@ -2,20 +2,26 @@
 
 import { path, requestJson } from "./api.js";
 import { byId, el, guarded, showError } from "./dom.js";
+import { turns } from "./turns.js";
 import { transliterated } from "./words.js";
 
 const REMEMBERED = "roomfix.venue";
 const changes = new EventTarget();
-let venues = [];
+const turn = turns();
+// Null until the server's list is there.
+let venues = null;
 
 /** Run a function whenever another venue is chosen, or the list has changed. */
 export function onVenueChange(run) {
   changes.addEventListener("change", run);
 }
 
+/** Whether the list of venues has been read: before that, nothing can be said of there being none. */
+export const venuesAreKnown = () => venues !== null;
+
 /** Return the chosen venue, or null when there is none. */
 export function currentVenue() {
-  return venues.find((venue) => venue.id === byId("venue").value) ?? null;
+  return venues?.find((venue) => venue.id === byId("venue").value) ?? null;
 }
 
 /** Return the path of something in the chosen venue. */
@@ -23,14 +29,19 @@ export function venuePath(...parts) {
   return path("venues", currentVenue().id, ...parts);
 }
 
-/** Read the list from the server, and choose one. */
+/** Read the list from the server, and choose one, unless another is chosen meanwhile. */
 export async function loadVenues(wanted = localStorage.getItem(REMEMBERED)) {
-  venues = await requestJson("venues");
+  const isLatest = turn();
   const select = byId("venue");
+  const before = select.value;
+  const found = await requestJson("venues");
+  if (!isLatest()) return;
+  const choice = select.value === before ? wanted : select.value;
+  venues = found;
   select.replaceChildren(...venues.map((venue) => el("option", { value: venue.id }, venue.name)));
   if (!venues.length) select.append(el("option", { value: "" }, "No venue yet"));
   select.disabled = venues.length === 0;
-  if (venues.some((venue) => venue.id === wanted)) select.value = wanted;
+  if (venues.some((venue) => venue.id === choice)) select.value = choice;
   changes.dispatchEvent(new Event("change"));
 }
 

@@ -2,6 +2,7 @@
 
 import { path, requestJson } from "../api.js";
 import { byId } from "../dom.js";
+import { turns } from "../turns.js";
 import { knows, language, metres, say } from "./words.js";
 
 // A frame now and then is not located; the person is told when none was for this time.
@@ -17,6 +18,7 @@ export class Guide {
     this.last = null;
     this.route = null;
     this.hasMap = true;
+    this.routes = turns();
   }
 
   begin(camera) {
@@ -140,16 +142,18 @@ export class Guide {
   /** Draw the way from here; the session leads along the same one. */
   async draw(floor, { x, y }) {
     const wanted = this.destination;
+    const isLatest = this.routes();
+    const isWanted = () => isLatest() && this.destination === wanted;
     this.route = [];
     const query = new URLSearchParams({ from: `${floor}:${x},${y}`, to: wanted.id, language: language() });
     try {
       const route = await requestJson(`${path("venues", this.venue, "route")}?${query}`);
-      if (this.destination !== wanted) return;
+      if (!isWanted()) return;
       this.route = route.path;
       this.plan.lead(route.path);
     } catch {
       // The session says by itself when there is no way.
-      this.plan.lead([]);
+      if (isWanted()) this.plan.lead([]);
     }
   }
 

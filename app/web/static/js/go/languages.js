@@ -11,8 +11,14 @@ export function showLanguages(available, onChange) {
   select.replaceChildren(...available.map((tag) => el("option", { value: tag, lang: tag }, own(tag))));
   select.value = language();
   select.addEventListener("change", async () => {
-    await chooseLanguage(select.value);
-    rememberLanguage(select.value);
-    onChange(select.value);
+    const tag = select.value;
+    try {
+      if (!(await chooseLanguage(tag))) return;
+      rememberLanguage(tag);
+      onChange(tag);
+    } catch {
+      // The sentences can't be read now: the page goes on in the language that it has.
+      if (select.value === tag) select.value = language();
+    }
   });
 }

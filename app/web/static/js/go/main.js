@@ -37,7 +37,7 @@ async function start() {
   const voice = new Voice(byId("voice"));
   guide = new Guide(venue, plan, voice);
   search = new Search(venue, (place) => lead(place));
-  byId("search").addEventListener("click", () => search.open(plan.floors));
+  byId("search").addEventListener("click", () => search.open(() => plan.load()));
   byId("cancel").addEventListener("click", () => lead(null));
   byId("start-camera").addEventListener("click", (event) => begin(event.target, new Camera(byId("camera"))));
   byId("start-simulated").addEventListener("click", (event) => begin(event.target, new SimulatedCamera(venue)));
@@ -62,12 +62,16 @@ async function start() {
 
 async function begin(button, camera) {
   const begun = streamOf(camera);
+  // One way to begin at a time.
+  const others = ["start-camera", "start-simulated"].map(byId).filter((other) => other !== button && !other.disabled);
+  for (const other of others) other.disabled = true;
   const opened = await guarded(button, byId("start-error"), async () => {
     guide.show(say("starting"));
     // The session begins while the camera opens.
     await Promise.all([camera.open(), begun.prepare()]);
     return true;
   });
+  for (const other of others) other.disabled = false;
   if (!opened) {
     begun.stop();
     return guide.show("");

@@ -10,6 +10,8 @@ import { say } from "./words.js";
 const AROUND_M = 9;
 const TRAIL_POINTS = 300;
 const GRID_M = 0.02;
+// After a plan's picture could not be read it is tried again, with an answer that comes later than this.
+const RETRY_MS = 2000;
 
 export class Plan {
   constructor(venue) {
@@ -27,7 +29,11 @@ export class Plan {
     this.viewport = new Viewport(this.svg, byId("plan"), () => this.rescale());
     this.floors = [];
     this.images = new Map();
+    // Floor -> when its picture was asked for, until it is there.
+    this.triedAt = new Map();
     this.shown = null;
+    // The floor that is to be shown, while its plan is on its way.
+    this.wanted = null;
     this.place = null;
     this.trail = [];
     this.route = [];
@@ -39,7 +45,16 @@ export class Plan {
     byId("follow").addEventListener("click", () => this.follow(!this.following));
   }
 
-  async load() {
+  /** Read the floors, once, and show one; returns them. */
+  load() {
+    this.reading ??= this.read().catch((error) => {
+      this.reading = null;
+      throw error;
+    });
+    return this.reading;
+  }
+
+  async read() {
     this.floors = await requestJson(path("venues", this.venue, "floors"));
     const shown = [...this.floors].sort((a, b) => b.level - a.level);
     byId("floors").replaceChildren(
@@ -47,7 +62,10 @@ export class Plan {
         el("button", { type: "button", class: "small", "data-floor": floor.id, on: { click: () => this.choose(floor.id) } }, floor.name),
       ),
     );
-    if (this.floors.length) await this.show((this.floors.find((floor) => floor.level === 0) ?? this.floors[0]).id);
+    // Where the person is already known to be is shown instead.
+    const first = this.floor(this.place?.floor) ?? this.floors.find((floor) => floor.level === 0) ?? this.floors[0];
+    if (first && this.wanted === null) this.show(first.id);
+    return this.floors;
   }
 
   floor(id) {
@@ -63,12 +81,17 @@ export class Plan {
   async show(id) {
     const floor = this.floor(id);
     if (!floor) return;
-    if (this.shown !== id) {
-      this.shown = id;
+    // Its plan is on its way already.
+    if (this.wanted === id && this.shown !== id) return;
+    this.wanted = id;
+    const again = performance.now() > (this.triedAt.get(id) ?? Infinity) + RETRY_MS;
+    if (this.shown !== id || again) {
       const { plan } = floor;
+      // Without its picture a floor is shown as empty ground.
+      const url = plan && !plan.tiles ? await this.image(id) : null;
+      if (this.wanted !== id || (this.shown === id && url === null)) return;
       const tiles = plan?.tiles ? new PlanTiles(plan, path("venues", this.venue, "floors", id, "plan")) : null;
-      const url = plan && !tiles ? await this.image(id) : null;
-      if (this.shown !== id) return;
+      this.shown = id;
       const content = plan
         ? { x: -0.5, y: -0.5, width: plan.width_px, height: plan.height_px }
         : { x: -500, y: -500, width: 1000, height: 1000 };
@@ -85,11 +108,17 @@ export class Plan {
     this.draw();
   }
 
+  /** Return the address of a floor's picture in memory, null where it can't be read now. */
   async image(id) {
-    if (!this.images.has(id)) {
+    if (this.images.has(id)) return this.images.get(id);
+    this.triedAt.set(id, performance.now());
+    try {
       const response = await request(path("venues", this.venue, "floors", id, "plan"));
       this.images.set(id, URL.createObjectURL(await response.blob()));
+    } catch {
+      return null;
     }
+    this.triedAt.delete(id);
     return this.images.get(id);
   }
 
@@ -99,8 +128,8 @@ export class Plan {
     this.stale(false);
     this.trail.push([place.floor, place.x, place.y]);
     this.trail.splice(0, this.trail.length - TRAIL_POINTS);
-    if (this.following && place.floor !== this.shown) this.show(place.floor);
-    else this.draw();
+    if (this.following && (place.floor !== this.shown || this.triedAt.has(place.floor))) this.show(place.floor);
+    this.draw();
   }
 
   /** Show whether the dot is where the person was, and not is. */

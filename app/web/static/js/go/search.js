@@ -2,6 +2,7 @@
 
 import { path, requestJson } from "../api.js";
 import { byId, el } from "../dom.js";
+import { turns } from "../turns.js";
 import { language, say } from "./words.js";
 
 const SHOWN = 60;
@@ -12,6 +13,7 @@ export class Search {
     this.venue = venue;
     this.onChoose = onChoose;
     this.places = null;
+    this.turn = turns();
     this.dialog = byId("search-dialog");
     byId("query").addEventListener("input", () => this.list());
     byId("query").addEventListener("keydown", (event) => {
@@ -23,12 +25,21 @@ export class Search {
     byId("search-close").addEventListener("click", () => this.dialog.close());
   }
 
-  /** Open the dialog; the places are read when it is opened first. */
+  /** Open the dialog; the places are read when it is opened first. `floors()` resolves to the floors of the venue. */
   async open(floors) {
+    const isLatest = this.turn();
     byId("query").value = "";
     this.dialog.showModal();
-    this.places ??= await this.read(floors);
     this.list();
+    if (this.places) return;
+    try {
+      const places = await this.read(await floors());
+      this.places ??= places;
+      this.list();
+    } catch (error) {
+      // They are read anew when the dialog is opened again.
+      if (isLatest()) byId("found").textContent = error.message;
+    }
   }
 
   async read(floors) {
@@ -46,8 +57,14 @@ export class Search {
   }
 
   list() {
+    if (this.places === null) {
+      // Nothing can be said of what there is before it is known.
+      byId("found").textContent = say("search.loading");
+      byId("places").replaceChildren();
+      return;
+    }
     const words = plain(byId("query").value).split(/\s+/).filter(Boolean);
-    const found = (this.places ?? [])
+    const found = this.places
       .map((place) => ({ ...place, rank: rank(plain(place.name), words) }))
       .filter((place) => place.rank !== null)
       .sort((a, b) => a.rank - b.rank || a.name.localeCompare(b.name, language(), { numeric: true }));

@@ -27,6 +27,10 @@ export class SessionStream {
     this.sent = new Map();
     this.level = 0;
     this.clear = 0;
+    // Frames of the present connection that the server may have answered for the destination before.
+    this.former = 0;
+    this.received = 0;
+    this.telling = null;
   }
 
   /** Begin the session before there is a camera; what goes wrong is said when it runs. */
@@ -67,15 +71,47 @@ export class SessionStream {
   }
 
   /** Change destination or language; they also hold for a session that has to be begun anew. */
-  async change(wishes) {
+  change(wishes) {
     Object.assign(this.wishes, wishes);
-    if (this.session) await requestJson(path("sessions", this.session), { method: "PATCH", json: wishes });
+    if ("destination" in wishes) this.former = Infinity;
+    return this.tell();
+  }
+
+  /** Tell the server what is wished now, one thing after the other: two changes must not overtake each other. */
+  tell() {
+    this.telling ??= this.tellAll().finally(() => {
+      this.telling = null;
+    });
+    return this.telling;
+  }
+
+  async tellAll() {
+    while (this.session && this.told !== JSON.stringify(this.wishes)) {
+      const { language, destination } = this.wishes;
+      const wishes = JSON.stringify(this.wishes);
+      try {
+        await requestJson(path("sessions", this.session), { method: "PATCH", json: { language, destination } });
+      } catch (error) {
+        // What the server refuses is not told again.
+        if (error.status > 0 && error.status < 500) {
+          this.told = wishes;
+          throw error;
+        }
+        await pause(LAST_RETRY_MS / 5);
+        if (!this.running) return;
+        continue;
+      }
+      this.told = wishes;
+    }
+    // Frames that are sent from now on are answered for the present destination.
+    this.former = this.received;
   }
 
   async begin() {
+    const told = JSON.stringify(this.wishes);
     const wishes = Object.fromEntries(Object.entries(this.wishes).filter(([, value]) => value));
     const created = await requestJson("sessions", { method: "POST", json: { venue: this.venue, ...wishes } });
-    this.session = created.session;
+    Object.assign(this, { session: created.session, told });
   }
 
   async check() {
@@ -95,7 +131,10 @@ export class SessionStream {
       this.sent.clear();
       socket.addEventListener("open", () => {
         open.heardAt = performance.now();
+        this.received = 0;
         this.on.state("open");
+        // What was chosen while there was no connection, or while the session began.
+        this.tell().catch(() => {});
         this.pump(open).catch((error) => {
           this.on.error(error);
           this.stop();
@@ -134,6 +173,7 @@ export class SessionStream {
       open.socket.send(JSON.stringify(hints));
       open.socket.send(data);
       open.received += 1;
+      this.received = open.received;
       this.sent.set(open.received, { at: performance.now(), size });
       this.adapt(open.socket.bufferedAmount);
     }
@@ -145,6 +185,7 @@ export class SessionStream {
     this.retryMs = FIRST_RETRY_MS;
     const sent = this.sent.get(body.received) ?? null;
     for (const number of this.sent.keys()) if (number <= body.received) this.sent.delete(number);
+    if (body.received <= this.former) body.guidance = null;
     if (body.session) this.on.answer(body, sent);
     else if (body.code !== "not_found") this.on.refused?.(body);
   }

@@ -1,12 +1,14 @@
 // What a page says, from catalogue files for each language: languages/go/{language}.json, and a folder of its own.
 
 import { requestJson } from "../api.js";
+import { turns } from "../turns.js";
 
 const REMEMBERED = "roomfix.language";
 const FALLBACK = "en";
 let catalogue = {};
 let folders = ["go"];
 let current = FALLBACK;
+const turn = turns();
 
 /** Load the language that was chosen before, or else the first of the browser's that there is; return all tags.
  *
@@ -22,13 +24,17 @@ export async function loadWords(own = null) {
   return available;
 }
 
-/** Change to a language. */
+/** Change to a language; returns whether it is the one that was chosen last. */
 export async function chooseLanguage(tag) {
+  const isLatest = turn();
   const tags = tag === FALLBACK ? [FALLBACK] : [FALLBACK, tag];
   const files = tags.flatMap((each) => folders.map((folder) => `assets/languages/${folder}/${each}.json`));
-  catalogue = Object.assign({}, ...(await Promise.all(files.map((file) => requestJson(file)))));
+  const sentences = await Promise.all(files.map((file) => requestJson(file)));
+  if (!isLatest()) return false;
+  catalogue = Object.assign({}, ...sentences);
   current = tag;
   document.documentElement.lang = tag;
+  return true;
 }
 
 /** Remember a language that the person chose. */

@@ -28,12 +28,14 @@ export class Film {
       const ready = this.video.readyState >= HTMLMediaElement.HAVE_CURRENT_DATA && this.video.videoWidth > 0;
       if (!ready || document.hidden) continue;
       const refusal = await this.mayKeep();
+      if (!this.running) return;
       if (refusal) {
         this.hint(refusal);
         continue;
       }
       const timeS = (Date.now() - this.startedAt) / 1000;
       const kept = await this.choice.add(this.meter.measure(this.video), timeS, () => this.take(timeS));
+      if (!this.running) return;
       if (kept?.picture) await this.keep(kept);
       this.hint(this.choice.fast ? "fast" : this.choice.still ? "still" : "steady");
     }

@@ -62,8 +62,9 @@ async function start() {
     byId("extend-row").hidden = found.map_version === null;
     byId("go-link").href = `../go/${encodeURIComponent(venue)}`;
     await goOn();
+    // Not before: what an earlier page has left would be lost.
+    byId("start-film").disabled = false;
   } catch (error) {
-    byId("start-film").disabled = true;
     problem(error.status === 404 ? say("error.venue") : error.message);
   }
 }
@@ -144,14 +145,17 @@ function hint(name) {
 }
 
 async function showCounts() {
-  const left = await pending.count(work.recording);
+  const { recording } = work;
+  const left = await pending.count(recording);
+  // The recording was deleted meanwhile.
+  if (work?.recording !== recording) return;
   const seconds = Math.round((Date.now() - work.startedAt) / 1000);
   byId("counts").textContent = say("record.counts", { kept: work.frames, sent: work.frames - left, seconds });
 }
 
 function startSender() {
   sender ??= new Sender(work.recording, pending, {
-    sent: () => showCounts(),
+    sent: () => work && showCounts(),
     offline: (now) => {
       isOffline = now;
       if (now && isFilming) show(say("record.filming"), say("record.offline"));

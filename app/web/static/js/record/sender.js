@@ -32,6 +32,8 @@ export class Sender {
         this.retryMs = FIRST_RETRY_MS;
         this.on.offline(false);
       } catch (error) {
+        // What was on its way when it was stopped matters to nobody.
+        if (!this.running) return;
         if (!isPassing(error)) {
           this.running = false;
           this.on.refused(error);

@@ -1,6 +1,7 @@
 // Lays the scan over the plan: by dragging, turning and scaling, then by pairs of points with their residuals.
 
 import { byId, el, guarded, notice, svg } from "../dom.js";
+import { turns } from "../turns.js";
 import { currentVenue } from "../venues.js";
 import { metres } from "../words.js";
 import { History } from "./history.js";
@@ -12,7 +13,7 @@ const FIELDS = ["shift-x", "shift-y", "turn", "scale"];
 
 export class AlignTool {
   constructor(board, floors, onStored) {
-    Object.assign(this, { board, floors, onStored, mode: "move", pairs: [], half: null, similarity: null });
+    Object.assign(this, { board, floors, onStored, mode: "move", pairs: [], half: null, similarity: null, scan: null, pictures: turns() });
     for (const button of byId("align-panel").querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
@@ -38,32 +39,38 @@ export class AlignTool {
   }
 
   /** Begin with the shown floor and the map that serves; says what is missing. */
-  async begin() {
-    Object.assign(this, { pairs: [], half: null, image: null, similarity: null });
-    const { current } = this.floors;
+  async begin(isLatest) {
+    Object.assign(this, { pairs: [], half: null, image: null, similarity: null, scan: null });
+    const { current, venue } = this.floors;
     const version = currentVenue()?.map_version ?? null;
     byId("save-align").disabled = true;
     this.say(!current ? "Add a floor first." : version === null ? "Upload a scan first: there is nothing to lay over the plan yet." : "The scan is loading …");
-    this.draw();
     if (!current || version === null) return;
-    this.scan = await ScanPoints.of(version);
-    if (this.floors.current !== current) return;
+    const scan = await ScanPoints.of(venue, version);
+    if (!isLatest()) return;
+    this.scan = scan;
     byId("z-min").value = String(Number(current.z_min_m.toFixed(2)));
     byId("z-max").value = String(Number(current.z_max_m.toFixed(2)));
     this.histogram();
     await this.picture();
+    if (!isLatest()) return;
     const similarity = current.plan_from_world ? fromMatrix(current.plan_from_world) : this.guess();
-    const isBack = this.history.begin(`${currentVenue().id}.${current.id}.align`, { similarity, pairs: [] });
+    const isBack = this.history.begin(`${venue}.${current.id}.align`, { similarity, pairs: [] });
     byId("save-align").disabled = false;
     this.choose("move");
     if (isBack) byId("board-error").replaceChildren(notice("info", "The alignment that you didn't save is back. Save it, or undo it."));
   }
 
   async picture() {
-    if (!this.scan) return;
+    const { scan } = this;
+    if (!scan) return;
+    const isLatest = this.pictures();
     const [low, high] = [Number(byId("z-min").value), Number(byId("z-max").value)];
+    const image = await scan.drawn(low, high);
+    // Other heights or another scan were chosen meanwhile.
+    if (!isLatest() || scan !== this.scan) return;
     if (this.image) URL.revokeObjectURL(this.image.url);
-    this.image = await this.scan.drawn(low, high);
+    this.image = image;
     if (!this.image) byId("board-error").replaceChildren(notice("info", "The scan has no points at these heights."));
     else byId("board-error").replaceChildren();
     this.histogram();
@@ -174,6 +181,7 @@ export class AlignTool {
 
   draw(fields = true) {
     const { board } = this;
+    if (board.tool !== this) return;
     board.glyphs = [];
     board.layer.replaceChildren();
     if (!this.similarity) return;
@@ -229,13 +237,14 @@ export class AlignTool {
   async save() {
     const heights = { z_min_m: Number(byId("z-min").value), z_max_m: Number(byId("z-max").value) };
     const z = this.floors.current.plan_from_world?.[2][3] ?? 0;
-    const before = this.history.value;
+    if (!this.similarity) throw new Error("The scan is not loaded yet.");
+    const before = this.history.mark();
     const { similarity, pairs } = this;
     const off = residuals(similarity, pairs);
     await this.floors.put({ ...heights, plan_from_world: toMatrix(similarity, z) });
     const rms = off.length ? ` The pairs are ${metres(Math.sqrt(off.reduce((sum, value) => sum + value * value, 0) / off.length))} off.` : "";
     // What was moved while this was on its way stays unsaved.
-    if (this.history.value === before) this.history.stored({ similarity, pairs });
+    this.history.storedAt(before, { similarity, pairs });
     byId("board-error").replaceChildren(notice("good", `The alignment is stored.${rms}`));
     this.onStored();
   }

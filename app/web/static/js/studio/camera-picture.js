@@ -51,8 +51,9 @@ export class CameraPicture {
       const image = new Image();
       image.src = URL.createObjectURL(blob);
       const isRead = await image.decode().then(() => true, () => false);
+      if (this.blob !== blob) return;
       if (!isRead) this.say("The browser can't show this picture. Choose a JPEG or PNG.");
-      else if (this.blob === blob) this.image = image;
+      else this.image = image;
     }
     this.draw();
   }

@@ -3,7 +3,7 @@
 
 import { path, request, requestJson } from "../api.js";
 import { byId, el, guarded, notice, svg } from "../dom.js";
-import { currentVenue } from "../venues.js";
+import { turns } from "../turns.js";
 import { reasonWords } from "../words.js";
 import { bodyOf, EMPTY, formOf, intrinsicsText, placeOf } from "./camera-form.js";
 import { CameraList } from "./camera-list.js";
@@ -20,7 +20,7 @@ const WORDS = { camera: "Click where the camera hangs.", poi: "Click where the p
 
 export class CameraTool {
   constructor(board, floors, onStored) {
-    Object.assign(this, { board, floors, onStored, mode: "camera", anchors: [], timer: null });
+    Object.assign(this, { board, floors, onStored, mode: "camera", anchors: [], timer: null, lists: turns() });
     this.history = new History(() => this.changed());
     this.picture = new CameraPicture((region) => this.change({ region }));
     this.cameras = new CameraList({
@@ -49,19 +49,19 @@ export class CameraTool {
     });
   }
 
-  async begin() {
+  async begin(isLatest) {
     this.leave();
-    const { current } = this.floors;
-    byId("camera-panel").inert = current === null;
+    const { current, venue } = this.floors;
     this.anchors = [];
     if (!current) return this.cameras.show([]);
-    const key = `${currentVenue().id}.${current.id}.camera`;
+    const key = `${venue}.${current.id}.camera`;
     const isBack = this.history.begin(key, EMPTY);
     this.picture.clear();
     this.choose("camera");
     if (isBack) byId("board-error").replaceChildren(notice("info", "The camera that you didn't save is back. Save it, or undo it."));
     await this.refresh();
-    this.timer = setInterval(() => this.refresh().catch(() => {}), EVERY_MS);
+    // Another view may be open by now: nothing would end the timer.
+    if (isLatest()) this.timer = setInterval(() => this.refresh().catch(() => {}), EVERY_MS);
     return undefined;
   }
 
@@ -71,9 +71,11 @@ export class CameraTool {
 
   /** Read the floor's cameras, with the newest picture of the one in the form. */
   async refresh() {
-    const { current } = this.floors;
-    const all = await requestJson(`anchors?venue=${encodeURIComponent(currentVenue().id)}`);
-    if (this.floors.current !== current) return;
+    const { current, venue } = this.floors;
+    if (!current) return;
+    const isLatest = this.lists();
+    const all = await requestJson(`anchors?venue=${encodeURIComponent(venue)}`);
+    if (this.floors.current !== current || !isLatest()) return;
     this.anchors = all.filter((anchor) => anchor.floor === current.id);
     this.cameras.show(this.anchors);
     this.draw();
@@ -131,9 +133,12 @@ export class CameraTool {
     const { blob } = this.picture;
     if (!blob) throw new Error("Choose a picture from the camera first.");
     const body = new FormData();
-    body.set("venue", currentVenue().id);
+    const { current, venue } = this.floors;
+    body.set("venue", venue);
     body.set("image", blob, "picture");
     const answer = await requestJson("locate", { method: "POST", form: body });
+    // Another picture, camera or floor was chosen meanwhile: the lens is not that one's.
+    if (this.picture.blob !== blob || this.floors.current !== current) return;
     if (!answer.located) throw new Error(reasonWords(answer.reason).join(" "));
     const values = { intrinsics: intrinsicsText(answer.camera) };
     const isHere = answer.plan && answer.floor === this.floors.current.id && this.form.x === "";
@@ -212,11 +217,11 @@ export class CameraTool {
   async save(pressed) {
     const isShown = this.form.id === pressed.id;
     const form = isShown ? this.form : pressed;
-    const before = this.history.value;
-    const body = bodyOf(form, currentVenue().id, this.floors.current.id);
+    const before = this.history.mark();
+    const body = bodyOf(form, this.floors.venue, this.floors.current.id);
     const stored = await requestJson(path("anchors", form.id), { method: "PUT", json: body });
     // What was changed while this was on its way stays unsaved.
-    if (isShown && this.history.value === before) this.history.stored(formOf(stored));
+    if (isShown) this.history.storedAt(before, formOf(stored));
     const name = this.form.id === form.id ? "The camera" : `The camera ${form.id}`;
     byId("board-error").replaceChildren(notice("good", `${name} is stored. Push its pictures to it with roomfix push-frames.`));
     // It is stored, even if the list can't be read now.

@@ -1,6 +1,6 @@
 // Two versions of the map beside each other: their figures, and what only one of them has seen.
 
-import { byId, el, guarded } from "../dom.js";
+import { byId, el, guarded, showError } from "../dom.js";
 import { count, metres } from "../words.js";
 import { ScanPoints } from "./scan-image.js";
 
@@ -12,7 +12,7 @@ const COLOURS = { both: [96, 112, 122], first: [10, 98, 208], second: [200, 96, 
 
 export class Compare {
   constructor() {
-    this.maps = [];
+    Object.assign(this, { maps: [], venue: null });
     byId("compare-form").addEventListener("submit", (event) => {
       event.preventDefault();
       guarded(byId("compare"), byId("compare-error"), () => this.compare());
@@ -20,8 +20,9 @@ export class Compare {
   }
 
   /** Offer the versions of a venue, newest first. */
-  show(maps) {
-    this.maps = maps;
+  show(maps, venue = null) {
+    Object.assign(this, { maps, venue });
+    showError(byId("compare-error"), null);
     byId("compare-form").hidden = maps.length < 2;
     byId("compare-result").replaceChildren();
     for (const [id, at] of [["compare-first", 1], ["compare-second", 0]]) {
@@ -31,8 +32,11 @@ export class Compare {
   }
 
   async compare() {
-    const chosen = ["first", "second"].map((id) => this.maps.find(({ version }) => String(version) === byId(`compare-${id}`).value));
-    const [first, second] = await Promise.all(chosen.map(({ version }) => ScanPoints.of(version)));
+    const { maps, venue } = this;
+    const chosen = ["first", "second"].map((id) => maps.find(({ version }) => String(version) === byId(`compare-${id}`).value));
+    const [first, second] = await Promise.all(chosen.map(({ version }) => ScanPoints.of(venue.id, version)));
+    // Other versions are offered by now.
+    if (maps !== this.maps) return;
     const { canvas, shares } = overlay(first, second);
     const names = chosen.map(({ version }) => `version ${version}`);
     const words = [

@@ -2,7 +2,7 @@
 
 import { requestJson } from "../api.js";
 import { byId, el, guarded, notice, showError, svg } from "../dom.js";
-import { currentVenue, venuePath } from "../venues.js";
+import { venuePath } from "../venues.js";
 import { FloorLinks } from "./floor-links.js";
 import { History } from "./history.js";
 import { surely } from "./saving.js";
@@ -41,14 +41,14 @@ export class DrawTool {
     addEventListener("keydown", (event) => this.shortcut(event));
   }
 
-  async begin() {
+  async begin(isLatest) {
     Object.assign(this, { chosen: null, points: [], route: null });
-    const { current } = this.floors;
-    byId("draw-panel").inert = current === null;
+    const { current, venue } = this.floors;
     if (!current) return;
-    const [collection] = await Promise.all([requestJson(this.floors.path("features")), this.ways.load()]);
-    if (this.floors.current !== current) return;
-    if (this.history.begin(`${currentVenue().id}.${current.id}`, collection.features)) {
+    const [collection, landmarks] = await Promise.all([requestJson(this.floors.path("features")), this.ways.read()]);
+    if (!isLatest()) return;
+    this.ways.landmarks = landmarks;
+    if (this.history.begin(`${venue}.${current.id}`, collection.features)) {
       byId("board-error").replaceChildren(notice("info", "What you drew and didn't save is back. Save it, or undo it."));
     }
     this.choose("select");
@@ -205,12 +205,17 @@ export class DrawTool {
       return this.draw();
     }
     const floor = this.floors.current.id;
+    const { points } = this;
     const [from, to] = [this.points[0], point].map(([x, y]) => `${floor}:${x.toFixed(3)},${y.toFixed(3)}`);
-    this.points.push(point);
+    points.push(point);
     try {
-      this.route = await requestJson(`${venuePath("route")}?${new URLSearchParams({ from, to })}`);
+      const route = await requestJson(`${venuePath("route")}?${new URLSearchParams({ from, to })}`);
+      // Another tool, floor or beginning was chosen meanwhile.
+      if (this.points !== points) return undefined;
+      this.route = route;
       byId("draw-words").textContent = `${this.route.distance_m.toFixed(1)} m: ${this.route.steps.map((step) => step.instruction).join(" ")}`;
     } catch (error) {
+      if (this.points !== points) return undefined;
       byId("draw-words").textContent = error.message;
     }
     return this.draw();
@@ -249,6 +254,7 @@ export class DrawTool {
 
   draw() {
     const { board } = this;
+    if (board.tool !== this) return;
     board.glyphs = [];
     const all = this.preview ?? this.features;
     const rank = { Polygon: 0, LineString: 1, Point: 2 };
@@ -286,15 +292,14 @@ export class DrawTool {
 
   async save() {
     showError(byId("board-error"), null);
-    const before = this.history.value;
+    const before = this.history.mark();
     const where = this.floors.path("features");
     const body = { type: "FeatureCollection", features: this.features };
     const stored = await requestJson(where, { method: "PUT", json: body });
     const now = await requestJson(where);
     const warnings = stored.warnings ?? [];
     // What was drawn while this was on its way stays unsaved.
-    if (this.history.value === before) this.history.stored(now.features);
-    else warnings.unshift("What you drew since you pressed Save is not saved yet.");
+    if (!this.history.storedAt(before, now.features)) warnings.unshift("What you drew since you pressed Save is not saved yet.");
     byId("board-error").replaceChildren(notice("good", "Saved."), ...warnings.map((words) => notice("info", words)));
     this.onStored();
   }

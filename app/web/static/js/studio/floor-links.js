@@ -2,7 +2,6 @@
 
 import { requestJson } from "../api.js";
 import { byId, el } from "../dom.js";
-import { venuePath } from "../venues.js";
 
 const ACCESSIBLE = { stairs: false, lift: true, escalator: false };
 
@@ -17,12 +16,12 @@ export class FloorLinks {
     byId("link-accessible").addEventListener("change", () => this.change({ accessible: byId("link-accessible").checked }));
   }
 
-  /** Read the landmarks of the other floors. */
-  async load() {
+  /** Return the landmarks of the other floors, by floor. */
+  async read() {
     const others = this.others();
-    const collections = await Promise.all(others.map((floor) => requestJson(venuePath("floors", floor.id, "features"))));
+    const collections = await Promise.all(others.map((floor) => requestJson(`${this.floors.pathOf(floor)}/features`)));
     const found = collections.map(({ features }) => features.filter(({ properties }) => properties.kind === "landmark"));
-    this.landmarks = new Map(others.map((floor, i) => [floor.id, found[i]]));
+    return new Map(others.map((floor, i) => [floor.id, found[i]]));
   }
 
   others() {

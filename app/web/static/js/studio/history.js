@@ -57,6 +57,25 @@ export class History {
     this.set(this.saved);
   }
 
+  /** Return what says which value is being stored, for `storedAt`. */
+  mark() {
+    const { key, value } = this;
+    return { key, value };
+  }
+
+  /** Say that the server has what there was at a mark, which `value` is the server's form of; returns false where it was
+   * changed since. Where another floor is worked on by now, its draft alone is forgotten. */
+  storedAt(mark, value) {
+    if (this.key !== mark.key) {
+      if (localStorage.getItem(mark.key) !== mark.value) return false;
+      localStorage.removeItem(mark.key);
+      return true;
+    }
+    if (this.value !== mark.value) return false;
+    this.stored(value);
+    return true;
+  }
+
   /** Take the keys for undo and redo. */
   shortcut(event) {
     if (!(event.ctrlKey || event.metaKey)) return;

@@ -2,6 +2,7 @@
 
 import { byId, showError } from "../dom.js";
 import { setUpKey } from "../key.js";
+import { turns } from "../turns.js";
 import { currentVenue, loadVenues, onVenueChange, setUpVenues } from "../venues.js";
 import { AlignTool } from "./align.js";
 import { Board } from "./board.js";
@@ -9,11 +10,11 @@ import { CameraTool } from "./cameras.js";
 import { DrawTool } from "./draw.js";
 import { Floors } from "./floors.js";
 import { PhonesTool } from "./phones.js";
-import { setUpPhoto } from "./photo.js";
+import { forgetPhoto, setUpPhoto } from "./photo.js";
 import { PlanTool } from "./plan.js";
 import { Scans } from "./scans.js";
-import { chooseRecording, setUpShare, showShare } from "./share.js";
-import { showSteps } from "./steps.js";
+import { chooseRecording, forgetCode, setUpShare, showShare } from "./share.js";
+import { forgetSteps, showSteps } from "./steps.js";
 
 // View -> [title, words, panel] of those that use the board; the others have a section of their own.
 const BOARD_VIEWS = {
@@ -37,8 +38,10 @@ const tools = {
 };
 const scans = new Scans(() => showView());
 const RETRY_MS = 2000;
-// Venues whose floors are on their way.
-let loading = 0;
+const viewTurn = turns();
+const venueTurn = turns();
+// Whether the floors of the chosen venue are on their way.
+let loading = false;
 
 function currentView() {
   const name = location.hash.slice(1);
@@ -46,6 +49,7 @@ function currentView() {
 }
 
 async function showView() {
+  viewTurn();
   const view = currentView();
   const onBoard = view in BOARD_VIEWS;
   for (const name of ["start", "scan", "try", "share"]) byId(`view-${name}`).hidden = name !== view;
@@ -56,7 +60,7 @@ async function showView() {
     if (link.getAttribute("href") === `#${view}`) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
-  if (view === "start") await showSteps(floors);
+  if (view === "start") await (loading ? null : showSteps(floors));
   else if (view === "scan") await scans.show();
   else if (view === "share") await showShare();
   else if (onBoard) {
@@ -69,31 +73,46 @@ async function showView() {
 async function beginTool() {
   const view = currentView();
   if (!(view in BOARD_VIEWS)) return;
+  const isLatest = viewTurn();
   const tool = tools[view];
   const panel = byId(BOARD_VIEWS[view][2]);
-  // To begin on a floor that is about to be replaced would lose what is clicked until then.
-  panel.inert = loading > 0;
-  if (loading) return board.use(null);
+  const focused = panel.contains(document.activeElement) ? document.activeElement : null;
+  // What is clicked before the tool has what it works on would be lost, or be stored on another floor.
+  panel.inert = true;
+  board.use(null);
+  if (loading || floors.isLoading) return;
   byId("board-error").replaceChildren();
-  board.use(tool);
   try {
-    await tool.begin?.();
+    await tool.begin(isLatest);
+    if (!isLatest()) return;
+    board.use(tool);
+    panel.inert = floors.current === null;
+    // The keyboard keeps its place.
+    if (focused?.isConnected && document.activeElement === document.body) focused.focus();
   } catch (error) {
+    if (!isLatest()) return;
     showError(byId("board-error"), error);
     // The server can't be reached: what this view shows is read as soon as it is back.
-    if (error.status === 0) setTimeout(() => currentView() === view && beginTool(), RETRY_MS);
+    if (error.status === 0) setTimeout(() => isLatest() && beginTool(), RETRY_MS);
   }
 }
 
 async function venueChanged() {
   showError(byId("page-error"), null);
-  loading += 1;
+  const venue = currentVenue()?.id ?? null;
+  const isSame = !loading && !floors.isLoading && floors.venue === venue;
+  // The list of venues was read again: what is being done on a floor goes on, unless another map serves now.
+  if (isSame && currentView() in BOARD_VIEWS && currentView() !== "align") return;
+  const isLatest = venueTurn();
+  if (!isSame) for (const forget of [forgetSteps, forgetPhoto, forgetCode, () => scans.forget()]) forget();
+  loading = true;
   try {
-    floors.current = null;
-    await floors.load().finally(() => (loading -= 1));
-    if (!loading) await showView();
+    if (!isSame) await floors.loadSurely();
+    if (!isLatest()) return;
+    loading = false;
+    await showView();
   } catch (error) {
-    showError(byId("page-error"), error);
+    if (isLatest()) showError(byId("page-error"), error);
   }
 }
 

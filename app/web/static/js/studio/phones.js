@@ -1,8 +1,8 @@
 // Phones that agreed to be shown, live on the plan, and where they could not be located.
 
-import { requestJson } from "../api.js";
+import { path, requestJson } from "../api.js";
 import { byId, el, svg } from "../dom.js";
-import { venuePath } from "../venues.js";
+import { turns } from "../turns.js";
 import { count } from "../words.js";
 
 const EVERY_MS = 2000;
@@ -11,14 +11,17 @@ const RECENT_S = 10;
 
 export class PhonesTool {
   constructor(board, floors) {
-    Object.assign(this, { board, floors, phones: [], timer: null });
+    Object.assign(this, { board, floors, phones: [], timer: null, reads: turns() });
   }
 
-  async begin() {
+  async begin(isLatest) {
     this.leave();
+    this.phones = [];
     byId("phone-list").replaceChildren();
     if (!this.floors.current) return;
     await this.read();
+    // Another view may be open by now: nothing would end the timer.
+    if (!isLatest()) return;
     this.timer = setInterval(() => this.read().catch((error) => this.say(`${error.message} I try again by myself.`)), EVERY_MS);
   }
 
@@ -27,9 +30,10 @@ export class PhonesTool {
   }
 
   async read() {
-    const floor = this.floors.current;
-    const phones = await requestJson(venuePath("phones"));
-    if (this.floors.current !== floor) return;
+    const { current, venue } = this.floors;
+    const isLatest = this.reads();
+    const phones = await requestJson(path("venues", venue, "phones"));
+    if (this.floors.current !== current || !isLatest()) return;
     this.phones = phones;
     const lost = phones.reduce((sum, phone) => sum + phone.lost.length, 0);
     const shown = phones.length === 1 ? "One phone is shown" : `${count(phones.length)} phones are shown`;
@@ -50,6 +54,7 @@ export class PhonesTool {
 
   draw() {
     const { board } = this;
+    if (board.tool !== this) return;
     board.glyphs = [];
     const here = (place) => place?.floor === this.floors.current?.id;
     const lost = this.phones.flatMap((phone) => phone.lost.filter(here));

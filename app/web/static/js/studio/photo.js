@@ -1,12 +1,14 @@
 // A photo located, with the matches that speak for the place drawn between it and the keyframe that shares most.
 
-import { request, requestJson } from "../api.js";
-import { byId, el, guarded, notice, svg } from "../dom.js";
-import { currentVenue, venuePath } from "../venues.js";
+import { path, request, requestJson } from "../api.js";
+import { byId, el, guarded, notice, showError, svg } from "../dom.js";
+import { turns } from "../turns.js";
+import { currentVenue } from "../venues.js";
 import { metres, reasonWords } from "../words.js";
 
 const MAX_LINES = 150;
 const GAP_SHARE = 0.03;
+const turn = turns();
 
 /** `floors` has the names of the venue's floors. */
 export function setUpPhoto(floors) {
@@ -16,16 +18,27 @@ export function setUpPhoto(floors) {
   });
 }
 
+/** Take away what was found in the venue before. */
+export function forgetPhoto() {
+  turn();
+  byId("try-result").replaceChildren();
+  showError(byId("try-error"), null);
+}
+
 async function locate(floors) {
+  const isLatest = turn();
+  const venue = currentVenue();
+  if (!venue) throw new Error("Add a venue first, with the plus sign above.");
   const photo = byId("photo").files[0];
   const form = new FormData();
-  form.set("venue", currentVenue()?.id ?? "");
+  form.set("venue", venue.id);
   form.set("image", photo, photo.name);
   form.set("matches", "true");
   const camera = byId("photo-camera").value.trim();
   if (camera) form.set("camera", camera);
   const answer = await requestJson("locate", { method: "POST", form });
-  sessionStorage.setItem(`roomfix.tried.${currentVenue().id}`, "yes");
+  sessionStorage.setItem(`roomfix.tried.${venue.id}`, "yes");
+  if (!isLatest()) return;
   const place = byId("try-result");
   if (!answer.located) {
     place.replaceChildren(notice("info", ...reasonWords(answer.reason).map((words) => el("span", {}, `${words} `))));
@@ -37,15 +50,18 @@ async function locate(floors) {
     : "Located in the map; it has no place on a plan yet.";
   const sure = `Within ${metres(answer.accuracy.position_m)}, ${Math.round(100 * answer.confidence)} % sure. ${answer.inliers} of ${answer.matches} matches agree.`;
   place.replaceChildren(el("section", { class: "card" }, el("h2", {}, "Located"), el("p", {}, where), el("p", {}, sure)));
-  if (answer.shown_matches) place.append(await drawing(photo, answer));
+  if (!answer.shown_matches) return;
+  const drawn = await drawing(photo, venue, answer);
+  if (isLatest()) place.append(drawn);
 }
 
-async function drawing(photo, answer) {
+async function drawing(photo, venue, answer) {
   const { keyframe, pairs } = answer.shown_matches;
   const left = await size(URL.createObjectURL(photo));
   let right = null;
   try {
-    const response = await request(venuePath("maps", String(answer.map_version), "keyframes", String(keyframe), "picture"));
+    const where = path("venues", venue.id, "maps", String(answer.map_version), "keyframes", String(keyframe), "picture");
+    const response = await request(where);
     right = await size(URL.createObjectURL(await response.blob()));
   } catch {
     return notice("info", "The map was built without pictures, so the matches can't be drawn.");

@@ -29,11 +29,18 @@ export class PlanTool {
   /** Begin with the shown floor: a picture that was chosen for another one is not stored as its plan. */
   begin() {
     const { place } = this.floors;
-    if (this.place === place) return;
-    Object.assign(this, { place, file: null, ends: [], turn: this.turn + 1 });
-    byId("plan-image").value = "";
-    byId("page-field").hidden = true;
-    this.draw();
+    if (this.place !== place) {
+      Object.assign(this, { place, file: null, ends: [], turn: this.turn + 1 });
+      byId("plan-image").value = "";
+      byId("page-field").hidden = true;
+    }
+    if (this.file) this.board.show(this.picture);
+    this.say();
+  }
+
+  /** Leave the stored plan to the other tools: what is drawn on it has its scale. */
+  leave() {
+    if (this.file) this.floors.draw();
   }
 
   /** Show a file before it is sent. One unit is one pixel until its scale is known. */
@@ -42,26 +49,24 @@ export class PlanTool {
     const { turn } = this;
     byId("page-field").hidden = !file || !/pdf|tiff/.test(file.type);
     showError(byId("board-error"), null);
-    if (!file) return this.floors.show(this.floors.current.id);
+    if (!file) return this.floors.showSurely(this.floors.current.id);
     const image = new Image();
     try {
       const shown = SHOWN.includes(file.type) ? file : await this.drawn(file);
-      // Another file or page was chosen meanwhile.
+      image.src = URL.createObjectURL(shown);
+      await image.decode().catch(() => {
+        throw new Error("The browser can't read this picture. Save it as PNG or JPEG.");
+      });
+      // Another file, page or floor was chosen meanwhile.
       if (turn !== this.turn) return undefined;
-      this.file = shown;
+      const [width, height] = [image.naturalWidth, image.naturalHeight];
+      const picture = { url: image.src, width, height, metersPerPixel: 1, origin: [0, 0] };
+      // What was clicked until now was clicked in the picture before.
+      Object.assign(this, { file: shown, picture, size: [width, height], ends: [] });
+      if (this.board.tool === this) this.board.show(picture);
     } catch (error) {
       if (turn !== this.turn) return undefined;
       showError(byId("board-error"), error);
-      return this.draw();
-    }
-    image.src = URL.createObjectURL(this.file);
-    try {
-      await image.decode();
-      this.size = [image.naturalWidth, image.naturalHeight];
-      this.board.show({ url: image.src, width: this.size[0], height: this.size[1], metersPerPixel: 1, origin: [0, 0] });
-    } catch {
-      byId("board-error").replaceChildren(notice("error", "The browser can't read this picture. Save it as PNG or JPEG."));
-      this.file = null;
     }
     return this.draw();
   }
@@ -94,16 +99,21 @@ export class PlanTool {
   }
 
   say() {
+    byId("save-plan").disabled = !this.metersPerPixel || !this.floors.current;
+    if (!this.floors.current) {
+      byId("scale-words").textContent = "Add a floor first.";
+      return;
+    }
     const scale = this.metersPerPixel;
     const [width, height] = this.size ?? [];
     const size = scale && this.size ? ` The whole plan is ${(width * scale).toFixed(1)} m by ${(height * scale).toFixed(1)} m.` : "";
     byId("scale-words").textContent = scale
       ? `${Number(scale.toPrecision(4))} m per pixel.${size}`
       : `Click the ${this.ends.length ? "second" : "first"} of two points whose distance you know.`;
-    byId("save-plan").disabled = !scale || !this.floors.current;
   }
 
   draw() {
+    if (this.board.tool !== this) return;
     const { plan } = this.floors.current ?? {};
     if (!this.file) this.size = plan ? [plan.width_px, plan.height_px] : null;
     const shapes = this.ends.length === 2 ? [svg("polyline", { points: this.board.line(this.ends), class: "measure" })] : [];
@@ -114,19 +124,23 @@ export class PlanTool {
   }
 
   async save() {
-    const { plan } = this.floors.current;
+    // Another file, page or floor may be chosen before the answers come.
+    const { file, turn, place } = this;
+    const { id, plan } = this.floors.current;
+    const where = this.floors.path("plan");
     const form = new FormData();
-    // The stored image again, when only its scale changes.
-    const image = this.file ?? (await (await request(this.floors.path("plan"))).blob());
-    form.set("image", image, this.file?.name ?? "plan");
-    form.set("meters_per_pixel", String(this.metersPerPixel));
     // Plan (0, 0) is the lower left corner of the image.
-    const origin = plan && !this.file ? plan.origin_px : [0, this.size[1] - 1];
+    const origin = plan && !file ? plan.origin_px : [0, this.size[1] - 1];
+    form.set("meters_per_pixel", String(this.metersPerPixel));
     form.set("origin_px", origin.join(","));
-    await requestJson(this.floors.path("plan"), { method: "PUT", form });
+    // The stored image again, when only its scale changes.
+    const image = file ?? (await (await request(where)).blob());
+    form.set("image", image, file?.name ?? "plan");
+    await requestJson(where, { method: "PUT", form });
+    if (turn !== this.turn || place !== this.floors.place) return;
     Object.assign(this, { file: null, ends: [] });
     byId("plan-image").value = "";
-    await this.floors.load(this.floors.current.id);
+    await this.floors.load(id);
     byId("board-error").replaceChildren(notice("good", "The plan is stored."));
     this.onStored();
   }

@@ -1,7 +1,6 @@
 // The scan seen from above, as a picture in world metres, and how many points lie at which height.
 
-import { request } from "../api.js";
-import { venuePath } from "../venues.js";
+import { path, request } from "../api.js";
 
 const MAGIC = "RFPTS001";
 const MAX_POINTS = 150_000;
@@ -18,8 +17,8 @@ export class ScanPoints {
     Object.assign(this, { points, colours, count: points.length / 3 });
   }
 
-  static async of(version) {
-    const response = await request(`${venuePath("maps", String(version), "points")}?max_points=${MAX_POINTS}`);
+  static async of(venue, version) {
+    const response = await request(`${path("venues", venue, "maps", String(version), "points")}?max_points=${MAX_POINTS}`);
     const buffer = await response.arrayBuffer();
     const view = new DataView(buffer);
     const magic = String.fromCharCode(...new Uint8Array(buffer, 0, 8));

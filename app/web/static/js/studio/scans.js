@@ -1,10 +1,11 @@
 // Scans: upload, progress, report with pictures, what the examination found, repair; and the versions of the map.
 
-import { request, requestJson } from "../api.js";
+import { path, request, requestJson } from "../api.js";
 import { Progress, endedBuild } from "../builds.js";
 import { byId, el, guarded, notice, showError } from "../dom.js";
 import { uploadScan } from "../scan-upload.js";
-import { currentVenue, loadVenues, venuePath } from "../venues.js";
+import { turns } from "../turns.js";
+import { currentVenue, loadVenues } from "../venues.js";
 import { count, metres, moment } from "../words.js";
 import { Compare } from "./compare.js";
 
@@ -13,7 +14,7 @@ const PICTURE_PX = 640;
 
 export class Scans {
   constructor(onChange) {
-    this.onChange = onChange;
+    Object.assign(this, { onChange, turn: turns() });
     this.progress = new Progress(byId("progress"), () => this.ended());
     this.urls = [];
     // Ends the pictures that are on their way: of a version that is deleted there will be none.
@@ -25,29 +26,37 @@ export class Scans {
     });
   }
 
+  /** Take away what is shown of a venue: its buttons would be taken for those of the next one. */
+  forget() {
+    this.turn();
+    for (const id of ["versions", "versions-error", "builds", "report", "scan-error"]) byId(id).replaceChildren();
+    this.compare.show([]);
+  }
+
   async show() {
+    this.forget();
+    const isLatest = this.turn();
     const venue = currentVenue();
     byId("upload").disabled = venue === null || this.progress.uploading;
-    for (const id of ["versions", "builds", "report"]) byId(id).replaceChildren();
     if (!venue) return byId("versions").replaceChildren(notice("info", "Add a venue first, with the plus sign above."));
     try {
       const [maps, builds] = await Promise.all([
-        requestJson(venuePath("maps")),
+        requestJson(path("venues", venue.id, "maps")),
         requestJson(`database/builds?venue=${encodeURIComponent(venue.id)}`),
       ]);
-      if (currentVenue()?.id !== venue.id) return undefined;
+      if (!isLatest()) return undefined;
       for (const url of this.urls.splice(0)) URL.revokeObjectURL(url);
       this.pictures.abort();
       this.pictures = new AbortController();
       const none = notice("info", "No map yet. Upload a scan to build one.");
-      byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(map)) : [none]));
-      this.compare.show(maps);
+      byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(venue, map)) : [none]));
+      this.compare.show(maps, venue);
       this.progress.follow(builds.find((one) => RUNNING.includes(one.state)) ?? null, venue.id);
       this.report(builds[0]);
       const failed = builds.slice(1).filter((one) => one.state === "failed").slice(0, 3);
       byId("builds").replaceChildren(...failed.map(endedBuild));
     } catch (error) {
-      showError(byId("versions"), error);
+      if (isLatest()) showError(byId("versions"), error);
     }
     return undefined;
   }
@@ -63,8 +72,10 @@ export class Scans {
     const venue = currentVenue().id;
     const options = { ...this.options(), ...more };
     const submitted = await this.progress.upload((onProgress, signal) => uploadScan(archive, venue, options, onProgress, signal));
+    // Another venue is shown by now, whose own build may run.
+    if (currentVenue()?.id !== venue) return this.show();
     byId("report").replaceChildren();
-    this.progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
+    return this.progress.follow({ build: submitted.build, state: "queued", stage: null, done: 0, total: 0 }, venue);
   }
 
   options() {
@@ -122,14 +133,15 @@ export class Scans {
     return el("div", {}, button, error);
   }
 
-  versionCard(map) {
+  versionCard(venue, map) {
+    const where = path("venues", venue.id, "maps", String(map.version));
     const error = byId("versions-error");
     const title = el("h2", {}, `Version ${map.version}`);
     const head = el("div", { class: "map-head" }, title, map.active ? el("span", { class: "tag" }, "Serving") : null);
     head.append(el("time", { datetime: map.created_at }, moment(map.created_at)));
-    if (!map.active) head.append(this.action("Serve this one", map, ["activate"], "POST", error), this.deleteButton(map, error));
+    if (!map.active) head.append(this.activateButton(where, error), this.deleteButton(map, where, error));
     const picture = el("img", { class: "top-view", alt: `Version ${map.version} from above: its points, and the scan's path in blue` });
-    request(`${venuePath("maps", String(map.version), "map.png")}?width=${PICTURE_PX}`, { signal: this.pictures.signal })
+    request(`${where}/map.png?width=${PICTURE_PX}`, { signal: this.pictures.signal })
       .then((response) => response.blob())
       .then((blob) => {
         picture.src = URL.createObjectURL(blob);
@@ -139,37 +151,37 @@ export class Scans {
     const { statistics } = map;
     const figures = `${count(statistics.map_keyframes ?? statistics.keyframes)} keyframes, ${count(statistics.features ?? 0)} features`;
     const ply = el("button", { type: "button", class: "small" }, "Points as PLY");
-    ply.addEventListener("click", () => guarded(ply, error, () => this.download(map)));
+    ply.addEventListener("click", () => guarded(ply, error, () => this.download(where, `${venue.id}-${map.version}.ply`)));
     const card = el("section", { class: map.active ? "card map active" : "card map" }, head, el("p", { class: "help" }, figures), picture);
     card.append(el("div", { class: "actions" }, ply));
     return card;
   }
 
-  async download(map) {
-    const response = await request(`${venuePath("maps", String(map.version), "points")}?format=ply&max_points=1000000`);
+  async download(where, name) {
+    const response = await request(`${where}/points?format=ply&max_points=1000000`);
     const url = URL.createObjectURL(await response.blob());
-    el("a", { href: url, download: `${currentVenue().id}-${map.version}.ply` }).click();
+    el("a", { href: url, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(url), 10_000);
   }
 
-  action(words, map, parts, method, error) {
-    const button = el("button", { type: "button", class: "small" }, words);
+  activateButton(where, error) {
+    const button = el("button", { type: "button", class: "small" }, "Serve this one");
     button.addEventListener("click", () =>
       guarded(button, error, async () => {
-        await request(venuePath("maps", String(map.version), ...parts), { method });
+        await request(`${where}/activate`, { method: "POST" });
         await this.ended();
       }),
     );
     return button;
   }
 
-  deleteButton(map, error) {
+  deleteButton(map, where, error) {
     const button = el("button", { type: "button", class: "small danger" }, "Delete");
     button.addEventListener("click", () => {
       if (!confirm(`Delete version ${map.version}? It can't be brought back.`)) return;
       guarded(button, error, async () => {
         this.pictures.abort();
-        await request(venuePath("maps", String(map.version)), { method: "DELETE" });
+        await request(where, { method: "DELETE" });
         await this.ended();
       });
     });

@@ -2,15 +2,17 @@
 
 import { address, path, request, requestJson } from "../api.js";
 import { byId, guarded, showError } from "../dom.js";
+import { turns } from "../turns.js";
 import { currentVenue } from "../venues.js";
 
 const REMEMBERED = "roomfix.address";
 const DAY_S = 86_400;
+const turn = turns();
 let shown = null;
 
 export function setUpShare() {
   byId("address").addEventListener("change", () => localStorage.setItem(REMEMBERED, byId("address").value));
-  byId("purpose").addEventListener("change", forgetCode);
+  for (const id of ["address", "purpose", "validity"]) byId(id).addEventListener("change", forgetCode);
   byId("make-code").addEventListener("click", (event) => guarded(event.target, byId("share-error"), makeCode));
   byId("print").addEventListener("click", () => print());
 }
@@ -32,7 +34,9 @@ export function chooseRecording() {
   forgetCode();
 }
 
-function forgetCode() {
+/** Take the code away: it is not of what is chosen now. One that is being made is not shown. */
+export function forgetCode() {
+  turn();
   byId("qr").hidden = true;
   byId("go-link").textContent = "";
   const records = byId("purpose").value === "record";
@@ -43,12 +47,15 @@ function forgetCode() {
 }
 
 async function makeCode() {
+  const isLatest = turn();
   const venue = currentVenue();
   const records = byId("purpose").value === "record";
   const link = await linkTo(byId("address").value, venue.id, records);
   const response = await request(`assets/qr.svg?text=${encodeURIComponent(link)}`);
+  const picture = await response.blob();
+  if (!isLatest()) return;
   if (shown) URL.revokeObjectURL(shown);
-  shown = URL.createObjectURL(await response.blob());
+  shown = URL.createObjectURL(picture);
   Object.assign(byId("qr"), { src: shown, hidden: false, alt: `QR code of the ${records ? "recording" : "phone"} page of ${venue.name}` });
   Object.assign(byId("go-link"), { href: link, textContent: link.split("#")[0] });
   if (!records) sessionStorage.setItem(`roomfix.shared.${venue.id}`, "yes");

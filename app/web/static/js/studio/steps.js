@@ -2,20 +2,32 @@
 
 import { address, requestJson } from "../api.js";
 import { byId, el, showError } from "../dom.js";
-import { currentVenue, openVenueDialog, venuePath } from "../venues.js";
+import { turns } from "../turns.js";
+import { currentVenue, openVenueDialog } from "../venues.js";
+
+const turn = turns();
+
+/** Take away the steps of the venue before. */
+export function forgetSteps() {
+  turn();
+  for (const id of ["steps", "start-links"]) byId(id).replaceChildren();
+}
 
 /** Show the steps for the chosen venue, or for a server without any. */
 export async function showSteps(floors) {
+  const isLatest = turn();
   try {
     const venue = currentVenue();
     const done = await progress(venue, floors);
+    const code = await phoneCode();
+    if (!isLatest()) return;
     const next = done.findIndex((isDone) => !isDone);
     byId("steps").replaceChildren(...steps(venue).map((step, i) => entry(step, done[i], i === next)));
     const links = [];
     if (done[1]) links.push(el("a", { class: "button", href: `go/${encodeURIComponent(venue.id)}` }, "Open the phone page"));
-    byId("start-links").replaceChildren(...links, ...(await phoneCode()));
+    byId("start-links").replaceChildren(...links, ...code);
   } catch (error) {
-    showError(byId("page-error"), error);
+    if (isLatest()) showError(byId("page-error"), error);
   }
 }
 
@@ -42,9 +54,10 @@ function steps(venue) {
   ];
 }
 
-async function progress(venue, { all }) {
+async function progress(venue, floors) {
   if (!venue) return [false, false, false, false, false, false, false];
-  const collections = await Promise.all(all.map((floor) => requestJson(venuePath("floors", floor.id, "features"))));
+  const { all } = floors;
+  const collections = await Promise.all(all.map((floor) => requestJson(`${floors.pathOf(floor)}/features`)));
   const kinds = new Set(collections.flatMap(({ features }) => features.map(({ properties }) => properties.kind)));
   const isPlaced = all.some((floor) => floor.plan_from_world);
   const tried = sessionStorage.getItem(`roomfix.tried.${venue.id}`) !== null;
