@@ -225,6 +225,7 @@ def test_what_is_said_of_a_replaced_map() -> None:
     assert "plan of floors a, b, c and 2 more was placed" in warning
     assert warning.endswith("as force says. Place the floors anew.")
     assert "floors a, b, c was" in replacement_warnings(FEW, forced, floors[:3])[0]
+    assert "floors a, b, c and 1 more was" in replacement_warnings(FEW, forced, floors[:4])[0]
     (warning,) = replacement_warnings(CONTRADICTING, forced, ())
     assert "locates 30, and by its poses only 2 of them lie" in warning
     assert "another place" not in warning
