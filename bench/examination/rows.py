@@ -109,12 +109,17 @@ def summary(rows: Sequence[Row], commit: str) -> list[str]:
     their commits where they are not all of this `commit`."""
     mistakes, right = [row for row in rows if row.is_mistake], [row for row in rows if not row.is_mistake]
     named = sum(row.named for row in mistakes)
-    lines = [
-        f"Mistakes: {len(mistakes)}. Of these {sum(row.serves for row in mistakes)} serve, and {named} are named by "
-        "the right cause.",
-        f"Right scans: {len(right)}. Of these {sum(row.verdict == 'refused' for row in right)} are refused and "
-        f"{sum(row.is_warned_of for row in right)} warned of.",
-    ]
+    lines = []
+    if mistakes:
+        lines.append(
+            f"Mistakes: {len(mistakes)}. Of these {sum(row.serves for row in mistakes)} serve, and {named} are named "
+            "by the right cause."
+        )
+    if right:
+        lines.append(
+            f"Right scans: {len(right)}. Of these {sum(row.verdict == 'refused' for row in right)} are refused and "
+            f"{sum(row.is_warned_of for row in right)} warned of."
+        )
     reference = next((row.located for row in right if row.name == RIGHT), None)
     repaired = [(row.name, row.located) for row in mistakes if row.repairs and row.located is not None]
     if reference is not None and repaired:
