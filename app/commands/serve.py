@@ -17,6 +17,7 @@ from app.commands.https import Certificate, make_certificate, own_names, print_p
 from app.commands.serving.connections import connection_options
 from app.commands.serving.leaving_server import OPTIONS as LEAVING
 from app.commands.serving.leaving_server import LeavingServer
+from app.commands.serving.memory import share_arenas
 from app.jobs.worker import run_worker
 from app.logs import configure_logs
 from app.main import create_app
@@ -75,6 +76,7 @@ def check_access(settings: Settings) -> None:
 
 def run_server(settings: Settings) -> None:
     """Serve until interrupted."""
+    share_arenas(settings.workers)
     access, certificate = phone_access(settings) if settings.https else (None, None)
     if access is not None:
         print_phone_access(access)

@@ -291,6 +291,11 @@ class Camera:
         return np.asarray(inside.all(axis=1))
 
 
+def off_centre_ratio(cx: float, cy: float, width: float, height: float) -> float:
+    """Return how far a principal point is from the centre of an image, relative to the image's size."""
+    return max(abs(cx + 0.5 - width / 2) / width, abs(cy + 0.5 - height / 2) / height)
+
+
 @lru_cache(maxsize=256)
 def _fold_radius(model: str, distortion: tuple[float, ...]) -> float:
     """Return the distance from the axis, at z = 1, at which the distorted radius of a lens model starts to decrease.

@@ -103,16 +103,17 @@ def camera_terms(
     """Return the terms of pixels (n, 2) and world points (n, 3); raises `InvalidInputError` for a bad number."""
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
     projected, jacobian, by_point = reprojection_jacobian(points, camera, world_from_camera)
+    focal_px, centre_px = camera.focal_px, camera.principal_point_px
     seen = np.isfinite(jacobian).all(axis=(1, 2))
     projected, jacobian, by_point = projected[seen], jacobian[seen], by_point[seen]
     variance = _variances(point_sigma_m, len(points), "point_sigma_m")[seen]
-    by_log_focal = projected - camera.principal_point_px
+    by_log_focal = projected - centre_px
     return CameraTerms(
         residuals=projected - pixels[seen],
         jacobian=jacobian,
         point_noise=variance[:, None, None] * (by_point @ by_point.transpose(0, 2, 1)),
         by_log_focal=by_log_focal,
-        by_lens=by_log_focal * np.sum((by_log_focal / camera.focal_px) ** 2, axis=1)[:, None],
+        by_lens=by_log_focal * np.sum((by_log_focal / focal_px) ** 2, axis=1)[:, None],
     )
 
 

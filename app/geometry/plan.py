@@ -190,8 +190,9 @@ def pixels_from_plan(
 
     u increases with x; v decreases as y increases. `origin_px` (2,) is the pixel of plan (0, 0).
     """
+    right, up = as_matrix(x), as_matrix(y)
     u0, v0 = _checked_raster(meters_per_pixel, origin_px)
-    return u0 + as_matrix(x) / meters_per_pixel, v0 - as_matrix(y) / meters_per_pixel
+    return u0 + right / meters_per_pixel, v0 - up / meters_per_pixel
 
 
 def plan_from_pixels(

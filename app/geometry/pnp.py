@@ -14,7 +14,7 @@ from app.geometry.epnp import MIN_EPNP_POINTS, solve_epnp
 from app.geometry.estimators.chosen import ESTIMATORS
 from app.geometry.estimators.interface import MIN_POINTS, RansacBudget
 from app.geometry.pose_refinement import refine_pose
-from app.geometry.reprojection import PIXEL_NOISE, reprojection_errors_px
+from app.geometry.reprojection import PIXEL_NOISE, agreeing_points
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs
 from app.limits import limit
@@ -106,17 +106,11 @@ def estimate_pose_lo_ransac(
     found = ESTIMATORS.absolute_pose(pixels, points, camera, budget, loss_scale_px=loss_scale_px, prior=prior)
     if found is None:
         return None
-    return _estimate(pixels, points, camera, found.world_from_camera, max_error_px, found.iterations)
-
-
-def _estimate(
-    pixels: Array, points: Array, camera: Camera, pose: Pose, max_error_px: float, iterations: int
-) -> PnpEstimate | None:
-    errors = reprojection_errors_px(pixels, points, camera, pose)
-    inliers = errors <= max_error_px
+    pose = found.world_from_camera
+    inliers, rms_px = agreeing_points(pixels, points, camera, pose, max_error_px)
     if np.count_nonzero(inliers) < MIN_POINTS:
         return None
-    return PnpEstimate(pose, inliers, float(np.sqrt(np.mean(errors[inliers] ** 2))), iterations)
+    return PnpEstimate(pose, inliers, rms_px, found.iterations)
 
 
 def estimate_pose_epnp_lm(
@@ -144,7 +138,8 @@ def estimate_pose_epnp_lm(
         pose = refine_pose(pixels[inliers], points[inliers], camera, rough, loss="trivial")
     except DegenerateGeometryError:
         return None
-    return _estimate(pixels, points, camera, pose, max_error_px, 0)
+    agree, rms_px = agreeing_points(pixels, points, camera, pose, max_error_px)
+    return PnpEstimate(pose, agree, rms_px, 0) if np.count_nonzero(agree) >= MIN_POINTS else None
 
 
 def _ransac_inliers(

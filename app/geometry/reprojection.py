@@ -56,6 +56,21 @@ def reprojection_errors_px(
     return np.asarray(np.where(np.isnan(distances), np.inf, distances))
 
 
+def agreeing_points(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    camera: Camera,
+    world_from_camera: Pose,
+    max_error_px: float,
+) -> tuple[NDArray[np.bool_], float]:
+    """Return which world points (n, 3) are projected within `max_error_px` of their pixels (n, 2), and the root mean
+    square of the errors of these in pixels, NaN without any."""
+    errors_px = reprojection_errors_px(points_px, points_in_world, camera, world_from_camera)
+    agree = errors_px <= max_error_px
+    rms_px = float(np.sqrt(np.mean(errors_px[agree] ** 2))) if agree.any() else float("nan")
+    return agree, rms_px
+
+
 def reprojection_jacobian(
     points_in_world: ArrayLike, camera: Camera, world_from_camera: Pose
 ) -> tuple[Array, Array, Array]:

@@ -21,9 +21,9 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
     ),
     "record3d": (("metadata and rgbd/0.depth, or a .r3d file", r"(?:[^/]+\.r3d|rgbd/\d+\.depth)"),),
     "polycam": (
-        ("keyframes/cameras", r"keyframes/(?:corrected_)?cameras/[^/]+\.json"),
-        ("keyframes/images", r"keyframes/(?:corrected_)?images/[^/]+\.(?:jpe?g|png)"),
-        ("keyframes/depth", r"keyframes/depth/[^/]+\.png"),
+        ("keyframes/cameras", r"(?:keyframes/(?:corrected_)?cameras/[^/]+|(?:corrected_)?cameras/\d+)\.json"),
+        ("keyframes/images", r"(?:keyframes/)?(?:corrected_)?images/[^/]+\.(?:jpe?g|png)"),
+        ("keyframes/depth", r"(?:keyframes/)?depth/[^/]+\.png"),
     ),
     "3d-scanner-app": (
         ("frame_00000.json", r"frame_\d+\.json"),

@@ -104,12 +104,14 @@ def map_result(
     request: LocateRequest,
     camera: QueryCamera,
 ) -> LocateResult:
+    """Return the result of an answer by a map version, for what is known of the query's camera."""
     reason, pose = found.reason, found.world_from_camera
-    gravity_checked = None if request.gravity is None else pose is not None and version.z_up
+    z_up, has_scale, plan_reason = version.z_up, version.has_scale, version.plan_reason
+    gravity_checked = None if request.gravity is None else pose is not None and z_up
     if gravity_checked and contradicts_gravity(pose, request.gravity):
         reason, pose = "ambiguous", None
     # The heights of floors are in metres.
-    floors = floors if version.has_scale else []
+    floors = floors if has_scale else []
     floor = floor_of(floors, pose) if pose is not None else None
     if pose is not None and floors and floor is None:
         reason, pose = "outside_venue", None
@@ -125,8 +127,8 @@ def map_result(
         reason=reason,
         world_from_camera=pose,
         floor=floor,
-        plan=plan_point(floor, pose) if floor is not None and pose is not None and version.z_up else None,
-        plan_reason=version.plan_reason if pose is not None else None,
+        plan=plan_point(floor, pose) if floor is not None and pose is not None and z_up else None,
+        plan_reason=plan_reason if pose is not None else None,
         accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
         support=found.evidence.support,

@@ -116,7 +116,7 @@ class MapLibrary:
         except MapDamagedError as error:
             self._damaged[key] = _Damage(error, time.monotonic())
             raise
-        if opened.artifact.is_damaged:
+        if opened.artifact.is_damaged or opened.index.is_damaged:
             self._open.drop(key)
             self._damaged[key] = _Damage(MapDamagedError(DAMAGED_WHILE_OPEN), time.monotonic())
             raise self._damaged[key].error

@@ -8,8 +8,10 @@ from threading import Lock
 
 import numpy as np
 
-from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.checked_rows import checksum
+from app.engine.maps.artifact import FileChecksums, MapArtifact
+from app.engine.maps.checked_rows import OPTIONS as CHECKSUMS
+from app.engine.maps.checked_rows import BlockChecker, checksum, checksums_of_blocks
+from app.engine.maps.surroundings import with_places
 from app.errors import MapDamagedError, NotFoundError
 from app.storage.blobs import OPTIONS, BlobStore
 from app.storage.maps import MapVersion
@@ -48,11 +50,9 @@ class MapFiles:
         artifact = MapArtifact.open(artifact_path)
         if artifact.checker is None:
             self._verify_whole(artifact_path, version.artifact_blob)
-        if artifact.index_checksum is None:
+        if artifact.index_checksums is None:
             self._verify_whole(index_path, version.index_blob)
-        elif file_checksum(index_path) != artifact.index_checksum:
-            raise MapDamagedError(f"The index file {index_path.name} is damaged: it has another checksum.")
-        return artifact, GlobalIndex.open(index_path)
+        return artifact, open_index(artifact, index_path)
 
     def _path(self, digest: str) -> Path:
         try:
@@ -72,11 +72,36 @@ class MapFiles:
             self._verified.add(digest)
 
 
-def file_checksum(path: Path) -> int:
-    """Return the 64-bit XXH3 checksum of a file."""
-    if path.stat().st_size == 0:
-        return checksum(b"")
-    return checksum(np.memmap(path, dtype=np.uint8, mode="r"))
+def write_map(artifact: MapArtifact, index: GlobalIndex, artifact_path: Path, index_path: Path) -> None:
+    """Write the two files of a map, with all that opening it would compute."""
+    index.write(index_path)
+    data = np.memmap(index_path, dtype=np.uint8, mode="r")
+    # A small index is read whole by each search.
+    is_large = not index.is_exact and len(data) > CHECKSUMS.eager_bytes
+    blocks = checksums_of_blocks(data, CHECKSUMS.index_block_bytes) if is_large else None
+    checksums = FileChecksums(checksum(data), blocks, CHECKSUMS.index_block_bytes)
+    with_places(artifact).write(artifact_path, checksums)
+
+
+def open_index(artifact: MapArtifact, path: Path) -> GlobalIndex:
+    """Return the index of a map; raises `MapDamagedError` when its file has another checksum than the map states.
+
+    The whole descriptors of a large one are verified when they are used.
+    """
+    checksums = artifact.index_checksums
+    if checksums is None:
+        return GlobalIndex.open(path)
+    # FAISS refuses an empty file.
+    data = np.memmap(path, dtype=np.uint8, mode="r") if path.stat().st_size else np.zeros(0, np.uint8)
+    damaged = MapDamagedError(f"The index file {path.name} is damaged: it has another checksum.")
+    if checksums.blocks is None:
+        if checksum(data) != checksums.whole:
+            raise damaged
+        return GlobalIndex.open(path)
+    if checksums.block_bytes <= 0 or -(-len(data) // checksums.block_bytes) != len(checksums.blocks):
+        raise damaged
+    checker = BlockChecker(data, checksums.blocks, checksums.block_bytes, path.name)
+    return GlobalIndex.open_large(path, checker, artifact.keyframe_count, artifact.metadata.descriptor_size)
 
 
 def sha256_of(path: Path) -> str:

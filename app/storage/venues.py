@@ -55,7 +55,7 @@ def get_venue(connection: Connection, venue_id: str) -> Venue:
     """Return a venue; raises `NotFoundError`."""
     row = connection.execute(select(venues).where(venues.c.id == venue_id)).first()
     if row is None:
-        raise NotFoundError(f"There is no venue {venue_id!r}.")
+        raise _unknown(venue_id)
     return _venue(row)
 
 
@@ -81,19 +81,25 @@ def place_venue(connection: Connection, venue_id: str, origin: VenueOrigin | Non
 
 def earth_of(connection: Connection, venue_id: str, floors: Sequence[Floor]) -> Earth | None:
     """Return a venue with these floors on Earth, None where it has no origin; raises `NotFoundError`."""
-    origin = get_venue(connection, venue_id).origin
-    return None if origin is None else Earth(origin, floors)
+    row = connection.execute(select(venues.c.origin).where(venues.c.id == venue_id)).first()
+    if row is None:
+        raise _unknown(venue_id)
+    return None if row.origin is None else Earth(VenueOrigin(**row.origin), floors)
 
 
 def delete_venue(connection: Connection, venue_id: str) -> None:
     """Delete a venue with its floors, maps and builds; raises `NotFoundError`."""
     if connection.execute(delete(venues).where(venues.c.id == venue_id)).rowcount == 0:
-        raise NotFoundError(f"There is no venue {venue_id!r}.")
+        raise _unknown(venue_id)
 
 
 def set_active_map(connection: Connection, venue_id: str, version: int) -> None:
     """Make a map version the one that serves the venue."""
     connection.execute(update(venues).where(venues.c.id == venue_id).values(active_map_version=version))
+
+
+def _unknown(venue_id: str) -> NotFoundError:
+    return NotFoundError(f"There is no venue {venue_id!r}.")
 
 
 def _venue(row: Row[tuple[object, ...]]) -> Venue:

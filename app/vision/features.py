@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from app.vision.images import Gray
 
@@ -22,6 +22,12 @@ class LocalFeatures:
 
     def __len__(self) -> int:
         return len(self.keypoints_px)
+
+    @staticmethod
+    def of_shrunk(points_px: ArrayLike, scale: float, descriptors: Descriptors) -> LocalFeatures:
+        """Return the features whose points (n, 2) are those of the image after `shrink` by a scale."""
+        points = np.asarray(points_px, dtype=np.float32)
+        return LocalFeatures(np.asarray((points + 0.5) / scale - 0.5, dtype=np.float32), descriptors)
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> LocalFeatures:
         """Return the features of the given rows."""

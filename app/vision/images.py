@@ -97,7 +97,21 @@ class ImageQuality:
         return not lit or self.contrast < OPTIONS.min_contrast
 
 
+@dataclass(frozen=True, slots=True)
+class Photo:
+    """A decoded image file: RGB (height, width, 3), upright, and by how many quarter turns, counter-clockwise, it was
+    turned for that; 0 for a mirrored one."""
+
+    rgb: Rgb
+    quarter_turns: int
+
+
 def decode_image(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Rgb:
+    """Return the picture (height, width, 3) of `decode_photo`."""
+    return decode_photo(data, max_pixels).rgb
+
+
+def decode_photo(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Photo:
     """Decode the bytes of a JPEG, PNG, WebP, HEIC, AVIF or TIFF file to RGB (height, width, 3), upright by its EXIF
     or XMP orientation.
 
@@ -116,9 +130,10 @@ def decode_image(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Rgb:
             with open_image(io.BytesIO(data)) as image:
                 _check_size(image.width, image.height, max_pixels)
                 whole = _with_all_bits(image, data)
+                turns = QUARTER_TURNS.get(whole.getexif().get(ORIENTATION, UPRIGHT), 0)
                 # Not as a copy: an image of 50 megapixels takes 200 MB.
                 ImageOps.exif_transpose(whole, in_place=True)
-                return _to_rgb(whole)
+                return Photo(_to_rgb(whole), turns)
     except UnidentifiedImageError:
         raise UnsupportedImageError(f"The file is not a {FORMATS_IN_WORDS} image.") from None
     except Image.DecompressionBombError:

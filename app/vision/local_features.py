@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from app.errors import InvalidInputError
 from app.limits import limit
@@ -197,7 +195,7 @@ class RootSift:
         sums = np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
         rooted = np.sqrt(descriptors / sums) * ROOT_SIFT_SCALE
         quantised = np.minimum(np.rint(rooted), 255).astype(np.uint8)
-        return LocalFeatures(_points(keypoints, scale), quantised)
+        return LocalFeatures.of_shrunk(cv2.KeyPoint.convert(keypoints), scale, quantised)
 
     def for_faint_images(self) -> LocalFeatureExtractor | None:
         """Return RootSIFT at a coarser scale with a lower contrast threshold, None if this one has that already."""
@@ -344,12 +342,8 @@ def _binary_features(
     keypoints, descriptors = detector.detectAndCompute(small, None)
     if not len(keypoints):
         return _no_features(extractor)
-    return LocalFeatures(_points(keypoints, scale), np.asarray(descriptors, dtype=np.uint8))
-
-
-def _points(keypoints: Sequence[cv2.KeyPoint], scale: float) -> NDArray[np.float32]:
-    points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float32)
-    return np.asarray((points + 0.5) / scale - 0.5, dtype=np.float32)
+    points_px = cv2.KeyPoint.convert(keypoints)
+    return LocalFeatures.of_shrunk(points_px, scale, np.asarray(descriptors, dtype=np.uint8))
 
 
 def _no_features(extractor: LocalFeatureExtractor) -> LocalFeatures:

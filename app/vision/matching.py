@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,12 @@ from numpy.typing import NDArray
 from app.vision.features import Descriptors
 
 Unit = NDArray[np.float32]
+
+
+class DescriptorRows(Protocol):
+    """The descriptors of many pictures, of which spans of rows are read."""
+
+    def __getitem__(self, rows: slice, /) -> Descriptors | NDArray[np.float16]: ...
 
 
 def to_unit_vectors(descriptors: Descriptors | NDArray[np.float16], binary: bool) -> Unit:
@@ -53,17 +60,24 @@ def match_unit_vectors(
 
 
 def match_with_each(
-    unit: Unit, others: Sequence[Descriptors | NDArray[np.float16]], ratio: float, binary: bool = False
+    unit: Unit,
+    descriptors: DescriptorRows,
+    offsets: NDArray[np.int64],
+    pictures: Sequence[int],
+    ratio: float,
+    binary: bool = False,
 ) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]]:
-    """Match unit descriptors (n, d) with each of several sets of descriptors (m, d), one set at a time.
+    """Match unit descriptors (n, d) with those of each of several pictures, one picture at a time.
 
-    Returns, for each set, rows of `unit`, rows of the set, and the distances of the matched unit vectors (k,).
+    Picture i has the rows `offsets[i]:offsets[i + 1]` of `descriptors` (m, d). Returns, for each picture, rows of
+    `unit`, rows of `descriptors`, and the distances of the matched unit vectors (k,).
     """
     found = []
-    for other in others:
-        theirs = to_unit_vectors(other, binary)
+    for picture in pictures:
+        start, end = int(offsets[picture]), int(offsets[picture + 1])
+        theirs = to_unit_vectors(descriptors[start:end], binary)
         a, b, _ = match_unit_vectors(unit, theirs, ratio, binary)
-        found.append((a, b, unit_distances(unit[a], theirs[b])))
+        found.append((a, start + b, unit_distances(unit[a], theirs[b])))
     return found
 
 

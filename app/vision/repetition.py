@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import faiss
@@ -88,44 +89,62 @@ class Repetition:
     row: NDArray[np.int64]
 
 
+# Calls a function with each of some chunks and gives the results in their order, as `map` does.
+RunChunks = Callable[[Callable[[slice], Repetition], list[slice]], Iterable[Repetition]]
+
+
 def find_repetition(
     descriptors: Descriptors | NDArray[np.float16],
     binary: bool,
     points_in_world: NDArray[np.float32],
     among: NDArray[np.int64],
     z_up: bool = True,
+    run: RunChunks = map,
 ) -> Repetition:
     """Return the most similar feature at another place for features (n, d) at world points (n, 3).
 
     Only the features in the rows `among` (m,) are searched; `z_up` says whether z is known to point up. The search is
     approximate: an inverted file finds nearly all neighbours. When all of the nearest `OPTIONS.neighbours` are at the
-    same place, the distance is that of the last of them, a lower bound of the true one.
+    same place, the distance is that of the last of them, a lower bound of the true one. `run` may search chunks of the
+    features in several threads.
     """
     if len(descriptors) < 2 or len(among) == 0:
         return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
-    unit = to_unit_vectors(descriptors, binary)
-    index = _inverted_file(unit[among])
+    index = _inverted_file(descriptors, binary, among)
     scaled = points_in_world * PLACE.axis_weights(z_up)
-    size = OPTIONS.chunk_features
-    parts = [
-        _search(index, unit[i : i + size], scaled[i : i + size], scaled[among])
-        for i in range(0, len(unit), size)
-    ]
+    searched = scaled[among]
+
+    def search(chunk: slice) -> Repetition:
+        return _search(index, to_unit_vectors(descriptors[chunk], binary), scaled[chunk], searched)
+
+    parts = list(run(search, _chunks(len(descriptors))))
     found = np.concatenate([p.row for p in parts])
     rows = np.where(found < 0, -1, among[np.maximum(found, 0)])
     return Repetition(np.concatenate([p.distance for p in parts]), rows)
 
 
-def _inverted_file(unit: NDArray[np.float32]) -> faiss.Index:
-    count, size = unit.shape
-    cells = int(np.clip(OPTIONS.cells_ratio * np.sqrt(count), 1, min(OPTIONS.max_cells, count)))
+def _chunks(count: int) -> list[slice]:
+    """Return slices of `OPTIONS.chunk_features` rows, of `count` in all."""
+    size = OPTIONS.chunk_features
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def _inverted_file(
+    descriptors: Descriptors | NDArray[np.float16], binary: bool, among: NDArray[np.int64]
+) -> faiss.Index:
+    """Return the index of the unit descriptors in the rows `among` (m,); unit vectors are made a chunk at a time."""
+    rows = np.random.default_rng(0).permutation(len(among))
+    cells = int(np.clip(OPTIONS.cells_ratio * np.sqrt(len(among)), 1, min(OPTIONS.max_cells, len(among))))
+    trained = among[np.sort(rows[: cells * OPTIONS.training_features_per_cell])]
+    unit = to_unit_vectors(descriptors[trained], binary)
+    size = unit.shape[1]
     index = faiss.IndexIVFScalarQuantizer(
         faiss.IndexFlatL2(size), size, cells, faiss.ScalarQuantizer.QT_fp16, faiss.METRIC_L2
     )
     index.cp.niter, index.cp.min_points_per_centroid = OPTIONS.training_steps, 1
-    rows = np.random.default_rng(0).permutation(count)[: cells * OPTIONS.training_features_per_cell]
-    index.train(unit[np.sort(rows)])
-    index.add(unit)
+    index.train(unit)
+    for chunk in _chunks(len(among)):
+        index.add(to_unit_vectors(descriptors[among[chunk]], binary))
     index.nprobe = OPTIONS.searched_cells
     return index
 

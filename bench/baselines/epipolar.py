@@ -98,7 +98,7 @@ class EpipolarLocalizer:
             matched_rows=np.concatenate([d.matches.query_rows for d in directions]),
             inlier_rows=np.concatenate([own.query_rows for own in inliers]),
             inlier_px=np.concatenate([own.query_px for own in inliers]),
-            distinct=0,
+            distinct_rows=np.zeros(0, np.intp),
             rival_rows=np.zeros(0, np.intp),
             size_px=(camera.width, camera.height),
             keyframe_distance_m=self.map.retrieval.distance_m(pose),

@@ -59,7 +59,7 @@ class TwoImageLocalizer:
             matched_rows=rows[known],
             inlier_rows=rows[known][found.inlier_mask],
             inlier_px=pixels[found.inlier_mask],
-            distinct=0,
+            distinct_rows=np.zeros(0, np.intp),
             rival_rows=np.zeros(0, np.intp),
             size_px=(camera.width, camera.height),
             keyframe_distance_m=self.map.retrieval.distance_m(found.world_from_camera),

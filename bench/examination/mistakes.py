@@ -17,7 +17,7 @@ from app.engine.progress import Progress
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidScanError
 from app.geometry.se3 import rotation_from_vector
-from app.geometry.turns import turned_camera
+from app.geometry.turns import camera_from_turned, turned_camera
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.importers.registry import open_scan
 from app.services.examine_scan import ExaminedScan, examined_scan
@@ -290,7 +290,15 @@ def right_variants(whole: ScanCopy) -> list[tuple[str, ScanCopy]]:
         ("every fifth frame", _thinned(whole, 5)),
         ("noise in depth", replace(whole, depth=noisy)),
         ("half resolution", half),
+        ("pictures on their side", _on_its_side(whole)),
     ]
+
+
+def _on_its_side(copy: ScanCopy) -> ScanCopy:
+    """Return what a phone saves that was held upright and takes its pictures along its longer side."""
+    turned = _portrait(copy)
+    rotations = copy.poses.rotations @ camera_from_turned(3).inverse().rotation
+    return replace(turned, poses=PoseArrays(rotations, copy.poses.positions))
 
 
 def _thinned(copy: ScanCopy, step: int) -> ScanCopy:

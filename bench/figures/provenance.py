@@ -15,8 +15,8 @@ from app.errors import InvalidInputError
 from bench.evaluation.benchmark import describe_machine
 
 ROOT = Path(__file__).parents[2]
-# Options that say where results are written, and nothing about what is measured.
-OUTPUT_OPTIONS = ("--figures", "--json", "--report", "--plot", "--out")
+# Options that say where results are written and in which parts, and nothing about what is measured.
+OUTPUT_OPTIONS = ("--figures", "--json", "--report", "--plot", "--out", "--part-minutes")
 # A measurement with changes in these folders is not one of the commit.
 MEASURED = ("app", "bench")
 

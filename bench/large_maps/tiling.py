@@ -7,7 +7,9 @@ so that real pictures can be located in it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArrays, MapArtifact
-from app.engine.maps.surroundings import with_places
-from app.storage.map_files import file_checksum
+from app.storage.map_files import write_map
 from app.vision.index import GlobalIndex
 
 # Further apart than any venue is wide.
@@ -32,6 +33,37 @@ class Tiled:
     descriptors: NDArray[np.float32]
 
 
+@dataclass(frozen=True, slots=True)
+class CopiedRows:
+    """An array (copies * n, ...) of all copies, of which no more than what is read is in memory.
+
+    `copied` gives an array (n, ...) as it is in a copy.
+    """
+
+    array: NDArray[Any]
+    copies: int
+    copied: Callable[[NDArray[Any], int], NDArray[Any]]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its numbers."""
+        return self.array.dtype
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of all copies together."""
+        return (self.copies * len(self.array), *self.array.shape[1:])
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        start, stop, _ = rows.indices(self.shape[0])
+        count = len(self.array)
+        parts = [self.array[:0]]
+        for copy in range(start // count, -(-stop // count)):
+            within = slice(max(0, start - copy * count), min(count, stop - copy * count))
+            parts.append(self.copied(self.array[within], copy))
+        return np.concatenate(parts)
+
+
 def order_of_copy(copy: int, size: int) -> NDArray[np.int64]:
     """Return the order (size,) of a descriptor's numbers in a copy."""
     return np.arange(size) if copy == 0 else np.random.default_rng([copy, size]).permutation(size)
@@ -45,43 +77,44 @@ def signs_of_copy(copy: int, size: int) -> NDArray[np.float32]:
 
 
 def tile_map(artifact: MapArtifact, index: GlobalIndex, copies: int, folder: Path) -> Tiled:
-    """Write the map of so many copies of a map, and its index, to a folder."""
-    descriptors = index.descriptors
-    count, size = descriptors.shape
-    tiled = np.memmap(folder / "descriptors", np.float32, "w+", shape=(copies * count, size))
-    for copy in range(copies):
-        tiled[copy * count : (copy + 1) * count] = descriptors[:, order_of_copy(copy, size)] * signs_of_copy(
-            copy, size
-        )
-    GlobalIndex.from_descriptors(tiled).write(folder / "index")
+    """Write the map of so many copies of a map, and its index, to a folder.
+
+    Its points alone are in memory, and its index while that is made.
+    """
+    tiled = _write_descriptors(index.descriptors, copies, folder / "descriptors")
     names = tuple(f"{copy}/{name}" for copy in range(copies) for name in artifact.metadata.keyframe_names)
     whole = MapArtifact(
-        metadata=replace(artifact.metadata, keyframe_names=names), arrays=_arrays(artifact, copies, folder)
+        metadata=replace(artifact.metadata, keyframe_names=names), arrays=_arrays(artifact, copies)
     )
-    with_places(whole).write(folder / "map", file_checksum(folder / "index"))
-    for path in folder.glob("array-*"):
-        path.unlink()
+    write_map(whole, GlobalIndex.from_descriptors(tiled), folder / "map", folder / "index")
     return Tiled(folder / "map", folder / "index", tiled)
 
 
-def _arrays(artifact: MapArtifact, copies: int, folder: Path) -> MapArrays:
-    arrays = {name: np.asarray(getattr(artifact.arrays, name)) for name in MapArrays.__slots__}
+def _write_descriptors(descriptors: NDArray[np.float32], copies: int, path: Path) -> NDArray[np.float32]:
+    size = descriptors.shape[1]
+    with path.open("wb") as file:
+        for copy in range(copies):
+            (descriptors[:, order_of_copy(copy, size)] * signs_of_copy(copy, size)).tofile(file)
+    return np.memmap(path, np.float32, "r").reshape(-1, size)
+
+
+def _arrays(artifact: MapArtifact, copies: int) -> MapArrays:
     made: dict[str, Any] = {}
-    for name, array in arrays.items():
+    for name in MapArrays.__slots__:
+        array = np.asarray(getattr(artifact.arrays, name))
         if name == "offsets":
             counts = np.tile(np.diff(array), copies)
             made[name] = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
             continue
-        shape = (copies * len(array), *array.shape[1:])
-        made[name] = np.memmap(folder / f"array-{name}", array.dtype, "w+", shape=shape)
-        for copy in range(copies):
-            made[name][copy * len(array) : (copy + 1) * len(array)] = _copied(
-                name, array, copy, artifact.keyframe_count
-            )
+        copied = partial(_copied, name, keyframes=artifact.keyframe_count)
+        rows = CopiedRows(array, copies, copied)
+        # What the features by place are computed from.
+        is_read = len(array) == artifact.keyframe_count or name == "points_in_world"
+        made[name] = rows[:] if is_read else rows
     return MapArrays(**made)
 
 
-def _copied(name: str, array: NDArray[Any], copy: int, keyframes: int) -> NDArray[Any]:
+def _copied(name: str, array: NDArray[Any], copy: int, *, keyframes: int) -> NDArray[Any]:
     """Return an array of the map as it is in one of the copies."""
     if name in ("positions", "points_in_world"):
         place = np.array([copy % 32, copy // 32, 0], array.dtype) * SPACING_M

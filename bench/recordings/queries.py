@@ -71,8 +71,12 @@ def render_queries_near(
     seed: int = 1,
     workers: int = 1,
     progress: Progress | None = None,
+    building: int = 0,
 ) -> list[DemoQuery]:
-    """Render pictures near the poses of any scan, which `region` names; otherwise as `render_queries`."""
+    """Render pictures near the poses of any scan, which `region` names, in a building (`other_building`).
+
+    Otherwise as `render_queries`.
+    """
     poses = query_poses(scan, count, seed)
     queries = [_query(directory, k, camera, pose) for k, pose in enumerate(poses)]
     recipe = {
@@ -81,6 +85,7 @@ def render_queries_near(
         "seed": seed,
         "version": SCENE_VERSION,
         "camera": [camera.model, camera.width, camera.height, *camera.params],
+        **({"building": building} if building else {}),
     }
 
     def fill(partial: Path) -> None:
@@ -95,7 +100,7 @@ def render_queries_near(
             )
             for k, q in enumerate(queries)
         ]
-        make_frames(partial, jobs, workers, progress)
+        make_frames(partial, jobs, workers, progress, building)
         listed = {"region": region, "queries": [query_as_dict(q) for q in queries]}
         write_whole(partial / "queries.json", json.dumps(listed, indent=1).encode())
 

@@ -12,6 +12,7 @@ from app.geometry.se3 import Pose
 from bench.recordings.cache import make_directory
 from bench.recordings.trajectory import VENUE_WALK, WING_WALK, Walk, scan_poses
 from bench.render.frames import FrameJob, Progress, make_frames
+from bench.render.raycast import FINE, Quality
 from bench.render.scene import SCENE_VERSION
 from bench.render.sensor import DEPTH_SCALE, ColourSensor
 
@@ -68,7 +69,20 @@ def render_scan(
     name: str, walks: tuple[Walk, ...], directory: Path, frames: int, workers: int, progress: Progress | None
 ) -> DemoScan:
     """Render the scan of some walks, `name` seeding its noise; otherwise as `render_wing`."""
-    poses = tuple(scan_poses(walks, frames))
+    return render_poses(name, tuple(scan_poses(walks, frames)), directory, workers, progress)
+
+
+def render_poses(
+    name: str,
+    poses: tuple[Pose, ...],
+    directory: Path,
+    workers: int,
+    progress: Progress | None,
+    building: int = 0,
+    quality: Quality = FINE,
+) -> DemoScan:
+    """Render the scan of some poses in the building of a number (`other_building`); otherwise as `render_scan`."""
+    frames = len(poses)
     times = tuple(START_S + FRAME_INTERVAL_S * k for k in range(frames))
     scan = DemoScan(directory, SCAN_CAMERA, DEPTH_SCALE, times, poses)
 
@@ -84,18 +98,20 @@ def render_scan(
                 depth_path=part.depth_path(k),
                 seed=(name, k),
                 sensor=ColourSensor(),
+                quality=quality,
             )
             for k, pose in enumerate(poses)
         ]
-        make_frames(partial, jobs, workers, progress)
+        make_frames(partial, jobs, workers, progress, building)
         write_lists(part)
 
-    make_directory(directory, _recipe(name, frames), fill)
+    make_directory(directory, _recipe(name, frames, building), fill)
     return scan
 
 
-def _recipe(name: str, frames: int) -> dict[str, Any]:
-    return {"scan": name, "frames": frames, "version": SCENE_VERSION}
+def _recipe(name: str, frames: int, building: int) -> dict[str, Any]:
+    recipe = {"scan": name, "frames": frames, "version": SCENE_VERSION}
+    return {**recipe, "building": building} if building else recipe
 
 
 def write_lists(scan: DemoScan) -> None:

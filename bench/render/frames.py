@@ -19,7 +19,7 @@ from app.geometry.se3 import Pose
 from bench.recordings.cache import write_whole
 from bench.render.noise import seeded
 from bench.render.raycast import FINE, Quality, render
-from bench.render.scene import Scene, demo_scene, loaded_scene
+from bench.render.scene import Scene, demo_scene, loaded_scene, other_building
 from bench.render.sensor import JPEG_QUALITY, ColourSensor, colour_picture, depth_picture
 from bench.render.sheet import MarkerSheet, with_sheet
 
@@ -89,26 +89,41 @@ def _make_in_worker(scene_directory: Path, jobs: Sequence[FrameJob]) -> int:
     return len(jobs)
 
 
-def make_frames(directory: Path, jobs: Sequence[FrameJob], workers: int, progress: Progress | None) -> None:
-    """Make the frames that are not there yet, in this process or in `workers` spawned ones."""
+def make_frames(
+    directory: Path,
+    jobs: Sequence[FrameJob],
+    workers: int,
+    progress: Progress | None,
+    building: int = 0,
+) -> None:
+    """Make the frames that are not there yet, in this process or in `workers` spawned ones; `building` is the
+    number of `other_building`."""
     missing = [job for job in jobs if not job.is_done]
     done = len(jobs) - len(missing)
-    steps = _serially(missing) if workers <= 1 else _in_parallel(directory / SCENE_FOLDER, missing, workers)
-    for count in steps if missing else ():
+    if not missing:
+        return
+    scene = other_building(building) if building else demo_scene()
+    steps = (
+        _serially(scene, missing)
+        if workers <= 1
+        else _in_parallel(scene, directory / SCENE_FOLDER, missing, workers)
+    )
+    for count in steps:
         done += count
         if progress is not None:
             progress(done, len(jobs))
 
 
-def _serially(jobs: Sequence[FrameJob]) -> Iterator[int]:
-    scene = demo_scene()
+def _serially(scene: Scene, jobs: Sequence[FrameJob]) -> Iterator[int]:
     for job in jobs:
         make_frame(scene, job)
         yield 1
 
 
-def _in_parallel(scene_directory: Path, jobs: Sequence[FrameJob], workers: int) -> Iterator[int]:
-    demo_scene().save(scene_directory)
+def _in_parallel(
+    scene: Scene, scene_directory: Path, jobs: Sequence[FrameJob], workers: int
+) -> Iterator[int]:
+    scene.save(scene_directory)
     context = multiprocessing.get_context("spawn")
     batches = [jobs[k : k + 8] for k in range(0, len(jobs), 8)]
     try:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import cv2
 import numpy as np
@@ -11,9 +14,25 @@ from numpy.typing import NDArray
 Field = NDArray[np.float32]
 
 
+_BUILDING: ContextVar[int] = ContextVar("building", default=0)
+
+
 def seeded(*keys: str | int) -> np.random.Generator:
-    """Return a generator that depends on nothing but the keys (Python's own hash differs from run to run)."""
-    return np.random.default_rng([zlib.crc32(str(key).encode()) for key in keys])
+    """Return a generator that depends on nothing but the keys (Python's own hash differs from run to run), and on the
+    number of the building that is made (`building`)."""
+    number = _BUILDING.get()
+    numbers = [zlib.crc32(str(key).encode()) for key in keys]
+    return np.random.default_rng([*numbers, number] if number else numbers)
+
+
+@contextmanager
+def building(number: int) -> Iterator[None]:
+    """Make everything that is seeded within differ by the number of a building; 0 is the demonstration's."""
+    token = _BUILDING.set(number)
+    try:
+        yield
+    finally:
+        _BUILDING.reset(token)
 
 
 def fractal(rng: np.random.Generator, height: int, width: int, slope: float = 1.0) -> Field:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from app.errors import RoomfixError
 from bench.render.atlas import build_atlas
 from bench.render.lighting import bake
+from bench.render.noise import building
 from bench.render.surfaces import Surface
 from bench.venue.building import shell
 from bench.venue.decor import decoration
@@ -145,6 +146,15 @@ def build_scene(surfaces: list[Surface]) -> Scene:
 def demo_scene() -> Scene:
     """Return the demonstration building (about ten seconds the first time in a process)."""
     return build_scene(shell() + decoration())
+
+
+def other_building(number: int) -> Scene:
+    """Return a building with the demonstration's rooms and furniture, but other pictures, textures and stains.
+
+    Its corridors look alike too. The demonstration has number 0.
+    """
+    with building(number):
+        return build_scene(shell() + decoration())
 
 
 @lru_cache(maxsize=1)

@@ -33,10 +33,10 @@ ERROR_ROWS = {
 VARIATION_COLUMNS = {
     "located %": "located_percent",
     "median cm": "median_cm",
+    "mean cm": "mean_cm",
     "< 10 cm, 5 deg %": "within_10cm_5deg_percent",
     "< 25 cm %": "within_25cm_percent",
     "> 0.5 m %": "gross_percent",
-    "> 1 m %": "over_1m_percent",
     "median ms": "median_ms",
 }
 

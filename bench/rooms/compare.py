@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.engine.query.localizer import Localizer
 from app.engine.query.settings import LocalizerSettings
+from app.importers.frames import Frame
 from app.vision.images import decode_image
 from bench.baselines.plain import PLAIN_NAMES, PlainName, PlainPipeline
 from bench.evaluation.dataset import Split
@@ -28,6 +29,9 @@ from bench.rooms.rooms import Room, RoomSplit, open_split
 OURS = "roomfix"
 ONE_LOOK = "roomfix, one look"
 PIPELINES = (OURS, ONE_LOOK, *(f"plain {name}" for name in PLAIN_NAMES))
+
+# Room, split, pipeline and variation: what one result is of.
+ResultKey = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +45,16 @@ class RoomResult:
     variation: str
     keyframes: int
     outcomes: tuple[QueryOutcome, ...]
+
+    @property
+    def key(self) -> ResultKey:
+        """What the result is of."""
+        return self.room, self.split, self.pipeline, self.variation
+
+    @property
+    def located(self) -> int:
+        """Queries that were located."""
+        return len(self.outcomes) - self.refused
 
     @property
     def right(self) -> int:
@@ -80,10 +94,24 @@ class RoomResult:
             "features": self.pipeline,
             "room": self.room,
             "kind": self.kind,
+            "split": self.split,
             "variation": self.variation,
             "keyframes": self.keyframes,
             "outcomes": [outcome.as_dict() for outcome in self.outcomes],
         }
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> RoomResult:
+        """Return the result of `as_dict`."""
+        return RoomResult(
+            room=values["room"],
+            kind=values["kind"],
+            split=values["split"],
+            pipeline=values["features"],
+            variation=values["variation"],
+            keyframes=values["keyframes"],
+            outcomes=tuple(QueryOutcome.from_dict(each) for each in values["outcomes"]),
+        )
 
 
 def candidate_is_right(outcome: QueryOutcome) -> bool:
@@ -93,48 +121,72 @@ def candidate_is_right(outcome: QueryOutcome) -> bool:
     return outcome.candidate_m < RIGHT_M and outcome.candidate_deg < RIGHT_DEG
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What is compared: pipelines, variations of the queries, and at most `queries` of a split, evenly spread (0: all).
+
+    Results whose key is `known` are left out.
+    """
+
+    pipelines: Sequence[str]
+    variations: Sequence[Variation]
+    queries: int = 0
+    known: Collection[ResultKey] = ()
+
+    def keys(self, room: Room, split: RoomSplit) -> list[ResultKey]:
+        """Return what is to be measured of a split."""
+        every = [(room.folder, split.name, p, v.name) for p in self.pipelines for v in self.variations]
+        return [key for key in every if key not in self.known]
+
+
 def compare_room(
     data: Path,
     room: Room,
-    pipelines: Sequence[str],
-    variations: Sequence[Variation],
+    wanted: Comparison,
     models: VisionModels,
     executor: Executor,
     progress: Progress,
-    every: int = 1,
 ) -> Iterator[RoomResult]:
-    """Yield the results of every split, variation and pipeline; the map of a split is built once. Of the queries every
-    `every`-th is asked."""
+    """Yield the results of every split, pipeline and variation; the map of a split is built once."""
     for split in room.splits:
-        frames = open_split(data, room, split)
-        frames = replace(frames, queries=frames.queries[::every])
-        yield from _compare_split(frames, room, split, pipelines, variations, models, executor, progress)
+        if wanted.keys(room, split):
+            frames = open_split(data, room, split)
+            frames = replace(frames, queries=_spread(frames.queries, wanted.queries))
+            yield from _compare_split(frames, room, split, wanted, models, executor, progress)
+
+
+def _spread(queries: Sequence[Frame], count: int) -> tuple[Frame, ...]:
+    """Return `count` of the queries, evenly spread, the first and the last among them; all for 0."""
+    if count == 0 or count >= len(queries):
+        return tuple(queries)
+    return tuple(queries[row] for row in np.linspace(0, len(queries) - 1, count).round().astype(int))
 
 
 def _compare_split(
     frames: Split,
     room: Room,
     split: RoomSplit,
-    pipelines: Sequence[str],
-    variations: Sequence[Variation],
+    wanted: Comparison,
     models: VisionModels,
     executor: Executor,
     progress: Progress,
 ) -> Iterator[RoomResult]:
     options = parse_build_options({**room.options, "second_features": True})
     built = build_map(frames.database, options, models, executor, progress)
-    for pipeline in pipelines:
+    keys = wanted.keys(room, split)
+    for pipeline in dict.fromkeys(key[2] for key in keys):
         locate = _locator(pipeline, frames, built, models)
-        for variation in variations:
-            yield RoomResult(
-                room=room.folder,
-                kind=split.kind,
-                split=split.name,
-                pipeline=pipeline,
-                variation=variation.name,
-                keyframes=built.artifact.keyframe_count,
-                outcomes=tuple(_outcomes(frames, built, variation, locate, progress)),
-            )
+        for variation in wanted.variations:
+            if (room.folder, split.name, pipeline, variation.name) in keys:
+                yield RoomResult(
+                    room=room.folder,
+                    kind=split.kind,
+                    split=split.name,
+                    pipeline=pipeline,
+                    variation=variation.name,
+                    keyframes=built.artifact.keyframe_count,
+                    outcomes=tuple(_outcomes(frames, built, variation, locate, progress)),
+                )
 
 
 def _locator(

@@ -14,6 +14,7 @@ from app.errors import InvalidScanError
 from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.frames import Scan, ScanOptions
+from app.importers.recognition import recognised
 from app.importers.registry import open_scan
 from tests.importers.scans import HEIGHT, INTRINSICS, WIDTH, write_color, write_depth
 
@@ -229,6 +230,25 @@ def test_polycam_prefers_its_corrected_poses_and_knows_down(tmp_path: Path) -> N
     scan = open_scan(tmp_path)
     assert_is_the_scan(scan)
     assert scan.gravity == (0.0, -1.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["", "corrected_"])
+def test_what_lies_in_keyframes_of_polycam_is_a_scan(tmp_path: Path, kind: str) -> None:
+    polycam(tmp_path, kind)
+    scan = open_scan(tmp_path / "keyframes")
+    assert_is_the_scan(scan)
+    assert scan.frames[0].name == f"{kind}images/1000.png"
+    names = (path.relative_to(tmp_path / "keyframes").as_posix() for path in tmp_path.rglob("*.*"))
+    (found,) = recognised(names)
+    assert (found.format, found.folder, found.missing) == ("polycam", "", ())
+
+
+def test_cameras_of_other_tools_are_not_those_of_polycam(tmp_path: Path) -> None:
+    polycam(tmp_path)
+    for path in (tmp_path / "keyframes/cameras").iterdir():
+        edited(path, lambda c: c.pop("t_00"))
+    with pytest.raises(InvalidScanError, match="can't be told from its files"):
+        open_scan(tmp_path / "keyframes")
 
 
 def test_scannet_details(tmp_path: Path) -> None:

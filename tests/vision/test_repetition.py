@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.vision.repetition import PLACE, find_repetition
+from app.vision import repetition
+from app.vision.repetition import PLACE, RepetitionOptions, find_repetition
 
 COUNT = 300
 
@@ -68,3 +69,16 @@ def test_what_looks_alike_is_found_past_many_views_of_the_same_thing() -> None:
     views = np.r_[:40, len(points) - 20 : len(points)].astype(np.int64)
     found = find_repetition(descriptors, False, points, views)
     assert np.all(found.row[:2000] >= len(points) - 20)
+
+
+@pytest.mark.parametrize("is_binary", [False, True])
+def test_chunks_of_features_change_nothing(monkeypatch: pytest.MonkeyPatch, is_binary: bool) -> None:
+    rng = np.random.default_rng(4)
+    descriptors = rng.integers(0, 255, (500, 32), dtype=np.uint8)
+    points = rng.uniform(0, 20, (500, 3)).astype(np.float32)
+    among = np.flatnonzero(rng.random(500) < 0.8)
+    whole = find_repetition(descriptors, is_binary, points, among)
+    monkeypatch.setattr(repetition, "OPTIONS", RepetitionOptions(chunk_features=37))
+    found = find_repetition(descriptors, is_binary, points, among)
+    np.testing.assert_array_equal(found.distance, whole.distance)
+    np.testing.assert_array_equal(found.row, whole.row)

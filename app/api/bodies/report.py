@@ -97,6 +97,10 @@ class EstimatedPoses(OpenBody):
     pictures: int = Field(description="Pictures that were sent")
     chosen: int = Field(description="Those chosen by motion and sharpness")
     connected: int = Field(description="Those whose poses were found")
+    joined_parts: int = Field(
+        default=1,
+        description="Parts of a video's path that were joined to the one whose pictures are connected",
+    )
     other_parts: list[PicturesPart]
     revisits: RevisitFigures | None = Field(default=None, description="Null for photos in no order")
     points: int

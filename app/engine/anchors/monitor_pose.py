@@ -11,8 +11,8 @@ from app.engine.anchors.map_depth import SeenPoints, points_seen
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
 from app.engine.query.accuracy import accuracy_in_map, seen_from_one_side
+from app.engine.query.attempt.pose import pose_in_map
 from app.engine.query.matches import Matches, QueryMatcher
-from app.engine.query.pose import pose_in_map
 from app.engine.query.query import Query
 from app.engine.query.verification import Limits, evidence_of, judge
 from app.geometry.camera import Camera, tangent_of_px

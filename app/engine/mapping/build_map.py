@@ -38,6 +38,7 @@ from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import ImageQuality, measure_quality, to_gray
 from app.vision.index import GlobalIndex
 from app.vision.keyframes import PoseThresholds, select_by_pose
+from app.vision.repetition import RunChunks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,9 +124,10 @@ def build_map(
     points = [thin_out(own, refined.camera, limit) for own in refined.points]
     clock.lap("refine")
     z_up = states_up(options, source) if z_up is None else z_up
-    artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, progress)
+    run = in_chunks(executor, progress)
+    artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
-    if has_second_features(options):
+    if has_second_features(options) and source.has_depth:
         rows = [described[row] for row in kept]
         artifact = _with_second_features(artifact, source, rows, refined.camera, models, executor, progress)
         clock.lap("second features")
@@ -170,6 +172,11 @@ def states_up(options: BuildOptions, source: FrameSource) -> bool:
     """Return whether the options or the scan state which way is up, so that z points up in `scan_placement`'s world."""
     stated = options.world_from_scan, options.gravity, source.gravity
     return any(each is not None for each in stated)
+
+
+def in_chunks(executor: Executor, progress: Progress) -> RunChunks:
+    """Return what searches a map for what looks alike in the threads of an executor, and reports how far it is."""
+    return lambda search, chunks: map_in_order(executor, search, chunks, "distinguish", progress)
 
 
 def supporting_rows(poses: Sequence[Pose], rule: KeyframeRule, keyframes: Sequence[int]) -> list[int]:
@@ -269,7 +276,7 @@ def _pack(
     source: FrameSource,
     options: BuildOptions,
     models: VisionModels,
-    progress: Progress,
+    run: RunChunks,
 ) -> tuple[MapArtifact, GlobalIndex, list[int]]:
     extractor = models.extractor(options.features)
     kept = [(row, own) for row, own in zip(usable, points, strict=True) if len(own.features)]
@@ -283,10 +290,8 @@ def _pack(
     features = [own.features for _, own in kept]
     descriptors = _stack_descriptors(features)
     points_in_world = np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32)
-    progress.report("distinguish", 0, 1)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses, z_up)
-    progress.report("distinguish", 1, 1)
+    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses, z_up, run)
     arrays = MapArrays(
         positions=np.stack([pose.translation for pose in poses]),
         quaternions=np.stack([pose.quaternion for pose in poses]),

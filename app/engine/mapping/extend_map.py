@@ -9,12 +9,19 @@ from app.engine.maps.repetition import elsewhere
 from app.engine.maps.second_features import SecondFeatures
 from app.errors import InvalidInputError
 from app.vision.index import GlobalIndex
+from app.vision.repetition import RunChunks
 
 
 def join_maps(
-    old: MapArtifact, old_index: GlobalIndex, new: MapArtifact, new_index: GlobalIndex, binary: bool
+    old: MapArtifact,
+    old_index: GlobalIndex,
+    new: MapArtifact,
+    new_index: GlobalIndex,
+    binary: bool,
+    run: RunChunks = map,
 ) -> tuple[MapArtifact, GlobalIndex]:
-    """Return the map with the keyframes of both, the old ones first; `binary`: whether their descriptors are binary.
+    """Return the map with the keyframes of both, the old ones first; `binary`: whether their descriptors are binary,
+    `run` as in `find_repetition`.
 
     Raises `InvalidInputError` when they were made with other features or another global descriptor.
     """
@@ -32,7 +39,7 @@ def join_maps(
     # A feature that is distinct in one map may have a similar one in the other.
     poses = [part.pose(row) for part in (old, new) for row in range(part.keyframe_count)]
     z_up = old.metadata.z_up or new.metadata.z_up
-    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses, z_up)
+    distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses, z_up, run)
     arrays = MapArrays(
         positions=np.concatenate([a.positions, b.positions]),
         quaternions=np.concatenate([a.quaternions, b.quaternions]),

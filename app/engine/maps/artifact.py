@@ -88,6 +88,15 @@ class Places:
     cell_keys: Keys
 
 
+@dataclass(frozen=True, slots=True)
+class FileChecksums:
+    """The checksum of a file, and for a large one those (b,) of its blocks of `block_bytes`, else None."""
+
+    whole: int
+    blocks: NDArray[np.uint64] | None
+    block_bytes: int
+
+
 # Before the names of the arrays of `SecondFeatures`.
 SECOND = "second."
 # Arrays with a row for each feature.
@@ -104,7 +113,7 @@ class MapArtifact:
     """A map in memory or memory-mapped; immutable.
 
     `places` is None in maps that were written without it, and in those that were not written yet. `checker` verifies
-    the file of a map that has checksums, `index_checksum` is the one of the file of its index. `second` are None for a
+    the file of a map that has checksums, `index_checksums` are those of the file of its index. `second` are None for a
     map that was built without them.
     """
 
@@ -112,7 +121,7 @@ class MapArtifact:
     arrays: MapArrays
     places: Places | None = None
     checker: BlockChecker | None = None
-    index_checksum: int | None = None
+    index_checksums: FileChecksums | None = None
     second: SecondFeatures | None = None
 
     @property
@@ -151,27 +160,20 @@ class MapArtifact:
         """Return the rows of a keyframe's features."""
         return slice(int(self.arrays.offsets[keyframe]), int(self.arrays.offsets[keyframe + 1]))
 
-    def spans(self, keyframes: Sequence[int]) -> list[slice]:
-        """Return the rows of each keyframe's features."""
-        offsets = self.arrays.offsets
-        return [slice(int(offsets[keyframe]), int(offsets[keyframe + 1])) for keyframe in keyframes]
-
     def rows_of(self, keyframes: Sequence[int]) -> NDArray[np.intp]:
         """Return the rows (n,) of the features of some keyframes, one keyframe after the other."""
-        spans = [np.arange(span.start, span.stop) for span in self.spans(keyframes)]
+        offsets = self.arrays.offsets
+        spans = [np.arange(offsets[keyframe], offsets[keyframe + 1]) for keyframe in keyframes]
         return np.concatenate([np.zeros(0, np.intp), *spans])
 
-    def write(self, path: Path, index_checksum: int | None = None) -> None:
-        """Write the map to a file; `index_checksum` is the checksum of the file of its index."""
-        arrays = {name: np.asarray(getattr(self.arrays, name)) for name in MapArrays.__slots__}
+    def write(self, path: Path, index_checksums: FileChecksums | None = None) -> None:
+        """Write the map to a file, with the checksums of the file of its index."""
+        arrays = {name: getattr(self.arrays, name) for name in MapArrays.__slots__}
         if self.places is not None:
-            arrays |= {name: np.asarray(getattr(self.places, name)) for name in Places.__slots__}
+            arrays |= {name: getattr(self.places, name) for name in Places.__slots__}
         if self.second is not None:
-            arrays |= {
-                SECOND + name: np.asarray(getattr(self.second, name)) for name in SecondFeatures.__slots__
-            }
-        metadata = {**asdict(self.metadata), "index_checksum": index_checksum}
-        write_packed(path, metadata, arrays)
+            arrays |= {SECOND + name: getattr(self.second, name) for name in SecondFeatures.__slots__}
+        write_packed(path, asdict(self.metadata) | _checksums_as_json(index_checksums), arrays)
 
     @staticmethod
     def open(path: Path) -> MapArtifact:
@@ -189,11 +191,29 @@ class MapArtifact:
                 arrays=MapArrays(**arrays),
                 places=places,
                 checker=packed.checker,
-                index_checksum=packed.metadata.get("index_checksum"),
+                index_checksums=_checksums_from_json(packed.metadata),
                 second=SecondFeatures(**second) if second else None,
             )
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise MapDamagedError(f"{path.name} is not a map artefact ({error}).") from error
+
+
+def _checksums_as_json(checksums: FileChecksums | None) -> dict[str, Any]:
+    if checksums is None:
+        return {"index_checksum": None}
+    values: dict[str, Any] = {"index_checksum": checksums.whole}
+    if checksums.blocks is not None:
+        values["index_blocks"] = checksums.blocks.astype("<u8").tobytes().hex()
+        values["index_block_bytes"] = checksums.block_bytes
+    return values
+
+
+def _checksums_from_json(values: Mapping[str, Any]) -> FileChecksums | None:
+    if values.get("index_checksum") is None:
+        return None
+    text = values.get("index_blocks")
+    blocks = None if text is None else np.frombuffer(bytes.fromhex(text), "<u8").astype(np.uint64)
+    return FileChecksums(values["index_checksum"], blocks, int(values.get("index_block_bytes", 0)))
 
 
 def _metadata_from_json(values: Mapping[str, Any]) -> MapMetadata:

@@ -10,10 +10,11 @@ Files of the form before had no checksums: the magic, the header's length, the h
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ from app.errors import MapDamagedError
 MAGIC = b"RFMAP003"
 MAGIC_WITHOUT_CHECKSUMS = b"RFMAP002"
 ALIGNMENT = 64
+# Bytes of a file that are written, or read again, at a time.
+PIECE_BYTES = 1 << 24
 PREFIX_BYTES = 24
 PREFIX_BYTES_WITHOUT_CHECKSUMS = 16
 
@@ -43,8 +46,22 @@ class PackedFile:
     checker: BlockChecker | None
 
 
-def write_packed(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write metadata and arrays to a file."""
+class Rows(Protocol):
+    """An array (n, ...) whose rows are read in slices: one in memory, memory-mapped, or made as it is read."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its numbers."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its shape."""
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]: ...
+
+
+def write_packed(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, Rows]) -> None:
+    """Write metadata and arrays to a file, a few rows at a time."""
     table, body_bytes = _table(arrays)
     header = {
         "metadata": metadata,
@@ -59,13 +76,9 @@ def write_packed(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, N
         file.truncate(start + body_bytes)
         for name, array in arrays.items():
             file.seek(start + table[name]["offset"])
-            np.ascontiguousarray(array).tofile(file)
-        file.flush()
-        checksums = np.zeros(0, np.uint64)
-        if body_bytes:
-            body = np.memmap(path, dtype=np.uint8, mode="r", offset=start)
-            checksums = checksums_of_blocks(body, OPTIONS.block_bytes)
-        described = text + checksums.astype("<u8").tobytes()
+            _write_rows(file, array)
+        file.seek(start)
+        described = text + _checksums_of(file).astype("<u8").tobytes()
         file.seek(0)
         file.write(MAGIC + len(text).to_bytes(8, "little") + checksum(described).to_bytes(8, "little"))
         file.write(described)
@@ -128,16 +141,33 @@ def _read_without_checksums(path: Path, data: NDArray[np.uint8]) -> PackedFile:
     return PackedFile(header["metadata"], arrays, None)
 
 
+def _write_rows(file: BinaryIO, array: Rows) -> None:
+    """Write an array where a file stands, in pieces that need little memory whatever its size."""
+    row_bytes = array.dtype.itemsize * math.prod(array.shape[1:])
+    step = max(1, PIECE_BYTES // max(1, row_bytes))
+    for start in range(0, array.shape[0], step):
+        file.write(np.ascontiguousarray(array[start : start + step]).tobytes())
+
+
+def _checksums_of(file: BinaryIO) -> NDArray[np.uint64]:
+    """Return the checksum (b,) of each block of a file from where it stands to its end."""
+    size = OPTIONS.block_bytes * max(1, PIECE_BYTES // OPTIONS.block_bytes)
+    checksums = [np.zeros(0, np.uint64)]
+    while piece := file.read(size):
+        checksums.append(checksums_of_blocks(np.frombuffer(piece, np.uint8), OPTIONS.block_bytes))
+    return np.concatenate(checksums)
+
+
 def _aligned(offset: int) -> int:
     return -(-offset // ALIGNMENT) * ALIGNMENT
 
 
-def _table(arrays: Mapping[str, NDArray[Any]]) -> tuple[dict[str, dict[str, Any]], int]:
+def _table(arrays: Mapping[str, Rows]) -> tuple[dict[str, dict[str, Any]], int]:
     """Return where each array lies in the body, and the size of the body."""
     table, offset = {}, 0
     for name, array in arrays.items():
         table[name] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
-        offset = _aligned(offset + array.nbytes)
+        offset = _aligned(offset + array.dtype.itemsize * math.prod(array.shape))
     return table, offset
 
 

@@ -12,7 +12,7 @@ from app.geometry.se3 import Pose
 from app.limits import limit
 from app.vision.features import Descriptors
 from app.vision.keyframes import PoseThresholds, select_by_pose, thresholds_for_matches
-from app.vision.repetition import find_repetition
+from app.vision.repetition import RunChunks, find_repetition
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,10 +53,11 @@ def elsewhere(
     offsets: NDArray[np.int64],
     poses: Sequence[Pose],
     z_up: bool = True,
+    run: RunChunks = map,
 ) -> tuple[NDArray[np.float16], NDArray[np.int32]]:
     """Return a map's `distance_elsewhere` and `keyframe_elsewhere` (both (f,)) from its other arrays, its keyframes'
-    poses, and whether z is known to point up."""
+    poses, and whether z is known to point up; `run` as in `find_repetition`."""
     rows = rows_of_keyframes(views_of(poses), offsets)
-    found = find_repetition(descriptors, binary, points_in_world, rows, z_up)
+    found = find_repetition(descriptors, binary, points_in_world, rows, z_up, run)
     keyframes = np.searchsorted(offsets, found.row, side="right") - 1
     return found.distance.astype(np.float16), np.where(found.row < 0, -1, keyframes).astype(np.int32)

@@ -59,6 +59,7 @@ class Retrieval:
         self._axis_weights = PLACE.axis_weights(artifact.metadata.z_up)
         self._axes = artifact.axes()
         self._look_alikes: dict[tuple[int, int], list[int]] = {}
+        self._cosines: dict[tuple[int, int], float] = {}
 
     def similar(
         self,
@@ -108,19 +109,25 @@ class Retrieval:
     ) -> list[int]:
         """Return up to `count` look-alikes of each of some keyframes, of the allowed ones."""
         twins = [twin for keyframe in keyframes for twin in self.look_alikes(keyframe, count)]
-        return twins if allowed is None else [twin for twin in twins if twin in set(allowed.tolist())]
+        return twins if allowed is None else [int(twin) for twin in np.array(twins)[np.isin(twins, allowed)]]
 
     def similarity_elsewhere(
         self, keyframes: Sequence[int], count: int, allowed: NDArray[np.int64] | None = None
     ) -> float:
         """Return the largest cosine of the global descriptors of some keyframes and of their look-alikes, 0 without
         any; `count` and `allowed` as in `look_alikes_of`."""
-        cosines = [
-            float(self._index.descriptor(keyframe) @ self._index.descriptor(twin))
+        pairs = [
+            (keyframe, twin)
             for keyframe in keyframes
             for twin in self.look_alikes_of([keyframe], count, allowed)
         ]
-        return max(cosines, default=0.0)
+        return max((self._cosine(pair) for pair in pairs), default=0.0)
+
+    def _cosine(self, pair: tuple[int, int]) -> float:
+        """Return the cosine of the global descriptors of two keyframes; kept as look-alikes are."""
+        if pair not in self._cosines:
+            self._cosines[pair] = float(self._index.descriptor(pair[0]) @ self._index.descriptor(pair[1]))
+        return self._cosines[pair]
 
     def _shown(self, row: int, chosen: list[int], radius_m: float = PLACE.radius_m) -> bool:
         offsets = (self._positions[chosen] - self._positions[row]) * self._axis_weights
@@ -145,8 +152,9 @@ class Retrieval:
             outside = np.ones(len(cost), dtype=bool)
             outside[allowed] = False
             cost[outside] = np.inf
-        order = np.argsort(cost)[:count]
-        return [int(i) for i in order if np.isfinite(cost[i])]
+        # Few keyframes of a large map are near enough.
+        possible = np.flatnonzero(np.isfinite(cost))
+        return [int(i) for i in possible[np.argsort(cost[possible])][:count]]
 
     def distance_m(self, world_from_camera: Pose) -> float:
         """Return how far the nearest keyframe is."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.maps.artifact import MapArtifact, MapMetadata
+from app.engine.maps.artifact import MapArtifact
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
 from app.errors import DegenerateGeometryError
@@ -45,14 +45,6 @@ def accuracy_in_map(
     across = sigma_across(inliers.sigma_m, inliers.points_in_world, centres, pose.translation)
     return accuracy_of(
         inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma, lens_sigma
-    )
-
-
-def with_map_error(accuracy: Accuracy, metadata: MapMetadata) -> Accuracy:
-    """Return an accuracy with the map's own error, which all points share and no covariance of them shows."""
-    return Accuracy(
-        float(np.hypot(accuracy.position_m, metadata.position_sigma_m)),
-        float(np.hypot(accuracy.orientation_deg, metadata.orientation_sigma_deg)),
     )
 
 

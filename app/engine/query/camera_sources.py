@@ -64,15 +64,19 @@ class QueryCamera:
         return self.source
 
 
-def query_camera(given: CameraHint | None, rgb: Rgb, image: bytes) -> QueryCamera:
+def query_camera(
+    given: CameraHint | None, rgb: Rgb, image: bytes, quarter_turns: int | None = None
+) -> QueryCamera:
     """Return what is known of the camera of an image (h, w, 3) that was decoded from these bytes.
 
+    `quarter_turns` is by how many the image was turned upright, read from the bytes where it is not given.
     Raises `InvalidCameraError` with the likely cause when the camera that was given can't be the image's own.
     """
     height, width = rgb.shape[:2]
     if given is None:
         return camera_from_tags(read_photo_tags(image), width, height)
-    stated = stated_camera(given, width, height, quarter_turns_of(image))
+    turns = quarter_turns_of(image) if quarter_turns is None else quarter_turns
+    stated = stated_camera(given, width, height, turns)
     return QueryCamera(stated.camera, "request_turned" if stated.is_turned else "request")
 
 

@@ -25,8 +25,3 @@ class Hypothesis:
         """Return the hypothesis of an estimate from matches."""
         inliers = matches.take(estimate.inlier_mask)
         return Hypothesis(estimate.world_from_camera, estimate, matches, inliers, inliers.feature_count)
-
-    @property
-    def rest(self) -> Matches:
-        """The matches that don't agree."""
-        return self.matches.take(~self.estimate.inlier_mask)

@@ -14,7 +14,6 @@ from app.engine.query.placed import Accuracy
 from app.geometry.camera import Camera
 from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
-from app.geometry.pnp import PnpEstimate
 from app.geometry.reprojection import reprojection_errors_px
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
@@ -36,8 +35,8 @@ class Estimate(Protocol):
         camera: Camera,
         prior: Pose | None = None,
         max_iterations: int | None = None,
-    ) -> PnpEstimate | None:
-        """Return the pose; `prior` is tried first."""
+    ) -> Hypothesis | None:
+        """Return the pose with its inliers; `prior` is tried first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,8 +196,8 @@ def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, searc
     fit = _fit(best, camera)
     if fit is None:
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
-    is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     is_stretched = bool(square_pixels(camera))
+    is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     zoomed = _screened(best, camera, estimate)
     may_be_other = is_doubted or not is_verified or is_stretched or zoomed is not None
     refined = _refined(best, camera, fit, estimate, search, zoomed) if may_be_other else None
@@ -232,11 +231,12 @@ def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Ac
     camera doubted, the confidence says it.
     """
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
+    turn_deg = rotation_angle_deg(apart.rotation)
     may_be_sure = fit.focal_sigma <= OPTIONS.unverified_sigma and not is_doubted
     unknown = _by_focal_sigma(best, OPTIONS.sigma_factor * fit.focal_sigma if may_be_sure else 0.0)
     return Accuracy(
         max(factor * float(np.linalg.norm(apart.translation)), unknown.position_m),
-        max(factor * rotation_angle_deg(apart.rotation), unknown.orientation_deg),
+        max(factor * turn_deg, unknown.orientation_deg),
     )
 
 
@@ -249,9 +249,9 @@ def _by_focal_sigma(best: Hypothesis, focal_sigma: float) -> Accuracy:
 def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
     if best.inlier_features < OPTIONS.min_features:
         return None
-    step = -(-len(best.inliers) // OPTIONS.max_matches)
-    pixels, points = best.inliers.points_px[::step], best.inliers.points_in_world[::step]
-    return free_intrinsics(pixels, points, camera, best.pose)
+    pixels, points = best.inliers.points_px, best.inliers.points_in_world
+    step = -(-len(pixels) // OPTIONS.max_matches)
+    return free_intrinsics(pixels[::step], points[::step], camera, best.pose)
 
 
 def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
@@ -268,22 +268,24 @@ def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | 
     A wrong focal length can leave a few inliers of one part of the picture that show nothing of it; that most matches
     are no inliers does.
     """
-    if len(best.inliers) >= OPTIONS.screened_share * len(best.matches):
+    agree = best.estimate.inlier_mask
+    if np.count_nonzero(agree) >= OPTIONS.screened_share * len(agree):
         return None
-    step = -(-len(best.matches) // OPTIONS.screen_matches)
-    some = best.matches.take(np.arange(0, len(best.matches), step))
+    step = -(-len(agree) // OPTIONS.screen_matches)
+    some = best.matches.take(np.arange(0, len(agree), step))
 
     limit_px = _limit_px(best, camera)
 
     def count(tried: Camera) -> int:
         found = estimate(some, tried, max_iterations=OPTIONS.screen_iterations)
-        return 0 if found is None else _agreement(some, tried, found.world_from_camera, limit_px)[0]
+        return 0 if found is None else _agreement(some, tried, found.pose, limit_px)[0]
 
-    counts = {zoom: count(changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0])) for zoom in ZOOMS}
-    most = max(counts, key=lambda zoom: counts[zoom])
+    zoomed = [changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0]) for zoom in ZOOMS]
+    counts = [count(tried) for tried in zoomed]
+    most = int(np.argmax(counts))
     if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * count(camera):
         return None
-    return changed_camera(camera, [float(np.log(most)), 0.0, 0.0])
+    return zoomed[most]
 
 
 def _limit_px(best: Hypothesis, camera: Camera) -> float:
@@ -349,10 +351,9 @@ def _refined_from(
     for _ in range(OPTIONS.rounds):
         if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
             break
-        again = estimate(best.matches, tried, prior)
-        if again is None:
+        hypothesis = estimate(best.matches, tried, prior)
+        if hypothesis is None:
             break
-        hypothesis = Hypothesis.of(again, best.matches)
         agreeing, cost = _agreement(best.matches, tried, hypothesis.pose, limit_px)
         if found is not None and agreeing <= OPTIONS.round_gain_ratio * found.agreeing:
             break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,3 +84,8 @@ def votes_of(matches: Matches, inliers: Matches) -> tuple[KeyframeVote, ...]:
     agreed = {int(i): int(n) for i, n in zip(*np.unique(inliers.keyframes, return_counts=True), strict=True)}
     votes = [KeyframeVote(int(i), int(n), agreed.get(int(i), 0)) for i, n in zip(ids, counts, strict=True)]
     return tuple(sorted(votes, key=lambda vote: -vote.inliers))
+
+
+def leading(votes: Sequence[KeyframeVote]) -> list[int]:
+    """Return the keyframes of the two votes that come first, whose look-alikes may show another place."""
+    return [vote.keyframe for vote in votes[:2]]

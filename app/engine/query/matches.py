@@ -105,20 +105,17 @@ class QueryMatcher:
         self.query = query
         self._map = opened
         self._extractor = extractor or opened.extractor
+        self._fundamental_filter = fundamental_filter
+        self._excluded = excluded_keyframes(opened.artifact, query.allowed)
+        self._matches: dict[int, Matches] = {}
         started = clock_s()
         features = self._extractor.extract(query.gray)
         self.feature_count = len(features)
-        self._matches: dict[int, Matches] = {}
         self._keypoints_px = features.keypoints_px
         self._unit = to_unit_vectors(features.descriptors, self._extractor.binary)
-        self._fundamental_filter = fundamental_filter
-        self._excluded = excluded_keyframes(opened.artifact, query.allowed)
+        # The pixels (n, 2) and unit descriptors (n, d) of the query's features.
+        self.features = self._keypoints_px.astype(np.float64), self._unit
         query.spent_s["describe"] += clock_s() - started
-
-    @property
-    def features(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """The pixels (n, 2) and unit descriptors (n, d) of the query's features."""
-        return self._keypoints_px.astype(np.float64), self._unit
 
     @property
     def matched(self) -> Set[int]:
@@ -151,27 +148,25 @@ class QueryMatcher:
     def _match(self, keyframes: Sequence[int]) -> list[Matches]:
         artifact, extractor = self._map.artifact, self._extractor
         arrays = artifact.arrays
-        spans = artifact.spans(keyframes)
         pairs = match_with_each(
-            self._unit, [arrays.descriptors[span] for span in spans], extractor.ratio, extractor.binary
+            self._unit, arrays.descriptors, arrays.offsets, keyframes, extractor.ratio, extractor.binary
         )
         found = []
-        for keyframe, span, matched in zip(keyframes, spans, pairs, strict=True):
-            a, b, distances = matched
+        for keyframe, (a, rows, distances) in zip(keyframes, pairs, strict=True):
             if self._fundamental_filter:
                 good = filter_by_fundamental_matrix(
-                    self._keypoints_px[a], arrays.keypoints_px[span][b], estimator="ransac"
+                    self._keypoints_px[a], arrays.keypoints_px[rows], estimator="ransac"
                 )
-                a, b, distances = a[good], b[good], distances[good]
+                a, rows, distances = a[good], rows[good], distances[good]  # noqa: PLW2901 - of the same match
             found.append(
                 Matches(
                     points_px=self._keypoints_px[a].astype(np.float64),
-                    points_in_world=arrays.points_in_world[span][b].astype(np.float64),
-                    sigma_m=arrays.point_sigma_m[span][b].astype(np.float64),
+                    points_in_world=arrays.points_in_world[rows].astype(np.float64),
+                    sigma_m=arrays.point_sigma_m[rows].astype(np.float64),
                     query_rows=a,
                     keyframes=np.full(len(a), keyframe, dtype=np.intp),
                     distances=distances,
-                    distinct=are_distinct(artifact, span.start + b, distances, self._excluded),
+                    distinct=are_distinct(artifact, rows, distances, self._excluded),
                 )
             )
         return found

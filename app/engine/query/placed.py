@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from app.engine.maps.artifact import MapMetadata
 from app.geometry.se3 import Pose
 
 WORLD = "world"
@@ -22,6 +25,13 @@ class Accuracy:
         return Accuracy(
             math.hypot(self.position_m, other.position_m),
             math.hypot(self.orientation_deg, other.orientation_deg),
+        )
+
+    def with_map_error(self, metadata: MapMetadata) -> Accuracy:
+        """Return the accuracy with the map's own error, which all points share and no covariance of them shows."""
+        return Accuracy(
+            float(np.hypot(self.position_m, metadata.position_sigma_m)),
+            float(np.hypot(self.orientation_deg, metadata.orientation_sigma_deg)),
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,10 @@ class Query:
     rgb: Rgb
     gray: Gray
     known: Camera | ApproximateCamera | None
-    allowed: NDArray[np.int64] | None = None
-    upright: bool = False
-    started_s: float = field(default_factory=clock_s)
-    spent_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+    allowed: NDArray[np.int64] | None
+    upright: bool
+    started_s: float
+    spent_s: dict[str, float]
 
     @staticmethod
     def of(
@@ -42,7 +42,13 @@ class Query:
         """Return the query for an RGB image (height, width, 3); its time starts here."""
         started_s = clock_s()
         return Query(
-            rgb=rgb, gray=to_gray(rgb), known=known, allowed=allowed, upright=upright, started_s=started_s
+            rgb=rgb,
+            gray=to_gray(rgb),
+            known=known,
+            allowed=allowed,
+            upright=upright,
+            started_s=started_s,
+            spent_s=dict.fromkeys(STAGES, 0.0),
         )
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.errors import InvalidCameraError
-from app.geometry.camera import Camera
+from app.geometry.camera import Camera, off_centre_ratio
 from app.geometry.camera_hint import CameraHint
 from app.geometry.turns import turned_camera
 from app.limits import limit
@@ -60,7 +60,7 @@ def stated_camera(hint: CameraHint, width: int, height: int, quarter_turns: int)
             return StatedCamera(turned, is_turned=True)
         cause = _likely_cause(hint, width, height)
         raise error if cause is None else InvalidCameraError(cause) from None
-    if _offset(camera) <= OPTIONS.max_offset_ratio:
+    if off_centre_ratio(camera.params[2], camera.params[3], width, height) <= OPTIONS.max_offset_ratio:
         return StatedCamera(camera, is_turned=False)
     turned = _turned(hint, width, height, quarter_turns)
     if turned is not None:
@@ -72,15 +72,6 @@ def stated_camera(hint: CameraHint, width: int, height: int, quarter_turns: int)
     raise InvalidCameraError(cause or _far_off(camera))
 
 
-def _offset(camera: Camera) -> float:
-    """Return how far the principal point is from the centre, relative to the image's size."""
-    return _offset_of(camera.params[2], camera.params[3], camera.width, camera.height)
-
-
-def _offset_of(cx: float, cy: float, width: float, height: float) -> float:
-    return max(abs(cx + 0.5 - width / 2) / width, abs(cy + 0.5 - height / 2) / height)
-
-
 def _turned(hint: CameraHint, width: int, height: int, quarter_turns: int) -> Camera | None:
     """Return the camera of the image as it was recorded, turned as the file's orientation says, if it fits."""
     if quarter_turns % 2 == 0:
@@ -89,7 +80,7 @@ def _turned(hint: CameraHint, width: int, height: int, quarter_turns: int) -> Ca
         recorded = hint.for_image(height, width)
     except InvalidCameraError:
         return None
-    fits = _offset(recorded) <= OPTIONS.fit_ratio
+    fits = off_centre_ratio(recorded.params[2], recorded.params[3], height, width) <= OPTIONS.fit_ratio
     return turned_camera(recorded, quarter_turns) if fits else None
 
 
@@ -102,11 +93,11 @@ def _likely_cause(  # noqa: PLR0911 - one line for each reading of the numbers
         # It states another size, so that the numbers are not for this one.
         return None
     cx, cy = values[2], values[3]
-    if _offset_of(cx, cy, width, height) <= OPTIONS.max_offset_ratio:
+    if off_centre_ratio(cx, cy, width, height) <= OPTIONS.max_offset_ratio:
         return None
     across, down = 100 * (cx + 0.5) / width, 100 * (cy + 0.5) / height
     where = f"the principal point ({cx:g}, {cy:g}) is {across:.0f} % across and {down:.0f} % down an image of"
-    if width != height and _offset_of(cx, cy, height, width) <= OPTIONS.fit_ratio:
+    if width != height and off_centre_ratio(cx, cy, height, width) <= OPTIONS.fit_ratio:
         one, other = ("portrait", "landscape") if height > width else ("landscape", "portrait")
         return (
             f"These are the intrinsics of a {other} image, but the upright image is {one}: {where} {width} x {height} "

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from app.engine.query.localization import Localization
 from app.engine.query.localizer import Localizer
+from app.engine.query.query import Query
 from app.engine.query.vdm.localizer import VdmLocalizer
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
@@ -42,9 +43,9 @@ def localize_upright(
     """
     turns = None if gravity_in_camera is None else upright_turns(gravity_in_camera)
     if turns is None:
-        return localizer.localize(rgb, camera, allowed)
+        return localizer.answer(Query.of(rgb, camera, allowed))
     upright = np.ascontiguousarray(np.rot90(rgb, turns))
-    found = localizer.localize(upright, turned_known(camera, turns), allowed, upright=True)
+    found = localizer.answer(Query.of(upright, turned_known(camera, turns), allowed, upright=True))
     pose = found.world_from_camera
     return replace(
         found,

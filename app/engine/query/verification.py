@@ -174,19 +174,19 @@ def gather_evidence(
     matched_rows: NDArray[np.intp],
     inlier_rows: NDArray[np.intp],
     inlier_px: NDArray[np.float64],
-    distinct: int,
+    distinct_rows: NDArray[np.intp],
     rival_rows: NDArray[np.intp],
     size_px: tuple[int, int],
     keyframe_distance_m: float,
 ) -> Evidence:
     """Return the evidence from the rows of the query's features that were matched (m,), agree (n,), and agree
-    with a rival (r,), the pixels (n, 2) of those that agree, in an image of `size_px` (width, height), and how
-    many of them are distinct."""
+    with a rival (r,), those of them that agree and are distinct (d,), and the pixels (n, 2) of those that agree, in an
+    image of `size_px` (width, height)."""
     return Evidence(
         matches=len(np.unique(matched_rows)),
         inliers=len(np.unique(inlier_rows)),
         coverage=coverage(inlier_px, size_px),
-        distinct=distinct,
+        distinct=len(np.unique(distinct_rows)),
         rival=len(np.unique(rival_rows)),
         rival_only=len(np.setdiff1d(rival_rows, inlier_rows)),
         pose_only=len(np.setdiff1d(inlier_rows, rival_rows)),
@@ -206,7 +206,7 @@ def evidence_of(
         matched_rows=matches.query_rows,
         inlier_rows=inliers.query_rows,
         inlier_px=inliers.points_px,
-        distinct=inliers.distinct_count,
+        distinct_rows=inliers.query_rows[inliers.distinct],
         rival_rows=np.zeros(0, np.intp) if rival is None else rival.query_rows,
         size_px=(camera.width, camera.height),
         keyframe_distance_m=keyframe_distance_m,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr
 
-from app.engine.query.accuracy import accuracy_of, sigma_across, with_map_error
+from app.engine.query.accuracy import accuracy_of, sigma_across
 from app.engine.query.contradiction import contradicted_in_map
 from app.engine.query.localization import KeyframeVote, Localization, same_place
 from app.engine.query.localizer import Localizer
@@ -362,7 +362,7 @@ class MapFixes:
         evidence = replace(evidence, position_sigma_m=own.position_m)
         return Fix(
             placed=PlacedPose(pose),
-            accuracy=with_map_error(own, self.localizer.map.artifact.metadata),
+            accuracy=own.with_map_error(self.localizer.map.artifact.metadata),
             support=Support(len(inliers), len(matches)),
             confidence=confidence_of(evidence),
             points_px=inliers.points_px,

@@ -1,7 +1,7 @@
 """Polycam's raw export: `keyframes/images`, `keyframes/depth` and `keyframes/cameras`, a JSON file for each frame.
 
-Its cameras look along -z with y up, in a world whose y points up (ARKit). Where it has refined the poses, there are
-`corrected_images` and `corrected_cameras` as well.
+A folder that holds what lies in `keyframes` is read as well. Cameras look along -z with y up, in a world whose y points
+up (ARKit). Where Polycam has refined the poses, there are `corrected_images` and `corrected_cameras` as well.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ from app.importers.phones.arkit import ARKIT_DOWN, confidence_files, pose_of_ark
 
 DEFAULT_DEPTH_SCALE = 1000.0
 MICROSECONDS_PER_S = 1e6
-_CAMERAS = ("keyframes/corrected_cameras", "keyframes/cameras")
-_IMAGES = ("keyframes/corrected_images", "keyframes/images")
+_PARENT = "keyframes/"
+_CAMERAS = ("corrected_cameras", "cameras")
+_IMAGES = ("corrected_images", "images")
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds `keyframes/cameras` or its corrected form."""
-    return any((directory / name).is_dir() for name in _CAMERAS)
+    """Return whether the folder, or its folder `keyframes`, holds `cameras` or its corrected form."""
+    return any((directory / _PARENT / name).is_dir() for name in _CAMERAS) or _is_keyframes(directory)
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -42,8 +43,9 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     this.
     """
     folder = ScanFolder(directory)
-    corrected = all((directory / name).is_dir() for name in (_CAMERAS[0], _IMAGES[0]))
-    cameras, images = (_CAMERAS[0], _IMAGES[0]) if corrected else (_CAMERAS[1], _IMAGES[1])
+    parent = "" if _is_keyframes(directory) else _PARENT
+    corrected = all((directory / parent / name).is_dir() for name in (_CAMERAS[0], _IMAGES[0]))
+    cameras, images = (f"{parent}{names[0 if corrected else 1]}" for names in (_CAMERAS, _IMAGES))
     files = [path for path in folder.files_in(directory / cameras) if path.suffix.lower() == ".json"]
     if not files:
         raise InvalidScanError(f"The scan has no camera poses: {cameras} holds no .json file.")
@@ -55,9 +57,24 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
-        confidence=confidence_files(folder, "keyframes/depth", "keyframes/confidence"),
+        confidence=confidence_files(folder, f"{parent}depth", f"{parent}confidence"),
     )
-    return assemble_scan(_frames(folder, entries, images, discarded), discarded, source, options)
+    frames = _frames(folder, entries, images, f"{parent}depth", discarded)
+    return assemble_scan(frames, discarded, source, options)
+
+
+def _is_keyframes(directory: Path) -> bool:
+    """Return whether a folder is what a raw export calls `keyframes`: other tools have folders `cameras` too."""
+    if not any((directory / name).is_dir() for name in _IMAGES):
+        return False
+    entries = (path for name in _CAMERAS for path in (directory / name).glob("*.json"))
+    first = next(entries, None)
+    if first is None:
+        return False
+    try:
+        return all(key in read_json_object(first) for key in ("t_00", "t_23"))
+    except InvalidScanError:
+        return False
 
 
 def _camera(entries: dict[str, dict[str, Any]]) -> Camera:
@@ -75,19 +92,19 @@ def _camera(entries: dict[str, dict[str, Any]]) -> Camera:
 
 
 def _frames(
-    folder: ScanFolder, entries: dict[str, dict[str, Any]], images: str, discarded: Discarded
+    folder: ScanFolder, entries: dict[str, dict[str, Any]], images: str, depths: str, discarded: Discarded
 ) -> list[Frame]:
     frames, invalid = [], []
     for stem, entry in entries.items():
         found = (folder.find(f"{images}/{stem}{suffix}", "the scan") for suffix in _IMAGE_SUFFIXES)
         color = next(filter(None, found), None)
-        depth = folder.find(f"keyframes/depth/{stem}.png", "the scan")
+        depth = folder.find(f"{depths}/{stem}.png", "the scan")
         name = f"{images}/{stem}.jpg" if color is None else folder.name_of(color)
         pose = _pose(entry, f"{stem}.json")
         if color is None:
             discarded.add("missing_file", name, f"{name} is missing; {folder.instead(name)}")
         elif depth is None:
-            missing = f"keyframes/depth/{stem}.png"
+            missing = f"{depths}/{stem}.png"
             discarded.add("no_depth", name, f"{missing} is missing; {folder.instead(missing)}")
         elif pose is None:
             discarded.add("invalid_pose", name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.engine.maps import packed_file
-from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata, Places
+from app.engine.maps.artifact import FileChecksums, MapArrays, MapArtifact, MapMetadata, Places
 from app.engine.maps.checked_rows import (
     BlockChecker,
     CheckedRows,
@@ -214,7 +214,7 @@ def test_a_map_of_the_form_before_is_opened(tmp_path: Path) -> None:
     made = make_map()
     write_without_checksums(made, tmp_path / "old")
     read = MapArtifact.open(tmp_path / "old")
-    assert (read.metadata, read.checker, read.places, read.index_checksum) == (
+    assert (read.metadata, read.checker, read.places, read.index_checksums) == (
         made.metadata,
         None,
         None,
@@ -224,15 +224,18 @@ def test_a_map_of_the_form_before_is_opened(tmp_path: Path) -> None:
         assert np.array_equal(getattr(made.arrays, name), getattr(read.arrays, name))
 
 
-def test_what_opening_would_compute_is_stored(tmp_path: Path) -> None:
+@pytest.mark.parametrize("blocks", [None, np.array([7, 2**64 - 1], np.uint64)], ids=["whole", "blocks"])
+def test_what_opening_would_compute_is_stored(tmp_path: Path, blocks: np.ndarray | None) -> None:
     made = make_map((40, 60))
     stored = with_places(made)
-    stored.write(tmp_path / "map", 2**63 + 1)
+    stored.write(tmp_path / "map", FileChecksums(2**63 + 1, blocks, 4096))
     read = MapArtifact.open(tmp_path / "map")
     assert stored.places is not None
     assert read.places is not None
     for name in Places.__slots__:
         assert np.array_equal(getattr(stored.places, name), getattr(read.places, name))
-    assert read.index_checksum == 2**63 + 1
+    assert read.index_checksums is not None
+    assert read.index_checksums.whole == 2**63 + 1
+    assert np.array_equal(read.index_checksums.blocks, blocks)
     axes = np.stack([pose.rotation[:, 2] for pose in made.poses()])
     assert np.allclose(read.axes(), axes, atol=1e-12)

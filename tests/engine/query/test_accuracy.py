@@ -11,7 +11,6 @@ from app.engine.query.accuracy import (
     accuracy_of,
     seen_from_one_side,
     sigma_across,
-    with_map_error,
 )
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
@@ -118,5 +117,5 @@ def test_the_maps_own_error_is_added_to_that_of_its_points() -> None:
         position_sigma_m=0.03,
         orientation_sigma_deg=1.2,
     )
-    found = with_map_error(Accuracy(0.04, 0.5), metadata)
+    found = Accuracy(0.04, 0.5).with_map_error(metadata)
     assert (found.position_m, found.orientation_deg) == pytest.approx((0.05, 1.3))

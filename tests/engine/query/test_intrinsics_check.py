@@ -12,7 +12,7 @@ from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import OPTIONS, CheckedCamera, check_intrinsics
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
-from app.geometry.pnp import PnpEstimate, estimate_pose_lo_ransac
+from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
 from tests.scenes import CAMERA
 
@@ -46,10 +46,10 @@ def matches_of(*seen: tuple[NDArray, NDArray]) -> Matches:
 
 def estimate(
     matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
-) -> PnpEstimate | None:
+) -> Hypothesis | None:
     limit_px = LIMIT_PX * camera.focal_px / CAMERA.focal_px
     iterations = 2000 if max_iterations is None else max_iterations
-    return estimate_pose_lo_ransac(
+    found = estimate_pose_lo_ransac(
         matches.points_px,
         matches.points_in_world,
         camera,
@@ -58,6 +58,7 @@ def estimate(
         min_iterations=iterations,
         prior=prior,
     )
+    return None if found is None else Hypothesis.of(found, matches)
 
 
 def checked(matches: Matches, camera: Camera = CAMERA, agreeing: int | None = None) -> CheckedCamera:
@@ -66,8 +67,8 @@ def checked(matches: Matches, camera: Camera = CAMERA, agreeing: int | None = No
     found = estimate(first, camera)
     assert found is not None
     mask = np.zeros(len(matches), bool)
-    mask[: len(first)] = found.inlier_mask
-    best = Hypothesis.of(replace(found, inlier_mask=mask), matches)
+    mask[: len(first)] = found.estimate.inlier_mask
+    best = Hypothesis.of(replace(found.estimate, inlier_mask=mask), matches)
     return check_intrinsics(best, camera, estimate, lambda _: None)
 
 

@@ -272,7 +272,7 @@ def test_features_count_once_however_often_they_were_matched() -> None:
         matched_rows=np.array([0, 0, 1, 2, 3, 3, 4, 5]),
         inlier_rows=np.array([0, 0, 1]),
         inlier_px=pixels,
-        distinct=2,
+        distinct_rows=np.array([0, 0, 1]),
         rival_rows=np.array([1, 2, 2, 3]),
         size_px=SIZE_PX,
         keyframe_distance_m=1.5,

@@ -75,6 +75,18 @@ class GravityDirectionOptions:
         "Surfaces that face up by the given gravity contradict it when they are less than this ratio of the floor's.",
         chosen=_BY_HAND + " A wall that fills the view has more, and is taken for a floor.",
     )
+    sideways_cosine: float = limit(
+        0.7,
+        "Cosine between gravity and the pictures' usual left or right, from which a phone may have been held upright "
+        "while its pictures lie on their side.",
+        chosen="By hand: 45 degrees.",
+    )
+    sideways_rival_ratio: float = limit(
+        0.3,
+        "As rival_ratio, for such gravity: a wall that one side of the pictures shows is taken for a floor.",
+        chosen="By hand, with the same parts and their cameras turned by 90 degrees: a right one has 0.52, gravity "
+        "whose axes are exchanged 0.12 or less.",
+    )
 
 
 OPTIONS = GravityDirectionOptions()
@@ -107,6 +119,12 @@ def _axis_of_turns(rotations: Array) -> tuple[float, Array]:
     return float(lengths[0] - lengths[1]), axes[0]
 
 
+def _rival_ratio(poses: PoseArrays, down: Array) -> float:
+    """Return the ratio of surfaces that face up by gravity, over those of the floor, below which it is contradicted."""
+    is_sideways = abs(poses.rotations[:, :, 0].mean(axis=0) @ down) > OPTIONS.sideways_cosine
+    return OPTIONS.sideways_rival_ratio if is_sideways else OPTIONS.rival_ratio
+
+
 def _by_floor(scan: Scan, camera: Camera, poses: PoseArrays, down: Array, mean_down: Array) -> list[Finding]:
     if not scan.has_depth:
         return []
@@ -115,7 +133,7 @@ def _by_floor(scan: Scan, camera: Camera, poses: PoseArrays, down: Array, mean_d
     if floor is None or -floor @ down > OPTIONS.agreeing_cosine:
         return []
     of_floor, by_gravity = _share(normals, floor), _share(normals, -down)
-    if of_floor < OPTIONS.floor_share or by_gravity > OPTIONS.rival_ratio * of_floor:
+    if of_floor < OPTIONS.floor_share or by_gravity > _rival_ratio(poses, down) * of_floor:
         return []
     right = _rounded(-floor)
     return [

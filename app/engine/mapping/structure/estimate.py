@@ -35,6 +35,11 @@ class EstimateOptions:
     warned_share: float = limit(
         0.8, "A warning is given where a smaller share of the chosen frames is connected.", chosen="By hand."
     )
+    refused_share: float = limit(
+        0.5,
+        "Where a smaller share is connected and no scale is found, the refusal names where the path broke first.",
+        chosen="By hand: what states the scale is then likely in another part.",
+    )
     cached_pictures: int = limit(
         24, "Pictures that are kept in memory.", chosen="By hand: those of one pixel."
     )
@@ -85,12 +90,17 @@ def estimate_poses(
     held = {frame.name: frame.down for frame in unposed.recorded if frame.down is not None}
     downs = {row: held[frame.name] for row, frame in enumerate(scan.frames) if frame.name in held}
     down = down_by_sensor(whole, downs) or find_down(whole, gray, executor, progress)
-    found = find_scale(scale, whole, chosen, down, gray, executor, progress)
+    try:
+        found = find_scale(scale, whole, chosen, down, gray, executor, progress)
+    except InvalidScanError as error:
+        if not chosen.is_sequence or len(whole.poses) >= OPTIONS.refused_share * len(scan.frames):
+            raise
+        raise InvalidScanError(f"{path.where_it_broke(_times_s(chosen))} In the largest: {error}") from error
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
         report=_report(chosen, path, down, found),
-        warnings=_warnings(chosen, whole, found),
+        warnings=_warnings(chosen, path, found),
     )
 
 
@@ -103,10 +113,16 @@ def _path(
     camera, is_calibrated = chosen.scan.camera, chosen.camera_source == "given"
     if chosen.is_sequence:
         return reconstruct_sequence(
-            matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress
+            matched, camera, _times_s(chosen), is_calibrated=is_calibrated, scratch=scratch, progress=progress
         )
     parts = reconstruct(matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress)
     return Path3D(parts, None)
+
+
+def _times_s(chosen: ChosenPictures) -> list[float]:
+    """Return the times of the pictures since the first one."""
+    times_s = [frame.timestamp_s for frame in chosen.scan.frames]
+    return [time_s - times_s[0] for time_s in times_s]
 
 
 def _posed(
@@ -157,6 +173,7 @@ def _report(
         "pictures": chosen.total,
         "chosen": len(names),
         "connected": len(whole.poses),
+        "joined_parts": path.joined,
         "other_parts": others,
         "revisits": None if path.revisits is None else path.revisits.as_dict(),
         "points": len(whole.points),
@@ -173,12 +190,14 @@ def _report(
     }
 
 
-def _warnings(chosen: ChosenPictures, part: Reconstruction, scale: FoundScale | None) -> tuple[str, ...]:
+def _warnings(chosen: ChosenPictures, path: Path3D, scale: FoundScale | None) -> tuple[str, ...]:
     warnings = [] if scale is not None else [WITHOUT_SCALE]
-    total = len(chosen.scan.frames)
-    if len(part.poses) < OPTIONS.warned_share * total:
+    total, connected = len(chosen.scan.frames), len(path.parts[0].poses)
+    if connected < OPTIONS.warned_share * total:
         warnings.append(
-            f"Only {len(part.poses)} of {total} chosen pictures are connected with each other; the others are not in "
+            f"Only {connected} of {total} chosen pictures are connected with each other; the others are not in "
             "the map (unconnected in discarded_frames)."
         )
+        if chosen.is_sequence:
+            warnings.append(path.where_it_broke(_times_s(chosen)))
     return tuple(warnings)

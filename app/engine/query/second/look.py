@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.maps.open_map import OpenMap, SecondLook
 from app.engine.maps.second_features import SecondFeatures
-from app.engine.query.localization import votes_of
+from app.engine.query.localization import leading, votes_of
 from app.engine.query.matches import Matches, QueryMatcher, excluded_keyframes
 from app.engine.query.query import Query
 from app.engine.query.second.agreement import Agreement, agreement_in_map
@@ -44,6 +44,16 @@ class SecondLookOptions:
         20,
         "Fewest features of the frame that match the most similar keyframes; with fewer no pose is looked for.",
         chosen="By hand: as many as a pose needs inliers.",
+    )
+    min_first_inliers: int = limit(
+        8,
+        "Fewest inliers of the pose by the most similar keyframes; with fewer no further keyframes are matched.",
+        chosen="By hand: less than half of min_inliers.",
+    )
+    min_first_unrepeated_share: float = limit(
+        0.3,
+        "Least share of these inliers that are not repeated; with less no further keyframes are matched.",
+        chosen="By hand: half of min_unrepeated_share.",
     )
     min_distance_elsewhere: float = limit(
         0.15,
@@ -142,7 +152,7 @@ class SecondMatcher:
         """Return how many features have a distinct match, among these of this query, whose feature of the map resembles
         none in the keyframes of other places that look most like those that were matched best."""
         matches = matches.take(matches.distinct)
-        voted = [vote.keyframe for vote in votes_of(matches, matches)[:2]]
+        voted = leading(votes_of(matches, matches))
         twins = self._map.retrieval.look_alikes_of(voted, OPTIONS.twins, self.query.allowed)
         second = self._map.artifact.second
         if second is None or not twins or not len(matches):

@@ -72,7 +72,7 @@ def ask_alone(
     rgb = np.ascontiguousarray(np.rot90(given.rgb, quarter)) if quarter else given.rgb
     query = Query.of(rgb, turned_known(given.camera, quarter), allowed, upright=turns is not None)
     matcher = localizer.matcher_of(query)
-    found = localizer.answer_by(matcher)
+    found = localizer.answer(query, matcher)
     turned = camera_from_turned(quarter)
     first = given.first_from_camera
     return AskedFrame(

@@ -28,8 +28,13 @@ class SeveralOptions:
     )
     motion_tolerance_deg: float = limit(
         5.0,
-        "As motion_tolerance_m, for the angle between the two poses, whatever their sigmas.",
+        "As motion_tolerance_m, for the angle between the two poses.",
         chosen="By hand: 0.2 m for what is two metres away.",
+    )
+    usual_depth_m: float = limit(
+        2.0,
+        "Distance at which a standard deviation of the position allows the same one of the angle.",
+        chosen="By hand: across half of a room, as for motion_tolerance_deg.",
     )
     max_sigmas: float = limit(
         3.0,

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.engine.maps.open_map import OpenMap
 from app.engine.query.accuracy import seen_from_one_side
-from app.engine.query.localization import same_place, votes_of
+from app.engine.query.localization import leading, same_place, votes_of
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.placed import Accuracy
 from app.engine.query.settings import LocalizerSettings
@@ -80,7 +80,7 @@ class RigSearch:
         retrieval, count = self.map.retrieval, self.settings.look_alikes
         found = []
         for own, inliers, matcher in zip(best.matches, best.inliers, self.matchers, strict=True):
-            voted = [vote.keyframe for vote in votes_of(own, inliers)[:2]]
+            voted = leading(votes_of(own, inliers))
             found.append(
                 retrieval.look_alikes_of(voted, count, matcher.query.allowed) if count and voted else []
             )

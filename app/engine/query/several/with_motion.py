@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.query.accuracy import sigma_across, with_map_error
+from app.engine.query.accuracy import sigma_across
 from app.engine.query.camera import lens_of_query
 from app.engine.query.contradiction import Cells, cells_in_map
 from app.engine.query.hypothesis import Hypothesis
@@ -60,7 +60,7 @@ def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Lo
     if found.world_from_camera is not None or alone.world_from_camera is None:
         return found
     sigma_m = alone.evidence.position_sigma_m
-    agrees = _agree(alone.world_from_camera, best.world_from_first, sigma_m)
+    agrees = agree(alone.world_from_camera, best.world_from_first, sigma_m)
     return alone if agrees else alone.refused("ambiguous")
 
 
@@ -72,17 +72,20 @@ def _is_disputed(frames: Sequence[AskedFrame]) -> bool:
         if (pose := frame.world_from_first) is not None
     ]
     return any(
-        not _agree(one, other, math.hypot(sigma_m, other_sigma_m))
+        not agree(one, other, math.hypot(sigma_m, other_sigma_m))
         for (one, sigma_m), (other, other_sigma_m) in combinations(located, 2)
     )
 
 
-def _agree(a: Pose, b: Pose, sigma_m: float) -> bool:
+def agree(a: Pose, b: Pose, sigma_m: float) -> bool:
     """Whether two poses of frame 0 are one; `sigma_m` is the standard deviation of their distance by their inliers:
     what is not known of the camera is the same for both."""
-    near_m = OPTIONS.motion_tolerance_m + OPTIONS.max_sigmas * sigma_m
+    random_m = OPTIONS.max_sigmas * sigma_m
+    near_m = OPTIONS.motion_tolerance_m + random_m
+    # Inliers that leave the position open leave the rotation open as well: both move what the picture shows.
+    near_deg = OPTIONS.motion_tolerance_deg + math.degrees(random_m / OPTIONS.usual_depth_m)
     turned_deg = float(np.degrees(attitude_difference_rad(a, b)))
-    return position_difference_m(a, b) <= near_m and turned_deg <= OPTIONS.motion_tolerance_deg
+    return position_difference_m(a, b) <= near_m and turned_deg <= near_deg
 
 
 def _search(localizer: Localizer, frames: Sequence[AskedFrame]) -> RigSearch:
@@ -136,12 +139,12 @@ def _concluded(
     opened = localizer.map
     metadata, lens = opened.artifact.metadata, _lens(localizer, frames[0])
     own = _accuracy(search, best, 0.0 if lens is None else lens.sigma).with_more(_motion_sigma(frames, best))
-    accuracy = with_map_error(own.with_more(checked.systematic), metadata)
+    accuracy = own.with_more(checked.systematic).with_map_error(metadata)
     if checked.is_contradicted:
         own = own.with_more(checked.systematic)
     distance_m = opened.retrieval.distance_m(best.world_from_first)
     evidence = rig_evidence(best, rival, search.matchers, distance_m, own.position_m)
-    evidence, reason = _judged(localizer, search, best, evidence, with_map_error(own, metadata).position_m)
+    evidence, reason = _judged(localizer, search, best, evidence, own.with_map_error(metadata).position_m)
     inliers, first = Matches.merge(best.inliers), frames[0]
     found = Localization(
         evidence=evidence,
@@ -194,8 +197,8 @@ def _checked(
     hypothesis = Hypothesis.of(estimate, best.matches[most])
     if not localizer.settings.check_intrinsics:
         return CheckedCamera(camera=camera, best=hypothesis)
-    find = partial(localizer.find_camera, query=frames[most].matcher.query)
-    return check_intrinsics(hypothesis, camera, localizer.estimate, find)
+    find = partial(localizer.search.find_camera, query=frames[most].matcher.query)
+    return check_intrinsics(hypothesis, camera, localizer.search.estimate, find)
 
 
 def _accuracy(search: RigSearch, best: RigHypothesis, lens_sigma: float) -> Accuracy:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.query.attempt.attempt import attempt
 from app.engine.query.localization import Localization
 from app.engine.query.localizer import Localizer
 from app.engine.query.matches import Matches
@@ -68,7 +69,7 @@ def _asked_again(localizer: Localizer, first: AskedFrame, located: Sequence[Aske
     """Localize frame 0 by its matches with the map and those that located frames carry over to it."""
     matcher = first.matcher
     carried = [_carried(first, frame, localizer.map.extractor) for frame in located]
-    return localizer.attempt(matcher, Matches.merge([matcher.match_all(()), *carried]))
+    return attempt(localizer.search, matcher, Matches.merge([matcher.match_all(()), *carried]))
 
 
 def _carried(first: AskedFrame, located: AskedFrame, extractor: LocalFeatureExtractor) -> Matches:

@@ -56,20 +56,19 @@ def match_keyframes(
     arrays, found = artifact.arrays, []
     excluded = excluded_keyframes(artifact, allowed)
     keyframes = list(dict.fromkeys(keyframes))
-    spans = artifact.spans(keyframes)
     pairs = match_with_each(
-        unit, [arrays.descriptors[span] for span in spans], extractor.ratio, extractor.binary
+        unit, arrays.descriptors, arrays.offsets, keyframes, extractor.ratio, extractor.binary
     )
-    for keyframe, rows, (a, b, distances) in zip(keyframes, spans, pairs, strict=True):
+    for keyframe, (a, rows, distances) in zip(keyframes, pairs, strict=True):
         found.append(
             KeyframeMatches(
                 keyframe=keyframe,
                 query_rows=a,
                 query_px=features.keypoints_px[a].astype(np.float64),
-                keyframe_px=arrays.keypoints_px[rows][b].astype(np.float64),
-                points_in_world=arrays.points_in_world[rows][b].astype(np.float64),
-                sigma_m=arrays.point_sigma_m[rows][b].astype(np.float64),
-                distinct=are_distinct(artifact, rows.start + b, distances, excluded),
+                keyframe_px=arrays.keypoints_px[rows].astype(np.float64),
+                points_in_world=arrays.points_in_world[rows].astype(np.float64),
+                sigma_m=arrays.point_sigma_m[rows].astype(np.float64),
+                distinct=are_distinct(artifact, rows, distances, excluded),
             )
         )
     return sorted(found, key=len, reverse=True)

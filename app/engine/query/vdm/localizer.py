@@ -14,6 +14,7 @@ from app.engine.maps.open_map import OpenMap
 from app.engine.query.camera import scanned_camera
 from app.engine.query.localization import KeyframeVote, Localization, same_place
 from app.engine.query.placed import Accuracy
+from app.engine.query.query import Query
 from app.engine.query.vdm.keyframe_fix import KeyframeFix, fix_by_keyframe
 from app.engine.query.vdm.keyframe_matches import KeyframeMatches, match_keyframes
 from app.engine.query.vdm.user_lines import PlanPosition, user_on_plan
@@ -30,7 +31,7 @@ from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.focal import ApproximateCamera, find_camera
 from app.geometry.se3 import Pose
 from app.limits import limit
-from app.vision.images import Rgb, measure_quality, to_gray
+from app.vision.images import Rgb, measure_quality
 
 MEASURED = "roomfix evaluate --pipeline vdm on RedKitchen; docs/visual-depth-map.md."
 
@@ -76,14 +77,18 @@ class VdmLocalizer:
         rgb: Rgb,
         camera: Camera | ApproximateCamera | None,
         allowed: NDArray[np.int64] | None = None,
-        upright: bool = False,  # noqa: ARG002 - turned images are not looked for
+        upright: bool = False,
     ) -> Localization:
         """Localize an RGB image (height, width, 3) of a camera of that size; `allowed` restricts retrieval.
 
         Without a camera, or with an approximate one, the focal length of a centred pinhole is searched for.
         """
-        timer = StageTimer()
-        gray, settings = to_gray(rgb), self._settings
+        return self.answer(Query.of(rgb, camera, allowed, upright))
+
+    def answer(self, query: Query) -> Localization:
+        """Localize a query; turned pictures are not looked for."""
+        timer, settings = StageTimer(), self._settings
+        rgb, gray, camera, allowed = query.rgb, query.gray, query.known, query.allowed
         descriptor = self.map.descriptor.describe(rgb)
         timer.lap("describe")
         similar = self.map.retrieval.similar(descriptor, settings.candidates, settings.other_places, allowed)
@@ -151,7 +156,7 @@ class VdmLocalizer:
             matched_rows=np.concatenate([fix.matches.query_rows for fix in fixes]),
             inlier_rows=np.concatenate([fix.inliers.query_rows for fix in fixes]),
             inlier_px=np.concatenate([fix.inliers.query_px for fix in fixes]),
-            distinct=len(np.unique(distinct)),
+            distinct_rows=distinct,
             rival_rows=rival,
             size_px=(camera.width, camera.height),
             keyframe_distance_m=self.map.retrieval.distance_m(best.world_from_user),

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.tracking.drift import MOTION
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.odometry.turning import shift_between
 from app.engine.tracking.odometry.visual_odometry import ExpectedDistances, Odometry, OdometryStep
 from app.engine.tracking.plan_walk.particles import PlanMotion
-from app.engine.tracking.plan_walk.rematch import pose_by_matches
+from app.engine.tracking.plan_walk.rematch import matches_between, pose_by_matches
+from app.engine.tracking.plan_walk.two_views import pose_by_two_views
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, position_difference_m, rotation_from_vector
 from app.limits import limit
@@ -46,14 +46,21 @@ class PlanMotionOptions:
         0.25, "Sigma of a step by matches over its length.", chosen="By hand: distances by the plan alone."
     )
     rematched_turn_sigma_rad: float = limit(0.02, "Sigma of a turn by matches.", chosen="By hand: a degree.")
+    max_speed_m_s: float = limit(
+        2.0,
+        "Fastest that a followed walker goes.",
+        chosen="By hand: a fast walk; a pose in error is often farther.",
+    )
+    leap_m: float = limit(0.2, "A step that a hand's jerk explains.", chosen="By hand: half an arm's swing.")
     pace_m_s: float = limit(1.2, "Pace of a walker who is not followed.", chosen="By hand: a usual pace.")
     blind_sigma_m_s: float = limit(
         0.5, "Sigma of the speed of a walker who is not followed.", chosen="By hand: half a usual pace."
     )
     seen_turn_sigma_rad: float = limit(
-        0.15,
+        0.25,
         "Sigma of a turn by the shift of the whole picture, which a step towards something near shifts, too.",
-        chosen="Recorded walks of roomfix simulate --no-map.",
+        chosen="By hand, with a recorded walk of roomfix simulate --no-map --seed 5: beside bare walls it was wrong by "
+        "up to 20 degrees.",
     )
     blind_turn_sigma_rad_s: float = limit(
         0.7, "Sigma of the speed of a turn that nothing shows.", chosen="By hand: 40 degrees a second."
@@ -110,13 +117,14 @@ class PlanOdometry:
         self._speed_m_s = 0.0
         self._expected: ExpectedDistances | None = None
         self.step: OdometryStep | None = None
+        self.unseen_s = 0.0
 
     def start(self, frame: TrackingFrame, pose: Pose) -> None:
         """Begin at an upright pose; what is followed comes with `learn`."""
         self._odometry, self.pose = None, pose
         self.upright = Upright(np.array([0.0, 0.0, 1.0]))
         self._gray, self._time_s, self._speed_m_s = frame.gray, frame.time_s, 0.0
-        self._expected = None
+        self._expected, self.unseen_s = None, 0.0
 
     def motion(self, frame: TrackingFrame, camera: Camera) -> PlanMotion:
         """Return how the camera moved since the last frame; `step` says how odometry followed it, None where it
@@ -124,9 +132,13 @@ class PlanOdometry:
         elapsed_s = max(frame.time_s - self._time_s, 0.0)
         self.step = self._followed(frame, camera, elapsed_s)
         if self.step is not None:
+            self.unseen_s = 0.0
             found = self._seen(self.step)
         else:
-            found = self._rematched(frame, camera, elapsed_s) or self._blind(frame, camera, elapsed_s)
+            seen = self._rematched(frame, camera, elapsed_s)
+            is_seen = seen is not None or frame.motion is not None
+            self.unseen_s = 0.0 if is_seen else self.unseen_s + elapsed_s
+            found = seen or self._blind(frame, camera, elapsed_s)
         self.upright = self.upright.after(self.pose, frame.gravity)
         if elapsed_s > 0.0:
             self._speed_m_s = float(np.linalg.norm(found.moved)) / elapsed_s
@@ -171,7 +183,12 @@ class PlanOdometry:
         gray, expected = self._gray, self._expected
         if frame.motion is not None or gray is None or expected is None or gray.shape != frame.gray.shape:
             return None
-        pose = pose_by_matches(gray, self.pose, expected, frame.gray, camera)
+        matches = matches_between(gray, frame.gray)
+        if matches is None:
+            return None
+        pose = pose_by_matches(matches, self.pose, expected, camera)
+        if pose is None or _is_leap(pose, self.pose, elapsed_s):
+            pose = pose_by_two_views(matches, self.pose, expected, camera)
         if pose is None or _is_leap(pose, self.pose, elapsed_s):
             return None
         moved, turned = self._between(self.pose, pose)
@@ -220,15 +237,18 @@ class PlanOdometry:
         same = self._gray is not None and self._gray.shape == frame.gray.shape
         shift_px = shift_between(self._gray, frame.gray) if same and self._gray is not None else None
         turned = 0.0 if shift_px is None else float(np.arctan2(shift_px[0], camera.focal_px))
+        unseen_s = (self.unseen_s - elapsed_s, self.unseen_s)
         sigma_rad = (
-            OPTIONS.blind_turn_sigma_rad_s * elapsed_s if shift_px is None else OPTIONS.seen_turn_sigma_rad
+            _added_sigma(OPTIONS.blind_turn_sigma_rad_s, unseen_s)
+            if shift_px is None
+            else OPTIONS.seen_turn_sigma_rad
         )
         speed = min(self._speed_m_s, OPTIONS.pace_m_s)
         about = rotation_from_vector(self.upright.up * turned)
         self.pose = Pose(about @ self.pose.rotation, self.pose.translation)
         return PlanMotion(
             moved=np.array([speed * elapsed_s, 0.0]),
-            moved_sigma_m=OPTIONS.blind_sigma_m_s * elapsed_s,
+            moved_sigma_m=_added_sigma(OPTIONS.blind_sigma_m_s, unseen_s),
             turned_rad=turned,
             turned_sigma_rad=sigma_rad,
         )
@@ -236,7 +256,14 @@ class PlanOdometry:
 
 def _is_leap(pose: Pose, before: Pose, elapsed_s: float) -> bool:
     """Whether nobody moves as fast as this."""
-    return position_difference_m(pose, before) > MOTION.jerk_m + MOTION.max_speed_m_s * elapsed_s
+    return position_difference_m(pose, before) > OPTIONS.leap_m + OPTIONS.max_speed_m_s * elapsed_s
+
+
+def _added_sigma(sigma_a_second: float, unseen_s: tuple[float, float]) -> float:
+    """Return the sigma that a step adds from one time without a seen step to the next: who turns or walks goes on so,
+    so that the whole sigma grows with the time, not with its root."""
+    before_s, after_s = unseen_s
+    return sigma_a_second * float(np.sqrt(max(after_s**2 - before_s**2, 0.0)))
 
 
 def _angle(radians: float) -> float:

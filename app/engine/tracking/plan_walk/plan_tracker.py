@@ -14,92 +14,18 @@ from app.engine.tracking.fix import Fix, NoFix, confidence_of_sigma
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.plan_walk.depths import distances_by_plan
 from app.engine.tracking.plan_walk.motion import PlanOdometry, yaw_of
+from app.engine.tracking.plan_walk.options import OPTIONS
 from app.engine.tracking.plan_walk.particles import Particles, PlanBelief, PlanFix
 from app.engine.tracking.plan_walk.plans import PlanFloor, Plans
+from app.engine.tracking.plan_walk.trust import PlaceTrust
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.state import State, TrackingMemory
 from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracked import Tracked
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_vector
-from app.limits import limit
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanTrackerOptions:
-    """When anchors are asked, and what is believed."""
-
-    sure_sigma_m: float = limit(
-        0.2, "Position sigma up to which anchors are asked more rarely.", chosen="By hand: that of a fix."
-    )
-    sure_every: int = limit(
-        4, "Frames from one question to the anchors to the next while the place is sure.", chosen="By hand."
-    )
-    unsure_every: int = limit(
-        2, "The same while it is not, or not known at all.", chosen="By hand: a look costs several frames."
-    )
-    anchor_reach_m: float = limit(
-        14.0,
-        "Distance within which a phone recognizes a POI.",
-        chosen="By hand: a print of a metre at 400 pixels.",
-    )
-    fix_reach_m: float = limit(
-        1.5,
-        "Beyond three sigmas of the place, how far a fix may be.",
-        chosen="By hand: look-alikes are farther.",
-    )
-    doubtful_m: float = limit(
-        6.0,
-        "Path without a fix after which all anchors are asked, too.",
-        chosen="By hand: the length of a room.",
-    )
-    everywhere_every: int = limit(
-        4, "Of this many questions to the anchors one is to all, wherever the place.", chosen="By hand."
-    )
-    max_sigma_m: float = limit(
-        2.0, "Position sigma above which no place is answered.", chosen="By hand: half a room."
-    )
-    min_floor_share: float = limit(
-        0.95,
-        "Probability of a floor below which no place is answered: half way up the stairs.",
-        chosen="By hand: a wrong floor is worse than none, and nobody needs an arrow on stairs.",
-    )
-    lost_sigma_m: float = limit(
-        5.0, "Position sigma above which only a fix says where the camera is.", chosen="By hand: a room."
-    )
-    agreement_sigmas: float = limit(
-        3.0, "A fix agrees with particles within this many of its sigmas.", chosen="By hand: three sigmas."
-    )
-    min_agreeing_share: float = limit(
-        0.005, "Least share of particles that agree with a fix that is believed alone.", chosen="By hand."
-    )
-    confirmation_s: float = limit(
-        8.0, "Longest time between two fixes that confirm each other.", chosen="By hand: a look around."
-    )
-    confirmation_m: float = limit(
-        0.5, "Distance, beyond the way between, of two fixes that confirm each other.", chosen="By hand."
-    )
-    height_m: float = limit(1.5, "Height of a phone in a hand above the floor.", chosen="By hand.")
-    least_height_m: float = limit(
-        0.8, "Least height that is believed of a fix.", chosen="By hand: a child's."
-    )
-    most_height_m: float = limit(2.2, "Largest height that is believed of a fix.", chosen="By hand: held up.")
-    tilt_sigma_deg: float = limit(
-        2.0, "Sigma of the phone's tilt.", chosen="By hand: gravity's and odometry's."
-    )
-    resumed_m_s: float = limit(
-        1.0,
-        "Growth of the sigma of a place that was remembered while no frame came.",
-        chosen="By hand: a pace.",
-    )
-    resumed_deg_s: float = limit(
-        10.0, "The same of the heading's sigma.", chosen="By hand: a turn on the spot takes longer."
-    )
-
-
-OPTIONS = PlanTrackerOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +46,7 @@ class PlanTracker:
         self.camera: Camera | None = None
         self._settings = settings or TrackerSettings()
         self._odometry = PlanOdometry()
+        self._trust = PlaceTrust()
         self._particles: Particles | None = None
         self._pending: _Pending | None = None
         self._frame_id = self.memory.frame_id
@@ -132,6 +59,7 @@ class PlanTracker:
     def forget(self, memory: TrackingMemory) -> None:
         """Go back to an earlier memory: the last frame never was."""
         self.memory, self._particles, self._pending, self._is_begun = memory, None, None, False
+        self._trust = PlaceTrust()
 
     def process(self, frame: TrackingFrame, surroundings: Surroundings) -> Tracked:
         """Answer for a frame: particles are moved by odometry, weighted by a fix, and their mean is the place."""
@@ -145,6 +73,7 @@ class PlanTracker:
         if self._particles is not None:
             motion = self._odometry.motion(frame, camera)
             self._particles.move(motion)
+            self._trust.moved(self._odometry.unseen_s)
             if self._pending is not None:
                 self._pending.particles.move(motion)
             support = Support() if self._odometry.step is None else self._odometry.step.support
@@ -152,6 +81,7 @@ class PlanTracker:
         found = self._fix(frame, camera, before, surroundings)
         state: State = "tracking"
         fix = found if isinstance(found, Fix) else None
+        known = self._particles
         if fix is not None:
             state = self._believe(fix, frame, plans)
             support = fix.support
@@ -159,13 +89,13 @@ class PlanTracker:
             reason = (
                 found if isinstance(found, NoFix) else NoFix("ambiguous" if fix is not None else "no_match")
             )
-            self._learn(frame, camera, plans, None)
+            self._learn(frame, camera, plans, fix if self._particles is not known else None)
             return self._nothing(reason)
         self._learn(frame, camera, plans, fix)
         belief = self._particles.belief()
         if belief.position_sigma_m > OPTIONS.lost_sigma_m:
             self._particles = None
-        if belief.position_sigma_m > OPTIONS.max_sigma_m or belief.floor_share < OPTIONS.min_floor_share:
+        if not self._trust.may_answer(belief, _accuracy(belief)):
             return self._nothing(NoFix("no_match"))
         return self._answer(frame, plans, belief, support, fix, state, before)
 
@@ -179,12 +109,12 @@ class PlanTracker:
         anchors = surroundings.anchors
         if anchors is None:
             return NoFix("no_map")
-        is_known = belief is not None and belief.position_sigma_m <= OPTIONS.max_sigma_m
+        is_known = belief is not None and self._trust.is_known(belief, _accuracy(belief))
         if (self._has_fix and not self._settings.use_relocation) or (
             is_known and not self._settings.use_refresh
         ):
             return None
-        is_sure = belief is not None and belief.position_sigma_m <= OPTIONS.sure_sigma_m
+        is_sure = is_known and belief is not None and belief.position_sigma_m <= OPTIONS.sure_sigma_m
         if self._since_search < (OPTIONS.sure_every if is_sure else OPTIONS.unsure_every):
             return None
         self._since_search = 0
@@ -211,7 +141,10 @@ class PlanTracker:
         )
 
     def _believe(self, fix: Fix, frame: TrackingFrame, plans: Plans) -> State:
-        """Correct the particles by a fix, or begin at it; a fix that contradicts them waits for a second one."""
+        """Correct the particles by a fix; one that contradicts them waits for a second that agrees.
+
+        Where there are none, or their place is lost, it begins particles whose place is not answered until then.
+        """
         floor, pose = plans.floor_of(fix.placed), fix.frame_from_camera
         if floor is None:
             return "lost" if self._particles is None else "tracking"
@@ -223,20 +156,21 @@ class PlanTracker:
             yaw_sigma_rad=float(np.radians(fix.accuracy.orientation_deg)),
         )
         if self._particles is not None and fix.frame_id == self._frame_id and _agrees(self._particles, seen):
+            is_found = self._trust.is_lost and self.memory.last is not None
             self._particles.correct(seen)
+            self._trust.found()
             self._note_height(pose, floor)
-            self._pending = None
-            return "tracking"
-        is_new = self._particles is None and not self._has_fix
-        if is_new or self._is_confirmed(seen, fix.frame_id, frame.time_s):
-            return self._begin(seen, fix, floor, plans, frame, "tracking" if is_new else "relocalized")
-        if self._particles is None:
-            # Nothing else says how the camera moves until the second fix.
-            self._odometry.start(frame, pose)
-            self._particles = Particles(plans.walls_in(fix.frame_id), seen)
-            self._frame_id = fix.frame_id
-            self._note_height(pose, floor)
-            return "relocalized"
+            self._pending, self._has_fix = None, True
+            return "relocalized" if is_found else "tracking"
+        if self._is_confirmed(seen, fix.frame_id, frame.time_s):
+            self._begin(seen, fix, floor, plans, frame)
+            self._trust.found()
+            self._pending, self._has_fix = None, True
+            return "tracking" if self.memory.last is None else "relocalized"
+        if self._particles is None or self._trust.is_lost:
+            self._begin(seen, fix, floor, plans, frame)
+            self._trust.begun()
+            return "lost"
         self._pending = _Pending(
             seen,
             fix.frame_id,
@@ -245,15 +179,11 @@ class PlanTracker:
         )
         return "lost"
 
-    def _begin(
-        self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans, frame: TrackingFrame, state: State
-    ) -> State:
-        if self._particles is None:
-            self._odometry.start(frame, fix.frame_from_camera)
-        self._particles = Particles(plans.walls_in(fix.frame_id), seen)
-        self._pending, self._frame_id, self._has_fix = None, fix.frame_id, True
+    def _begin(self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans, frame: TrackingFrame) -> None:
+        """Begin at a fix. What odometry followed had its scale by another place."""
+        self._odometry.start(frame, fix.frame_from_camera)
+        self._particles, self._frame_id = Particles(plans.walls_in(fix.frame_id), seen), fix.frame_id
         self._note_height(fix.frame_from_camera, floor)
-        return state
 
     def _is_confirmed(self, seen: PlanFix, frame_id: str, time_s: float) -> bool:
         """Whether a fix agrees with the one that waits, moved as the camera has moved since."""
@@ -338,10 +268,7 @@ class PlanTracker:
         floor = plans.by_id[belief.floor]
         upright = self._odometry.upright.levelled @ self._odometry.pose.rotation
         placed = PlacedPose(self._pose_at(belief, floor, upright), self._frame_id)
-        accuracy = Accuracy(
-            belief.position_sigma_m,
-            float(np.hypot(np.degrees(belief.yaw_sigma_rad), OPTIONS.tilt_sigma_deg)),
-        )
+        accuracy = _accuracy(belief)
         moved_m = 0.0
         last = self.memory.last
         if last is not None and last.frame_id == self._frame_id:
@@ -381,6 +308,11 @@ class PlanTracker:
             unaided_m=self.memory.unaided_m,
             camera=self.camera,
         )
+
+
+def _accuracy(belief: PlanBelief) -> Accuracy:
+    turn_deg = float(np.degrees(belief.yaw_sigma_rad))
+    return Accuracy(belief.position_sigma_m, float(np.hypot(turn_deg, OPTIONS.tilt_sigma_deg)))
 
 
 def _agrees(particles: Particles, seen: PlanFix) -> bool:

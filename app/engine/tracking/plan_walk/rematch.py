@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.tracking.odometry.visual_odometry import ExpectedDistances
+from app.engine.tracking.plan_walk.two_views import FrameMatches
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
@@ -39,11 +40,8 @@ class RematchOptions:
 OPTIONS = RematchOptions()
 
 
-def pose_by_matches(
-    before: Gray, pose_before: Pose, expected: ExpectedDistances, now: Gray, camera: Camera
-) -> Pose | None:
-    """Return the pose of a frame by what it shows of the frame before, which is as far from there as expected, or None
-    where too little agrees."""
+def matches_between(before: Gray, now: Gray) -> FrameMatches | None:
+    """Return the matched ORB features of two frames, or None where they are few."""
     orb = cv2.ORB.create(nfeatures=OPTIONS.features, fastThreshold=8)
     points_a, features_a = orb.detectAndCompute(before, None)
     points_b, features_b = orb.detectAndCompute(now, None)
@@ -53,14 +51,23 @@ def pose_by_matches(
     good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < OPTIONS.max_ratio * p[1].distance]
     if len(good) < OPTIONS.min_inliers:
         return None
-    pixels_a = np.array([points_a[match.queryIdx].pt for match in good])
-    pixels_b = np.array([points_b[match.trainIdx].pt for match in good])
-    rays = homogeneous(camera.normalize(pixels_a)) @ pose_before.rotation.T
+    return FrameMatches(
+        np.array([points_a[match.queryIdx].pt for match in good]),
+        np.array([points_b[match.trainIdx].pt for match in good]),
+    )
+
+
+def pose_by_matches(
+    matches: FrameMatches, pose_before: Pose, expected: ExpectedDistances, camera: Camera
+) -> Pose | None:
+    """Return the pose of a frame by what it shows of the frame before, which is as far from there as expected, or None
+    where too little agrees."""
+    rays = homogeneous(camera.normalize(matches.before_px)) @ pose_before.rotation.T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    points = pose_before.translation + rays * expected(pixels_a, camera, pose_before)[:, None]
+    away_m = expected(matches.before_px, camera, pose_before)
     found = estimate_pose_lo_ransac(
-        pixels_b,
-        points,
+        matches.now_px,
+        pose_before.translation + rays * away_m[:, None],
         camera,
         max_error_px=OPTIONS.max_error_tangent * camera.focal_px,
         max_iterations=500,
@@ -68,5 +75,5 @@ def pose_by_matches(
     if found is None:
         return None
     count = int(np.count_nonzero(found.inlier_mask))
-    is_sure = count >= max(OPTIONS.min_inliers, OPTIONS.min_inlier_ratio * len(good))
+    is_sure = count >= max(OPTIONS.min_inliers, OPTIONS.min_inlier_ratio * len(matches.before_px))
     return found.world_from_camera if is_sure else None

@@ -41,6 +41,7 @@ const BUILD_STAGES = {
   read: "Reading the scan",
   examine: "Examining the scan",
   describe_places: "Looking at the places of the scan",
+  join_parts: "Joining the parts of the path",
   find_loops: "Looking for places that were passed twice",
   close_loops: "Correcting drift",
   find_features: "Looking for features",

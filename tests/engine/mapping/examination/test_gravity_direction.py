@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.engine.mapping.examination import gravity_direction
 from app.engine.mapping.examination.examine import examine_scan
 from app.engine.mapping.examination.gravity_direction import judge_gravity_direction
 from app.engine.mapping.examination.outcome import Finding
@@ -72,6 +73,20 @@ def test_a_camera_that_lies_on_its_side_is_not_doubted(round_the_room: Scan) -> 
         for frame in round_the_room.frames
     ]
     assert judged(replace(round_the_room, frames=tuple(turned)), DOWN) == []
+
+
+def test_a_wall_beside_a_camera_on_its_side_is_no_floor(
+    room: Room, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    on_its_side = Pose(rotation_from_vector(np.array([0.0, 0.0, np.pi / 2])), np.zeros(3))
+    poses = [pose_at(1.0 + 0.1 * i, 0.5, yaw_deg=40 + 3 * i, pitch_deg=-5) @ on_its_side for i in range(4)]
+    scan = scan_of(room, poses, tmp_path)
+    assert judged(scan, DOWN) == []
+    # By its size alone it is one.
+    upright = replace(gravity_direction.OPTIONS, sideways_rival_ratio=gravity_direction.OPTIONS.rival_ratio)
+    monkeypatch.setattr(gravity_direction, "OPTIONS", upright)
+    (found,) = judged(scan, DOWN)
+    assert found.figures["floor_share"] > 0.2
 
 
 @pytest.mark.parametrize("gravity", [(-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), LEANING])

@@ -13,9 +13,10 @@ from app.engine.query.query import Query
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.several.frame import GivenFrame, ask_alone
 from app.engine.query.several.localize import localize_several
+from app.engine.query.several.with_motion import agree
 from app.engine.query.several.without_motion import locate_without_motion
 from app.errors import InvalidInputError
-from app.geometry.se3 import Pose, position_difference_m, rotation_angle_deg
+from app.geometry.se3 import Pose, position_difference_m, rotation_angle_deg, rotation_from_vector
 from app.geometry.turns import camera_from_turned, turned_camera
 from app.vision.images import Rgb
 from tests.rendered_maps import localizer_of
@@ -206,3 +207,13 @@ def test_a_motion_needs_cameras(wall: Localizer, room: Room) -> None:
     picture = room.view(QUERY).rgb
     with pytest.raises(InvalidInputError, match="send camera"):
         localize_several(wall, [frame(picture, QUERY), replace(frame(picture, NEXT), camera=None)])
+
+
+def test_poses_may_differ_by_what_their_inliers_leave_open() -> None:
+    straight = pose_at(2.0, 1.5)
+    turned = Pose(rotation_from_vector(np.radians([0.0, 0.0, 8.0])) @ straight.rotation, straight.translation)
+    assert not agree(straight, turned, 0.01)
+    assert agree(straight, turned, 0.1)
+    aside = pose_at(2.3, 1.5)
+    assert not agree(straight, aside, 0.05)
+    assert agree(straight, aside, 0.1)

@@ -20,8 +20,6 @@ def decode_later(request: LocateRequest, first: Rgb, max_pixels: int) -> tuple[G
     Raises what a single picture and its camera raise, with the frame's number; `InvalidInputError` for a method that
     takes one picture, for a motion without intrinsics, and for frames of which some have a motion.
     """
-    if not request.later:
-        return ()
     _check(request)
     spent = first.shape[0] * first.shape[1]
     frames = []

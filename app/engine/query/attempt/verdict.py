@@ -1,0 +1,72 @@
+"""The outcome for the pose of one picture: its accuracy, the evidence for it, and whether it can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from app.engine.query.accuracy import accuracy_in_map
+from app.engine.query.attempt.pose import Matcher, PoseSearch
+from app.engine.query.contradiction import contradicted_in_map
+from app.engine.query.hints import view_hints
+from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.intrinsics import CheckedCamera
+from app.engine.query.localization import Localization, leading, votes_of
+from app.engine.query.second.look import SecondMatcher
+from app.engine.query.verification import confidence_of, evidence_of, judge
+
+
+def conclude(
+    search: PoseSearch,
+    matcher: Matcher,
+    best: Hypothesis,
+    rival: Hypothesis | None,
+    checked: CheckedCamera,
+    sigmas: tuple[float, float],
+) -> Localization:
+    """Return the outcome for a pose that a rival may dispute, by a camera that was checked.
+
+    `sigmas` are those of the camera's focal length (relative) and of its lens coefficient. What contradicts the pose is
+    searched for only where nothing else does.
+    """
+    opened, query, inliers, camera = search.map, matcher.query, best.inliers, checked.camera
+    metadata = opened.artifact.metadata
+    own = accuracy_in_map(opened.artifact, inliers, camera, best.pose, *sigmas)
+    accuracy = own.with_more(checked.systematic).with_map_error(metadata)
+    if checked.is_contradicted:
+        own = own.with_more(checked.systematic)
+    sigma_m = own.with_map_error(metadata).position_m
+    votes = votes_of(best.matches, inliers)
+    voted = leading(votes)
+    distance_m = opened.retrieval.distance_m(best.pose)
+    similarity = opened.retrieval.similarity_elsewhere(voted, search.settings.look_alikes, query.allowed)
+    unrepeated = matcher.unrepeated_count(inliers)
+    agreement = matcher.agreement(best.pose, camera) if isinstance(matcher, SecondMatcher) else None
+    evidence = replace(
+        evidence_of(best.matches, inliers, camera, distance_m, None if rival is None else rival.inliers),
+        position_sigma_m=own.position_m,
+        unrepeated=unrepeated,
+        similarity_elsewhere=similarity,
+        agreement=agreement,
+    )
+    reason = judge(evidence, sigma_m, search.limits)
+    if reason is None:
+        share = contradicted_in_map(
+            opened, best.pose, camera, matcher.features, inliers.points_px, query.allowed
+        )
+        evidence = replace(evidence, contradicted=share)
+        reason = judge(evidence, sigma_m, search.limits)
+    found = Localization(
+        evidence=evidence,
+        world_from_camera=best.pose,
+        accuracy=accuracy,
+        confidence=min(confidence_of(evidence), checked.max_confidence),
+        keyframes=votes,
+        camera=camera,
+        timings_ms=query.timings_ms,
+        candidate=best.pose,
+        is_refined=checked.is_refined,
+        inliers=inliers,
+    )
+    if reason is None:
+        return found
+    return replace(found.refused(reason), hints=view_hints(reason, inliers.points_px, query.size_px))

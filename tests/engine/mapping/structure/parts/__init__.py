@@ -1,0 +1,1 @@
+"""Tests of poses estimated from pictures."""
