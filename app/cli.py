@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import typer
@@ -49,6 +51,18 @@ def bench_commands(checkout: Path = CHECKOUT) -> dict[str, str]:
     return commands
 
 
+def _imported(module: str) -> ModuleType:
+    """Import a module, and search for garbage only afterwards: what modules define stays, and the searches take an
+    eighth of the time in which `roomfix serve` is imported."""
+    is_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        return importlib.import_module(module)
+    finally:
+        if is_enabled:
+            gc.enable()
+
+
 class LazyCommands(TyperGroup):
     """A group whose commands are known by name, and imported one by one."""
 
@@ -62,7 +76,7 @@ class LazyCommands(TyperGroup):
         if target is None:
             return None
         module, function = target.split(":")
-        callback = getattr(importlib.import_module(module), function)
+        callback = getattr(_imported(module), function)
         if isinstance(callback, typer.Typer):
             return typer.main.get_group(callback)
         info = CommandInfo(name=cmd_name, callback=callback)

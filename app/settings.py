@@ -78,6 +78,10 @@ class Settings(BaseSettings):
         le=86_400,
         description="Seconds that a worker which is stopped has to finish its build before another one begins it anew.",
     )
+    share_builds: bool = Field(
+        False,
+        description="Let workers of one data folder that have nothing to build help with each other's builds.",
+    )
     run_worker: bool = Field(True, description="Start the embedded build worker with the server.")
     max_image_bytes: int = Field(25_000_000, ge=1000, description="Largest image that is accepted.")
     max_image_pixels: int = Field(50_000_000, ge=10_000, description="Most pixels that are decoded.")

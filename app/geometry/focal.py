@@ -77,6 +77,11 @@ class FocalOptions:
         "Half width of the range in which the best candidate is refined, in steps of the search.",
         chosen="By hand: the true focal length is within one step of the best candidate.",
     )
+    pose_steps: int = limit(
+        8,
+        "Steps of refining the pose for each focal length that is tried, from the pose of the one before.",
+        chosen="By hand: the focal lengths come closer and closer, so that the poses are nearly the same.",
+    )
     log_tolerance: float = limit(
         1e-3,
         "Tolerance of the refined focal length's logarithm.",
@@ -259,11 +264,20 @@ def _refined(
 
     `sigma` is the standard deviation of a normal prior on the logarithm, around the given camera's.
     """
-    known = float(np.log(camera.focal_px))
+    known, refined = float(np.log(camera.focal_px)), pose
 
     def cost(log_focal: float) -> float:
+        # The focal lengths that are tried come closer and closer: the last pose is a good start for the next one.
+        nonlocal refined
         candidate = pinhole(camera.width, camera.height, float(np.exp(log_focal)))
-        refined = refine_pose(pixels, points, candidate, pose, loss_scale_px=PIXEL_NOISE.loss_scale_px)
+        refined = refine_pose(
+            pixels,
+            points,
+            candidate,
+            refined,
+            loss_scale_px=PIXEL_NOISE.loss_scale_px,
+            max_steps=OPTIONS.pose_steps,
+        )
         prior = 0.0 if sigma is None else 0.5 * ((log_focal - known) / sigma) ** 2
         return _cost(pixels, points, candidate, refined) + prior
 

@@ -11,6 +11,7 @@ from datetime import timedelta
 
 from app.errors import CancelledBuildError, ConflictError, NotFoundError, RoomfixError
 from app.jobs.lease import LeaseWatch
+from app.jobs.sharing import shared
 from app.limits import limit
 from app.services.builds.run_build import run_build, scratch_folder
 from app.services.map_library import MapLibrary
@@ -61,7 +62,8 @@ class BuildProgress:
 def handle_build(build: Build, resources: Resources, library: MapLibrary) -> None:
     """Run a claimed build until it has succeeded, failed or was cancelled; its errors are stored, not raised."""
     try:
-        version = run_build(build, resources, library, BuildProgress(resources, build))
+        with shared(resources, build) as own:
+            version = run_build(build, own, library, BuildProgress(resources, build))
         log.info("build %s: map version %d of venue %s", build.id, version, build.venue_id)
     except CancelledBuildError:
         _finish(resources, build, "cancelled", None, None)

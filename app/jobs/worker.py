@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lease import Heart, LeaseWatch
+from app.jobs.sharing import Helper
 from app.jobs.worker_name import worker_name
 from app.limits import limit
 from app.logs import configure_logs, log_context
@@ -74,6 +75,7 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
 
 def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threading.Event) -> None:
     library, watch = MapLibrary(resources), LeaseWatch()
+    helper = Helper(resources, library, stop)
     swept = float("-inf")
     while not stop.is_set():
         wake.clear()
@@ -84,6 +86,8 @@ def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threa
             with log_context(build=build.id):
                 log.info("build %s of venue %s starts", build.id, build.venue_id)
                 handle_build(build, resources, library)
+            continue
+        if helper.help_one():
             continue
         if time.monotonic() - swept > OPTIONS.sweep_interval_s:
             swept = time.monotonic()

@@ -78,8 +78,8 @@ def write_map(artifact: MapArtifact, index: GlobalIndex, artifact_path: Path, in
     data = np.memmap(index_path, dtype=np.uint8, mode="r")
     # A small index is read whole by each search.
     is_large = not index.is_exact and len(data) > CHECKSUMS.eager_bytes
-    blocks = checksums_of_blocks(data, CHECKSUMS.block_bytes) if is_large else None
-    checksums = FileChecksums(checksum(data), blocks, CHECKSUMS.block_bytes)
+    blocks = checksums_of_blocks(data, CHECKSUMS.index_block_bytes) if is_large else None
+    checksums = FileChecksums(checksum(data), blocks, CHECKSUMS.index_block_bytes)
     with_places(artifact).write(artifact_path, checksums)
 
 

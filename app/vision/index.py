@@ -167,21 +167,27 @@ class GlobalIndex:
             return np.zeros(0, np.int64), np.zeros(0, np.float32)
         if not self.is_exact and allowed is not None and len(allowed) <= OPTIONS.flat_keyframes:
             return self._search_rows(descriptor, k, allowed.astype(np.int64))
-        selection = None
-        if allowed is not None:
-            is_allowed = np.zeros(len(self), dtype=bool)
-            is_allowed[allowed] = True
-            bits = np.packbits(is_allowed, bitorder="little")
-            selector = faiss.IDSelectorBitmap(bits)  # type: ignore[call-arg, arg-type]
-            selection = faiss.SearchParameters(sel=selector)  # type: ignore[call-arg]
+        selection = None if allowed is None else self._selection(allowed)
         query = descriptor[None].astype(np.float32)
         if isinstance(self._index, faiss.IndexRefine):
             candidates = max(OPTIONS.min_candidates, round(OPTIONS.candidates_ratio * k))
             _, rows = self._index.base_index.search(query, min(candidates, len(self)), params=selection)
-            return self._search_rows(descriptor, k, rows[0][rows[0] >= 0])
-        distances, rows = self._index.search(query, k, params=selection)
+            ranked = rows[0][rows[0] >= 0]
+            self._check(ranked)
+            selection = self._selection(ranked)
+            distances, rows = self._index.refine_index.search(query, k, params=selection)
+        else:
+            distances, rows = self._index.search(query, k, params=selection)
         found = rows[0] >= 0
         return rows[0][found], distances[0][found]
+
+    def _selection(self, rows: NDArray[np.int64]) -> faiss.SearchParameters:
+        """Return the parameters of a search among some keyframes."""
+        is_allowed = np.zeros(len(self), dtype=bool)
+        is_allowed[rows] = True
+        bits = np.packbits(is_allowed, bitorder="little")
+        selector = faiss.IDSelectorBitmap(bits)  # type: ignore[call-arg, arg-type]
+        return faiss.SearchParameters(sel=selector)  # type: ignore[call-arg]
 
     def _search_rows(
         self, descriptor: NDArray[np.float32], k: int, rows: NDArray[np.int64]

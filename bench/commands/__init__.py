@@ -36,6 +36,7 @@ COMMANDS = {
     "evaluate-phone-page": "bench.pages.command:evaluate_phone_page",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
     "overload": "bench.overload.command:overload",
+    "shared-builds": "bench.sharing.command:shared_builds",
     "kills": "bench.kills.command:kills",
     "rolling-restart": "bench.rolling.command:rolling_restart",
     "upload-bench": "bench.uploads.command:upload_bench",

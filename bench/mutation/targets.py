@@ -41,6 +41,20 @@ TARGETS = (
     ),
     Target("app/storage/maps.py", (ALONE, "tests/storage/test_maps.py")),
     Target(
+        "app/services/builds/place_scan.py",
+        (ALONE, f"{SERVICES}/test_place_scan.py"),
+        (
+            "beside_map",
+            "_unregistered",
+            "_given",
+            "_registered",
+            "contradicts",
+            "_is_near",
+            "replacement_warnings",
+            "_listed",
+        ),
+    ),
+    Target(
         "app/services/builds/run_build.py",
         (f"{SERVICES}/test_publishing.py", f"{SERVICES}/test_run_build.py"),
     ),

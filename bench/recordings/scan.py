@@ -12,6 +12,7 @@ from app.geometry.se3 import Pose
 from bench.recordings.cache import make_directory
 from bench.recordings.trajectory import VENUE_WALK, WING_WALK, Walk, scan_poses
 from bench.render.frames import FrameJob, Progress, make_frames
+from bench.render.raycast import FINE, Quality
 from bench.render.scene import SCENE_VERSION
 from bench.render.sensor import DEPTH_SCALE, ColourSensor
 
@@ -78,6 +79,7 @@ def render_poses(
     workers: int,
     progress: Progress | None,
     building: int = 0,
+    quality: Quality = FINE,
 ) -> DemoScan:
     """Render the scan of some poses in the building of a number (`other_building`); otherwise as `render_scan`."""
     frames = len(poses)
@@ -96,6 +98,7 @@ def render_poses(
                 depth_path=part.depth_path(k),
                 seed=(name, k),
                 sensor=ColourSensor(),
+                quality=quality,
             )
             for k, pose in enumerate(poses)
         ]

@@ -18,7 +18,7 @@ from bench.evaluation.variations import VARIATIONS, parse_variations
 from bench.figures.shown import FiguresTitle, Shown
 from bench.rooms.compare import PIPELINES, Comparison, compare_room
 from bench.rooms.measured import MeasuredResults
-from bench.rooms.rooms import Room, rooms_in
+from bench.rooms.rooms import KINDS, Room, rooms_in
 from bench.rooms.tables import rooms_table, splits_table, totals_table
 
 
@@ -26,6 +26,9 @@ def evaluate_rooms(
     data: Annotated[Path, typer.Argument(exists=True, file_okay=False, help="The folder of the rooms.")],
     room: Annotated[
         list[str] | None, typer.Option(help="A room; repeat it for several; default all.")
+    ] = None,
+    kind: Annotated[
+        list[str] | None, typer.Option(help=f"One of {', '.join(KINDS)}; repeat it for several; default all.")
     ] = None,
     pipeline: Annotated[
         list[str] | None,
@@ -54,7 +57,7 @@ def evaluate_rooms(
     for name in pipelines:
         if name not in PIPELINES:
             raise InvalidInputError(f"Pipeline {name!r} is not known; use {', '.join(PIPELINES)}.")
-    rooms, measured = rooms_in(data, room or []), MeasuredResults.of_file(json_file)
+    rooms, measured = rooms_in(data, room or [], kind or []), MeasuredResults.of_file(json_file)
     wanted = Comparison(
         pipelines=pipelines,
         variations=parse_variations(degrade or []),

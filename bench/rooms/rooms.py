@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,17 @@ from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
 from bench.evaluation.dataset import Split, split_scan
 
+# What the kinds of splits are, in the order of tables.
+KINDS = {
+    "between": "Queries from between the map's frames",
+    "unseen": "Queries from a part of the room that the map's frames left",
+    "few": "A map of few keyframes",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class RoomSplit:
-    """Frames of the map and of the queries (`start:stop:step`), and what kind of split it is.
-
-    `between`: queries from between the map's frames; `unseen`: a part of the room that the map's frames left or never
-    reached; `few`: the same from a map of few keyframes.
-    """
+    """Frames of the map and of the queries (`start:stop:step`), and which of `KINDS` the split is."""
 
     kind: str
     database: str
@@ -82,16 +85,25 @@ ROOMS = (
 )
 
 
-def rooms_in(data: Path, names: Sequence[str]) -> list[Room]:
-    """Return the rooms of these names that a folder holds, by default all; raises `InvalidInputError` for others."""
+def rooms_in(data: Path, names: Sequence[str], kinds: Sequence[str] = ()) -> list[Room]:
+    """Return the rooms of these names that a folder holds, with their splits of these kinds; by default all.
+
+    Raises `InvalidInputError` for other names and kinds.
+    """
     known = {room.folder: room for room in ROOMS}
     for name in names:
         if name not in known or not (data / name).is_dir():
             raise InvalidInputError(f"{data} has no room {name!r}; rooms are {', '.join(known)}.")
+    for kind in kinds:
+        if kind not in KINDS:
+            raise InvalidInputError(f"Splits of kind {kind!r} are not known; use {', '.join(KINDS)}.")
     found = [room for room in ROOMS if (room.folder in names or not names) and (data / room.folder).is_dir()]
     if not found:
         raise InvalidInputError(f"{data} holds none of the rooms {', '.join(known)}.")
-    return found
+    return [
+        replace(room, splits=tuple(split for split in room.splits if split.kind in (kinds or KINDS)))
+        for room in found
+    ]
 
 
 def open_split(data: Path, room: Room, split: RoomSplit) -> Split:

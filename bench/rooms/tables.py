@@ -7,15 +7,10 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from bench.rooms.compare import ONE_LOOK, OURS, RoomResult
-from bench.rooms.rooms import Room
+from bench.rooms.rooms import KINDS, Room
 
 COLUMNS = ("queries", "located", "right within 0.5 m", "within 5 cm", "wrong", "median, cm")
 REFUSED = "right poses refused"
-KINDS = {
-    "between": "Queries from between the map's frames",
-    "unseen": "Queries from a part of the room that the map's frames left",
-    "few": "A map of few keyframes",
-}
 
 
 def splits_table(results: Sequence[RoomResult]) -> Table:

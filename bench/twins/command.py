@@ -36,6 +36,7 @@ def evaluate_twins(
         int, typer.Option(min=1, help="The number of the building: each has other pictures and textures.")
     ] = 2,
     count: Annotated[int, typer.Option(min=1, help="Pictures of each floor.")] = 100,
+    every: Annotated[int, typer.Option(min=1, help="Ask one in this number of the pictures.")] = 1,
     data_dir: Annotated[Path, typer.Option(help="Folder for what is rendered and mapped.")] = DEFAULT_DIR,
     figures: FiguresTitle = None,
 ) -> None:
@@ -46,7 +47,7 @@ def evaluate_twins(
         with progress_bars() as progress:
             queries = _rendered(folder, building, count, resources.settings.workers, progress)
             opened = _mapped(resources, folder, f"twins-{building}", progress)
-            asked = _asked(opened, resources.models, queries, progress)
+            asked = _asked(opened, resources.models, [each[::every] for each in queries], progress)
     finally:
         resources.close()
     shown = Shown()

@@ -9,6 +9,7 @@ from bench.recordings.queries import PHONE_CAMERA, DemoQuery, floor_of, render_q
 from bench.recordings.scan import VENUE_FRAMES, DemoScan, render_poses
 from bench.recordings.trajectory import VENUE_WALK, scan_poses
 from bench.render.frames import Progress
+from bench.render.raycast import FAST
 from bench.venue.layout import CORRIDORS
 
 # Rooms by the name that both floors share.
@@ -28,7 +29,8 @@ def is_twin(world_from_camera: Pose) -> bool:
 
 def render_twin_scan(directory: Path, number: int, workers: int, progress: Progress | None) -> DemoScan:
     """Render the scan of a building's corridors and lobbies, or return at once when the directory holds it."""
-    return render_poses(f"twins {number}", tuple(twin_poses(number)), directory, workers, progress, number)
+    poses = tuple(twin_poses(number))
+    return render_poses(f"twins {number}", poses, directory, workers, progress, number, FAST)
 
 
 def render_twin_queries(

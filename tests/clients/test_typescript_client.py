@@ -17,7 +17,8 @@ FOLDER = Path(__file__).parents[2] / "clients" / "typescript"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
 SAMPLES = re.findall(r"^(\S[^\n]*):\n```ts\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 PRINTED = {
-    "Locate": r"true 0 ", "Make": r"museum.* until 20", "Content": r"content {", "Build": r"version \d+",
+    "Locate": r"true 0 ", "Make": r"museum.* until 20", "Content": r"content {",
+    "Build": r"tum \d+ frames, \w+[\s\S]*version \d+",
     "Stream": r"tracking 1\n", "Push": r"\d+\n",
 }  # fmt: skip
 # A folder in which `npm install typescript ws @types/ws` was run.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import os
@@ -33,6 +34,7 @@ class Target:
     log: Path
     keys: dict[str, str | None]
     build: str
+    upload: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +68,8 @@ def target(folder: Path) -> Iterator[Target]:
             for scope in ("locate", "anchor"):
                 made = client.post("/keys", json={"name": scope, "scope": scope})
                 keys[scope] = made.json()["text"]
-            build = ended_build(client)
-        yield Target(server.url, server.log, keys, build)
+            build, upload = ended_build(client), begun_upload(client)
+        yield Target(server.url, server.log, keys, build, upload)
 
 
 def ended_build(client: httpx.Client) -> str:
@@ -82,13 +84,22 @@ def ended_build(client: httpx.Client) -> str:
     return build
 
 
+def begun_upload(client: httpx.Client) -> str:
+    """Return the id of an upload of which nothing has arrived."""
+    venue = base64.b64encode(VENUE.encode()).decode()
+    headers = {"Tus-Resumable": "1.0.0", "Upload-Length": "1000", "Upload-Metadata": f"venue {venue}"}
+    begun = client.post("/uploads", headers=headers).raise_for_status()
+    return begun.headers["Location"].rpartition("/")[2]
+
+
 def attack(
     target: Target, key: str, folder: Path, cases: int, phases: str, seed: int | None = None
 ) -> Outcome:
     """Make `cases` requests per operation in each of the phases, with all checks on every answer."""
     report = folder / f"{key.replace(' ', '-')}.json"
     config = folder / CONFIG.name
-    config.write_text(CONFIG.read_text(encoding="utf-8").replace("BUILD", target.build), encoding="utf-8")
+    settings = CONFIG.read_text(encoding="utf-8").replace("BUILD", target.build)
+    config.write_text(settings.replace("UPLOAD", target.upload), encoding="utf-8")
     text = target.keys[key]
     command = [
         str(Path(sys.executable).with_name("schemathesis")),

@@ -1,10 +1,14 @@
-"""What schemathesis is told beside the OpenAPI document: the member for a stream's events, which only 3.2 has."""
+"""What schemathesis is told beside the OpenAPI document: the member for a stream's events, which only 3.2 has, and how
+the body of an upload's part is written."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import schemathesis
+
+# A part of an upload is bytes, as any other binary body.
+schemathesis.serializer.alias("application/offset+octet-stream", "application/octet-stream")
 
 
 @schemathesis.hook

@@ -57,6 +57,9 @@ def test_a_build_stores_map_and_pictures(claimed: tuple[Resources, Build]) -> No
     assert versions(resources) == 1
     assert len(resources.blobs.digests()) > 3
     assert not list(resources.scratch_dir.iterdir())
+    serving = MapLibrary(resources).active("v")
+    assert serving is not None
+    assert serving[0].second_look is not None
 
 
 def test_a_map_that_cant_be_opened_is_replaced_but_not_extended(

@@ -30,7 +30,9 @@ def large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(
         index_module, "OPTIONS", IndexOptions(flat_keyframes=300, code_size=16, min_candidates=20)
     )
-    monkeypatch.setattr(map_files, "CHECKSUMS", ChecksumOptions(eager_bytes=1000, block_bytes=BLOCK_BYTES))
+    monkeypatch.setattr(
+        map_files, "CHECKSUMS", ChecksumOptions(eager_bytes=1000, index_block_bytes=BLOCK_BYTES)
+    )
     artifact = map_of(
         [pose_at(float(x), 0.0) for x in range(KEYFRAMES)],
         [np.zeros((1, 3))] * KEYFRAMES,

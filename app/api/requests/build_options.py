@@ -131,7 +131,7 @@ class BuildOptionsBody(BaseModel):
     mode: Literal["replace", "extend"] = Field("replace", description="What becomes of the venue's map")
     refine_depth: bool = Field(True, description="Triangulate points with the scan's other frames")
     second_features: bool = Field(
-        False,
+        True,
         description="Keep XFeat's features of each keyframe too, for frames in which the others find too little",
     )
     store_images: bool = Field(

@@ -127,7 +127,7 @@ def build_map(
     run = in_chunks(executor, progress)
     artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
-    if has_second_features(options):
+    if has_second_features(options) and source.has_depth:
         rows = [described[row] for row in kept]
         artifact = _with_second_features(artifact, source, rows, refined.camera, models, executor, progress)
         clock.lap("second features")

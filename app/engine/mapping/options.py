@@ -67,7 +67,7 @@ class BuildOptions:
     world_from_scan: Pose | None = None
     mode: Literal["replace", "extend"] = "replace"
     refine_depth: bool = True
-    second_features: bool = False
+    second_features: bool = True
     store_images: bool = True
     blur_faces: bool = False
     max_features_per_keyframe: int | None = None
@@ -96,7 +96,7 @@ def parse_build_options(values: object) -> BuildOptions:
         world_from_scan=_matrix(values.get("world_from_scan"), "world_from_scan"),
         mode=_choice(values, "mode", ("replace", "extend"), "replace"),  # type: ignore[arg-type]
         refine_depth=_flag(values, "refine_depth", True),
-        second_features=_flag(values, "second_features", False),
+        second_features=_flag(values, "second_features", True),
         store_images=_flag(values, "store_images", True),
         blur_faces=_flag(values, "blur_faces", False),
         max_features_per_keyframe=_max_features(values.get("max_features_per_keyframe")),

@@ -26,6 +26,11 @@ class ChecksumOptions:
         chosen="By hand: the features of one keyframe are about as large, so that a query verifies little that it "
         "doesn't read.",
     )
+    index_block_bytes: int = limit(
+        1 << 14,
+        "The same of the file of a large index.",
+        chosen="By hand: a query ranks some hundred keyframes by whole descriptors of 8 kB, which lie apart.",
+    )
     eager_bytes: int = limit(
         256_000_000,
         "A file up to this size is verified whole when it is opened; a larger one block by block, at the first use.",

@@ -21,10 +21,19 @@ from app.vision.local_features import XFeat
 
 @dataclass(frozen=True, slots=True)
 class SecondLook:
-    """What describes a picture for the map's second features, and matches it with them."""
+    """What describes a picture for the map's second features, and matches it with them; opened at its first use."""
 
-    extractor: XFeat
-    network: LighterGlue
+    models: VisionModels
+
+    @property
+    def extractor(self) -> XFeat:
+        """The extractor of the second features."""
+        return self.models.xfeat
+
+    @property
+    def network(self) -> LighterGlue:
+        """The network that matches them."""
+        return self.models.lighterglue
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +70,7 @@ class OpenMap:
             descriptor=models.global_descriptor,
             extractor=extractor,
             faint_extractor=extractor.for_faint_images(),
-            second_look=None if artifact.second is None else SecondLook(models.xfeat, models.lighterglue),
+            second_look=None if artifact.second is None else SecondLook(models),
         )
 
     def similar(self, rgb: Rgb, count: int, allowed: NDArray[np.int64] | None = None) -> list[int]:

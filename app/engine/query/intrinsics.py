@@ -231,11 +231,12 @@ def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Ac
     camera doubted, the confidence says it.
     """
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
+    turn_deg = rotation_angle_deg(apart.rotation)
     may_be_sure = fit.focal_sigma <= OPTIONS.unverified_sigma and not is_doubted
     unknown = _by_focal_sigma(best, OPTIONS.sigma_factor * fit.focal_sigma if may_be_sure else 0.0)
     return Accuracy(
         max(factor * float(np.linalg.norm(apart.translation)), unknown.position_m),
-        max(factor * rotation_angle_deg(apart.rotation), unknown.orientation_deg),
+        max(factor * turn_deg, unknown.orientation_deg),
     )
 
 

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
-from app.engine.maps.open_map import OpenMap, SecondLook
+from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
-from app.engine.query.attempt.attempt import attempt, nothing
+from app.engine.query.attempt.attempt import attempt
 from app.engine.query.attempt.pose import PoseSearch
+from app.engine.query.attempt.second_look import second_look
 from app.engine.query.hints import picture_hints
 from app.engine.query.localization import Localization
 from app.engine.query.matches import QueryMatcher
 from app.engine.query.query import Query
-from app.engine.query.second.look import OPTIONS as SECOND_LOOK
-from app.engine.query.second.look import SecondMatcher
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.verification import Limits
 from app.engine.stage_timer import clock_s
@@ -97,7 +95,7 @@ class Localizer:
             and result.reason in (*UNSURE, "ambiguous")
             and opened.second_look is not None
         ):
-            result = _later(result, self._second_look(matcher, opened.second_look, similar))
+            result = _later(result, second_look(self.search, matcher, opened.second_look, similar))
         if result.world_from_camera is None:
             result = replace(result, hints=(*picture_hints(query.gray, matcher.feature_count), *result.hints))
         if result.reason == "no_match" and measure_quality(query.gray).is_poor:
@@ -120,31 +118,6 @@ class Localizer:
             query, self.map, self.map.faint_extractor, fundamental_filter=self.settings.fundamental_filter
         )
         return attempt(self.search, faint, faint.match(keyframes))
-
-    def _second_look(self, first: QueryMatcher, look: SecondLook, similar: Sequence[int]) -> Localization:
-        """Localize with the map's second features, by limits of their own."""
-        matcher = SecondMatcher(first.query, self.map, first, look)
-        options = SECOND_LOOK
-        settings = replace(
-            self.settings,
-            covisible=options.covisible,
-            look_alikes=options.look_alikes,
-            rival_support_ratio=options.max_rival_balance_ratio,
-        )
-        limits = replace(
-            self.limits,
-            min_inliers=options.min_inliers,
-            min_coverage=options.min_coverage,
-            min_unrepeated_share=options.min_unrepeated_share,
-            min_unrepeated_of_twin=0,
-            max_contradicted_share_of_twin=1.0,
-            min_agreeing_cells=options.min_agreeing_cells,
-            max_disagreeing_share=options.max_disagreeing_share,
-        )
-        matches = matcher.match(similar[: options.keyframes])
-        if matches.feature_count < options.min_matches:
-            return nothing(first.query, matches, None)
-        return attempt(PoseSearch(self.map, settings, limits), matcher, matches)
 
 
 def _later(first: Localization, second: Localization) -> Localization:

@@ -115,16 +115,36 @@ def place_scan(
     if present is None or not in_metres:
         return alone
     try:
-        found = register_scan(source, Localizer(present.map), executor, progress)
+        found: Registration | UnregisteredScanError = register_scan(
+            source, Localizer(present.map), executor, progress
+        )
     except UnregisteredScanError as error:
-        return _unregistered(error, alone, options, present)
-    if given:
-        return _given(found, alone, middle_of(source.frames), options, present)
-    return _registered(found, own, middle_of(source.frames), by_gravity, options, present)
+        found = error
+    return beside_map(found, alone, middle_of(source.frames), options, present.version, present.placed_floors)
+
+
+def beside_map(
+    found: Registration | UnregisteredScanError,
+    alone: Placement,
+    middle: Pose,
+    options: BuildOptions,
+    present: MapVersion,
+    placed_floors: tuple[str, ...],
+) -> Placement:
+    """Return where a scan lies by what it says itself, `alone`, and by where the present map finds it, if it does.
+
+    `middle` is the pose of the middle of the scan in its frame; `placed_floors` are those whose plan was placed in the
+    present map's world. Raises `InvalidScanError` as `place_scan`.
+    """
+    if isinstance(found, UnregisteredScanError):
+        return _unregistered(found, alone, options, placed_floors)
+    if alone.source == "given":
+        return _given(found, alone, middle, options, placed_floors)
+    return _registered(found, alone, middle, options, present)
 
 
 def _unregistered(
-    error: UnregisteredScanError, alone: Placement, options: BuildOptions, present: PresentMap
+    error: UnregisteredScanError, alone: Placement, options: BuildOptions, placed_floors: tuple[str, ...]
 ) -> Placement:
     """Return the scan's own placement, for one whose place in the present map was not found."""
     figures = {"tried": error.tried, "located": error.located, "agreeing": error.agreeing}
@@ -133,13 +153,15 @@ def _unregistered(
     if options.world_from_scan is not None and not contradicts(error):
         # Another part of the same world, as the given placement says.
         return replace(alone, figures=figures)
-    return replace(
-        alone, figures=figures, warnings=replacement_warnings(error, options, present.placed_floors)
-    )
+    return replace(alone, figures=figures, warnings=replacement_warnings(error, options, placed_floors))
 
 
 def _given(
-    found: Registration, given: Placement, middle: Pose, options: BuildOptions, present: PresentMap
+    found: Registration,
+    given: Placement,
+    middle: Pose,
+    options: BuildOptions,
+    placed_floors: tuple[str, ...],
 ) -> Placement:
     """Return the given placement. Raises `InvalidScanError` when the present map puts the scan elsewhere, and its
     keyframes stay in use or floors were placed in its world, unless `force` is given."""
@@ -153,9 +175,9 @@ def _given(
         f"world_from_scan puts the middle of the scan {away_m:.2f} m and {np.degrees(away_rad):.1f} degrees from where "
         f"the present map finds it, by {found.agreeing} of {found.tried} frames"
     )
-    if present.placed_floors:
-        told += f"; the plan of {_listed(present.placed_floors)} was placed in the world of the present map"
-    if not options.force and (options.mode == "extend" or present.placed_floors):
+    if placed_floors:
+        told += f"; the plan of {_listed(placed_floors)} was placed in the world of the present map"
+    if not options.force and (options.mode == "extend" or placed_floors):
         raise InvalidScanError(
             f"{told}. Leave world_from_scan out to place the scan by the map, or check that it isn't inverted. If the "
             'map is what is wrong, or two places look alike, give "force": true to build all the same.'
@@ -164,15 +186,16 @@ def _given(
 
 
 def _registered(
-    found: Registration, own: Pose, middle: Pose, by_gravity: bool, options: BuildOptions, present: PresentMap
+    found: Registration, alone: Placement, middle: Pose, options: BuildOptions, present: MapVersion
 ) -> Placement:
     """Return the placement of a scan that was found in the present map."""
+    own = alone.world_from_scan
     # When the scan is in the present map's frame already, its own poses are better than any registration.
     same = _is_near(found.world_from_scan @ middle, own @ middle)
     world_from_scan = own if same else found.world_from_scan
     figures = {"tried": found.tried, "located": found.located, "agreeing": found.agreeing}
-    if present.version.z_up or not by_gravity:
-        return Placement(world_from_scan, "registered", present.version.z_up, figures)
+    if present.z_up or alone.source != "gravity":
+        return Placement(world_from_scan, "registered", present.z_up, figures)
     # What gravity makes upright turns the present world by as much as that one leans.
     leaning = (world_from_scan @ own.inverse()).rotation[2, 2] < np.cos(OPTIONS.upright_rad)
     if not leaning or options.mode == "extend":

@@ -6,7 +6,10 @@ import logging
 import shutil
 import time
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame
 from app.importers.unpack_scan import unpack_scan
 from app.services.builds.place_scan import Placement, PresentMap, place_scan
+from app.services.builds.shared_work import SharedExecutor
 from app.services.examine_scan import ExaminedScan, read_scan
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -34,56 +38,82 @@ from app.vision.faces.blur import with_blurred_faces
 log = logging.getLogger("roomfix.builds")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeMap:
+    """The map of a scan before it is stored: the scan, the map, its place, its check, and the seconds of each stage.
+
+    `present` is the map that served when the build began.
+    """
+
+    examined: ExaminedScan
+    built: BuiltMap
+    placement: Placement
+    check: SelfCheck
+    seconds: dict[str, float]
+    present: PresentMap | None
+
+
 def run_build(build: Build, resources: Resources, library: MapLibrary, progress: Progress) -> int:
     """Run a build and publish its map in one transaction; return the version.
 
     Raises `InvalidScanError`, `InvalidInputError` or `CancelledBuildError`; nothing is visible then.
     """
+    with scratch(scratch_folder(resources, build)) as folder:
+        made = make_map(build, resources, library, progress, folder)
+        with _discarded_on_failure(build, resources) as written:
+            return _publish(build, made, resources, folder, written, progress)
+
+
+def make_map(
+    build: Build, resources: Resources, library: MapLibrary, progress: Progress, folder: Path
+) -> MadeMap:
+    """Return the map of a build's scan, which is unpacked to a folder; raises as `run_build`.
+
+    The executor of `resources` does all heavy work, whose results depend on the build and on what is stated to it.
+    """
     started = time.perf_counter()
     options = parse_build_options(build.options)
-    with _scratch(scratch_folder(resources, build)) as folder:
-        root = _unpack(build, resources, folder, progress)
-        progress.report("read", 0, 1)
-        unpacked = time.perf_counter()
-        present = _present_map(build, options, library, resources)
-        z_is_up = present is not None and present.version.z_up
-        examined = read_scan(root, build.options, resources, progress, up_is_known=z_is_up, scratch=folder)
-        source, options = examined.scan, examined.options
-        seen = time.perf_counter()
-        placement = place_scan(source, options, present, resources.executor, progress)
-        placed = time.perf_counter()
-        built = build_map(
-            source,
-            options,
-            resources.models,
-            resources.executor,
-            progress,
-            placement.world_from_scan,
-            placement.z_up,
-        )
-        seconds = {
-            "unpack": round(unpacked - started, 3),
-            "examine": round(seen - unpacked, 3),
-            "place": round(placed - seen, 3),
-            **built.seconds,
-        }
-        began = time.perf_counter()
-        check = check_map(built, source, resources.models, resources.executor, progress, examined.examination)
-        seconds["verify"] = round(time.perf_counter() - began, 3)
-        with _discarded_on_failure(build, resources) as written:
-            return _publish(
-                build,
-                examined,
-                built,
-                placement,
-                check,
-                seconds,
-                present,
-                resources,
-                folder,
-                written,
-                progress,
-            )
+    root = _unpack(build, resources, folder, progress)
+    progress.report("read", 0, 1)
+    unpacked = time.perf_counter()
+    present = _present_map(build, options, library, resources)
+    _state(resources.executor, version("roomfix"), resources.models.global_descriptor.sha256)
+    if present is not None:
+        _state(resources.executor, present.version.artifact_blob, present.placed_floors)
+    z_is_up = present is not None and present.version.z_up
+    examined = read_scan(root, build.options, resources, progress, up_is_known=z_is_up, scratch=folder)
+    source, options = examined.scan, examined.options
+    seen = time.perf_counter()
+    placement = place_scan(source, options, present, resources.executor, progress)
+    placed = time.perf_counter()
+    _state(resources.executor, placement.world_from_scan.matrix.tobytes(), placement.z_up)
+    built = build_map(
+        source,
+        options,
+        resources.models,
+        resources.executor,
+        progress,
+        placement.world_from_scan,
+        placement.z_up,
+    )
+    seconds = {
+        "unpack": round(unpacked - started, 3),
+        "examine": round(seen - unpacked, 3),
+        "place": round(placed - seen, 3),
+        **built.seconds,
+    }
+    began = time.perf_counter()
+    check = check_map(built, source, resources.models, resources.executor, progress, examined.examination)
+    seconds["verify"] = round(time.perf_counter() - began, 3)
+    return MadeMap(
+        examined=examined, built=built, placement=placement, check=check, seconds=seconds, present=present
+    )
+
+
+def _state(executor: Executor, *values: object) -> None:
+    """Let results of other workers be used only if they stated the same."""
+    if isinstance(executor, SharedExecutor):
+        executor.depend_on(*values)
 
 
 def _present_map(
@@ -112,7 +142,8 @@ def scratch_folder(resources: Resources, build: Build) -> Path:
 
 
 @contextmanager
-def _scratch(folder: Path) -> Iterator[Path]:
+def scratch(folder: Path) -> Iterator[Path]:
+    """Make an empty folder, and remove it in the end."""
     # A worker that was killed may have left a half-unpacked scan.
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -144,23 +175,13 @@ def _unpack(build: Build, resources: Resources, folder: Path, progress: Progress
 
 
 def _publish(
-    build: Build,
-    examined: ExaminedScan,
-    built: BuiltMap,
-    placement: Placement,
-    check: SelfCheck,
-    seconds: dict[str, float],
-    present: PresentMap | None,
-    resources: Resources,
-    folder: Path,
-    written: set[str],
-    progress: Progress,
+    build: Build, made: MadeMap, resources: Resources, folder: Path, written: set[str], progress: Progress
 ) -> int:
     began = time.perf_counter()
-    options = examined.options
+    options, present, seconds = made.examined.options, made.present, made.seconds
     progress.report("store", 0, 1)
-    artifact, index = check.stated_in(built.artifact), built.index
-    images = _store_images(built, options, resources, written)
+    artifact, index = made.check.stated_in(made.built.artifact), made.built.index
+    images = _store_images(made.built, options, resources, written)
     if options.mode == "extend" and present is not None:
         opened = present.map
         artifact, index = join_maps(
@@ -182,7 +203,7 @@ def _publish(
     written.update((artifact_blob, index_blob))
     seconds["store"] = round(time.perf_counter() - began, 3)
     sizes = {"features": artifact_path.stat().st_size, "index": index_path.stat().st_size}
-    report = _report(examined, built, placement, check, artifact, sizes, seconds)
+    report = _report(made, artifact, sizes)
     progress.report("publish", 0, 1)
     with resources.database.write() as connection:
         # Once more with the lock: a cancellation that was acknowledged counts, however late it came.
@@ -200,16 +221,9 @@ def _publish(
     return version
 
 
-def _report(
-    examined: ExaminedScan,
-    built: BuiltMap,
-    placement: Placement,
-    check: SelfCheck,
-    artifact: MapArtifact,
-    sizes: dict[str, int],
-    seconds: dict[str, float],
-) -> dict[str, Any]:
+def _report(made: MadeMap, artifact: MapArtifact, sizes: dict[str, int]) -> dict[str, Any]:
     """Return what the build tells its admin; `artifact` is the venue's whole map."""
+    examined, built, placement, check = made.examined, made.built, made.placement, made.check
     source, options = examined.scan, examined.options
     report = {
         **examined.repairs_report(),
@@ -224,7 +238,7 @@ def _report(
         "feature_method": options.features,
         "map_keyframes": artifact.keyframe_count,
         "bytes": sizes,
-        "seconds": seconds,
+        "seconds": made.seconds,
         "world_from_scan": placement.world_from_scan.matrix.tolist(),
         "placement": {
             "source": placement.source,

@@ -19,7 +19,7 @@ from bench.evaluation.variations import VARIATIONS
 from bench.figures.shown import report_table
 from bench.rooms.compare import OURS, PIPELINES, Comparison, RoomResult, compare_room
 from bench.rooms.measured import MeasuredResults
-from bench.rooms.rooms import ROOMS, Room, RoomSplit, rooms_in
+from bench.rooms.rooms import KINDS, ROOMS, Room, RoomSplit, rooms_in
 from bench.rooms.tables import rooms_table, splits_table, totals_table
 from tests.rendered_maps import models
 from tests.scenes import CAMERA, View, scan_files
@@ -148,7 +148,15 @@ def test_rooms_are_those_that_the_folder_holds(tmp_path: Path) -> None:
     assert [room.folder for room in rooms_in(tmp_path, [])] == ["desk_rs"]
     with pytest.raises(InvalidInputError, match="no room 'redkitchen'"):
         rooms_in(tmp_path, ["redkitchen"])
-    assert {split.kind for room in ROOMS for split in room.splits} == {"between", "unseen", "few"}
+    assert {split.kind for room in ROOMS for split in room.splits} == set(KINDS)
+
+
+def test_splits_are_those_of_the_kinds_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "desk_rs").mkdir()
+    (room,) = rooms_in(tmp_path, [], ["unseen", "few"])
+    assert [split.kind for split in room.splits] == ["unseen", "unseen", "few", "few"]
+    with pytest.raises(InvalidInputError, match="'seen' are not known; use between, unseen, few"):
+        rooms_in(tmp_path, [], ["seen"])
 
 
 @pytest.mark.parametrize("name", PLAIN_NAMES)

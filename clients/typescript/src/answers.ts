@@ -204,6 +204,23 @@ export interface Build {
   finished_at: string | null;
 }
 
+/** What a scan holds and what a build would do with it. */
+export interface Inspection {
+  recognised: Record<string, unknown>[];
+  format: string;
+  frames: number;
+  discarded: Record<string, number>;
+  sensors: Record<string, unknown>;
+  duration_s: number;
+  rate_hz: number | null;
+  trajectory: Record<string, unknown>;
+  examination: Record<string, unknown> | null;
+  loops: Record<string, unknown> | null;
+  build: Record<string, unknown>;
+  notes: string[];
+  path_svg: string;
+}
+
 /** A venue that the key may use; `map_version` is null before its first build. */
 export interface Venue {
   id: string;

@@ -4,6 +4,7 @@ import type {
   Axes,
   Build,
   CreatedToken,
+  Inspection,
   LocateResult,
   Pose,
   Problem,
@@ -110,6 +111,16 @@ export class Roomfix {
   /** Push the newest frame of a monitoring camera. */
   pushAnchorFrame(camera: string, picture: Blob): Promise<PushedFrame> {
     return this.call("POST", `/anchors/${encodeURIComponent(camera)}/frames`, () => form(picture, {}));
+  }
+
+  /** Return what a scan holds and what a build would do with it; nothing is built. */
+  inspect(archive: Blob, options: object = {}): Promise<Inspection> {
+    return this.call("POST", "/database/inspect", () => {
+      const data = new FormData();
+      data.set("options", JSON.stringify(options));
+      data.set("archive", archive, "scan");
+      return data;
+    });
   }
 
   /** Submit a scan and return its build; sent again, it is the same build. */

@@ -15,10 +15,13 @@ from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import NoProgress
+from app.engine.query.attempt.second_look import is_hopeless
 from app.engine.query.localizer import Localizer
+from app.engine.query.query import Query
 from app.engine.query.second.agreement import Agreement, agreement_in_map
-from app.engine.query.second.look import resembles_elsewhere
+from app.engine.query.second.look import SecondMatcher, resembles_elsewhere
 from app.engine.query.settings import LocalizerSettings
+from app.geometry.camera import Camera
 from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.frames import ScanOptions
@@ -43,7 +46,7 @@ def built(folder: Path, room: Room, options: BuildOptions) -> BuiltMap:
 @pytest.fixture(scope="module")
 def opened(room: Room, tmp_path_factory: pytest.TempPathFactory) -> OpenMap:
     """A map whose own features recognise nothing."""
-    made = built(tmp_path_factory.mktemp("scan"), room, parse_build_options({"second_features": True}))
+    made = built(tmp_path_factory.mktemp("scan"), room, parse_build_options({}))
     arrays = made.artifact.arrays
     other = np.random.default_rng(0).integers(0, 255, arrays.descriptors.shape).astype(np.uint8)
     artifact = replace(made.artifact, arrays=replace(arrays, descriptors=other))
@@ -128,14 +131,29 @@ def test_another_room_is_not_located(opened: OpenMap, foreign_room: Room) -> Non
         assert found.hints
 
 
+@pytest.mark.parametrize(("is_right", "camera"), [(True, CAMERA), (False, CAMERA), (False, None)], ids=str)
+def test_no_more_is_matched_where_the_first_pose_is_hopeless(
+    opened: OpenMap, room: Room, is_right: bool, camera: Camera | None
+) -> None:
+    localizer, query = Localizer(opened), Query.of(room.view(SEEN_FROM).rgb, camera)
+    assert opened.second_look is not None
+    matcher = SecondMatcher(query, opened, localizer.matcher_of(query), opened.second_look)
+    matches = matcher.match(range(5))
+    if not is_right:
+        shuffled = np.random.default_rng(0).permutation(matches.points_px)
+        matches = replace(matches, points_px=shuffled)
+    # Without a camera a pose is found only after a search for one.
+    assert is_hopeless(localizer.search, matcher, matches) == (not is_right and camera is not None)
+
+
 def test_a_map_without_second_features_has_no_second_look(opened: OpenMap, room: Room) -> None:
     bare = OpenMap.of(replace(opened.artifact, second=None), opened.index, models())
     assert bare.second_look is None
     assert Localizer(bare).localize(room.view(SEEN_FROM).rgb, CAMERA).world_from_camera is None
 
 
-@pytest.mark.parametrize("options", [{}, {"second_features": True, "store_images": False}], ids=str)
-def test_a_build_keeps_them_only_where_it_is_asked_to(
+@pytest.mark.parametrize("options", [{"second_features": False}, {"store_images": False}], ids=str)
+def test_a_build_without_them_or_without_pictures_keeps_none(
     options: dict[str, bool], room: Room, tmp_path: Path
 ) -> None:
     assert built(tmp_path, room, parse_build_options(options)).artifact.second is None

@@ -45,6 +45,16 @@ class SecondLookOptions:
         "Fewest features of the frame that match the most similar keyframes; with fewer no pose is looked for.",
         chosen="By hand: as many as a pose needs inliers.",
     )
+    min_first_inliers: int = limit(
+        8,
+        "Fewest inliers of the pose by the most similar keyframes; with fewer no further keyframes are matched.",
+        chosen="By hand: less than half of min_inliers.",
+    )
+    min_first_unrepeated_share: float = limit(
+        0.3,
+        "Least share of these inliers that are not repeated; with less no further keyframes are matched.",
+        chosen="By hand: half of min_unrepeated_share.",
+    )
     min_distance_elsewhere: float = limit(
         0.15,
         "A thing is distinct when none of the map's own SIFT features within 8 cm of it is closer than this to a "

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.tracking.drift import MOTION
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.odometry.turning import shift_between
@@ -47,14 +46,21 @@ class PlanMotionOptions:
         0.25, "Sigma of a step by matches over its length.", chosen="By hand: distances by the plan alone."
     )
     rematched_turn_sigma_rad: float = limit(0.02, "Sigma of a turn by matches.", chosen="By hand: a degree.")
+    max_speed_m_s: float = limit(
+        2.0,
+        "Fastest that a followed walker goes.",
+        chosen="By hand: a fast walk; a pose in error is often farther.",
+    )
+    leap_m: float = limit(0.2, "A step that a hand's jerk explains.", chosen="By hand: half an arm's swing.")
     pace_m_s: float = limit(1.2, "Pace of a walker who is not followed.", chosen="By hand: a usual pace.")
     blind_sigma_m_s: float = limit(
         0.5, "Sigma of the speed of a walker who is not followed.", chosen="By hand: half a usual pace."
     )
     seen_turn_sigma_rad: float = limit(
-        0.15,
+        0.25,
         "Sigma of a turn by the shift of the whole picture, which a step towards something near shifts, too.",
-        chosen="Recorded walks of roomfix simulate --no-map.",
+        chosen="By hand, with a recorded walk of roomfix simulate --no-map --seed 5: beside bare walls it was wrong by "
+        "up to 20 degrees.",
     )
     blind_turn_sigma_rad_s: float = limit(
         0.7, "Sigma of the speed of a turn that nothing shows.", chosen="By hand: 40 degrees a second."
@@ -250,7 +256,7 @@ class PlanOdometry:
 
 def _is_leap(pose: Pose, before: Pose, elapsed_s: float) -> bool:
     """Whether nobody moves as fast as this."""
-    return position_difference_m(pose, before) > MOTION.jerk_m + MOTION.max_speed_m_s * elapsed_s
+    return position_difference_m(pose, before) > OPTIONS.leap_m + OPTIONS.max_speed_m_s * elapsed_s
 
 
 def _added_sigma(sigma_a_second: float, unseen_s: tuple[float, float]) -> float:

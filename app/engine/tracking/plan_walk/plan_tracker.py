@@ -81,6 +81,7 @@ class PlanTracker:
         found = self._fix(frame, camera, before, surroundings)
         state: State = "tracking"
         fix = found if isinstance(found, Fix) else None
+        known = self._particles
         if fix is not None:
             state = self._believe(fix, frame, plans)
             support = fix.support
@@ -88,7 +89,7 @@ class PlanTracker:
             reason = (
                 found if isinstance(found, NoFix) else NoFix("ambiguous" if fix is not None else "no_match")
             )
-            self._learn(frame, camera, plans, None)
+            self._learn(frame, camera, plans, fix if self._particles is not known else None)
             return self._nothing(reason)
         self._learn(frame, camera, plans, fix)
         belief = self._particles.belief()
@@ -140,7 +141,10 @@ class PlanTracker:
         )
 
     def _believe(self, fix: Fix, frame: TrackingFrame, plans: Plans) -> State:
-        """Correct the particles by a fix, or begin at it; a fix that contradicts them waits for a second one."""
+        """Correct the particles by a fix; one that contradicts them waits for a second that agrees.
+
+        Where there are none, or their place is lost, it begins particles whose place is not answered until then.
+        """
         floor, pose = plans.floor_of(fix.placed), fix.frame_from_camera
         if floor is None:
             return "lost" if self._particles is None else "tracking"
@@ -152,22 +156,21 @@ class PlanTracker:
             yaw_sigma_rad=float(np.radians(fix.accuracy.orientation_deg)),
         )
         if self._particles is not None and fix.frame_id == self._frame_id and _agrees(self._particles, seen):
+            is_found = self._trust.is_lost and self.memory.last is not None
             self._particles.correct(seen)
             self._trust.found()
             self._note_height(pose, floor)
-            self._pending = None
-            return "tracking"
-        is_new = self._particles is None and not self._has_fix
-        if is_new or self._is_confirmed(seen, fix.frame_id, frame.time_s):
-            return self._begin(seen, fix, floor, plans, frame, "tracking" if is_new else "relocalized")
-        if self._particles is None:
-            # Nothing else says how the camera moves until the second fix.
-            self._odometry.start(frame, pose)
-            self._particles = Particles(plans.walls_in(fix.frame_id), seen)
-            self._frame_id = fix.frame_id
+            self._pending, self._has_fix = None, True
+            return "relocalized" if is_found else "tracking"
+        if self._is_confirmed(seen, fix.frame_id, frame.time_s):
+            self._begin(seen, fix, floor, plans, frame)
             self._trust.found()
-            self._note_height(pose, floor)
-            return "relocalized"
+            self._pending, self._has_fix = None, True
+            return "tracking" if self.memory.last is None else "relocalized"
+        if self._particles is None or self._trust.is_lost:
+            self._begin(seen, fix, floor, plans, frame)
+            self._trust.begun()
+            return "lost"
         self._pending = _Pending(
             seen,
             fix.frame_id,
@@ -176,16 +179,11 @@ class PlanTracker:
         )
         return "lost"
 
-    def _begin(
-        self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans, frame: TrackingFrame, state: State
-    ) -> State:
-        if self._particles is None:
-            self._odometry.start(frame, fix.frame_from_camera)
-        self._particles = Particles(plans.walls_in(fix.frame_id), seen)
-        self._pending, self._frame_id, self._has_fix = None, fix.frame_id, True
-        self._trust.found()
+    def _begin(self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans, frame: TrackingFrame) -> None:
+        """Begin at a fix. What odometry followed had its scale by another place."""
+        self._odometry.start(frame, fix.frame_from_camera)
+        self._particles, self._frame_id = Particles(plans.walls_in(fix.frame_id), seen), fix.frame_id
         self._note_height(fix.frame_from_camera, floor)
-        return state
 
     def _is_confirmed(self, seen: PlanFix, frame_id: str, time_s: float) -> bool:
         """Whether a fix agrees with the one that waits, moved as the camera has moved since."""

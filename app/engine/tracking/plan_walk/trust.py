@@ -22,9 +22,10 @@ class TrustOptions:
         chosen="By hand: a quarter turn.",
     )
     min_confidence: float = limit(
-        0.01,
+        0.05,
         "Least confidence of a place that is answered.",
-        chosen="By hand: below it one of a hundred such places is right.",
+        chosen="A recorded walk of roomfix simulate --no-map --seed 5 (trip 2): of 190 places the 21 below it had a "
+        "mean error of 1.2 m, the others of 0.28 m.",
     )
     refound_sigma_m: float = limit(
         0.5,
@@ -52,10 +53,15 @@ class PlaceTrust:
 
     def __init__(self) -> None:
         self.is_lost = False
+        self._is_by_one_fix = False
+
+    def begun(self) -> None:
+        """Note that a place is by one fix alone: it may be one that looks alike."""
+        self.is_lost = self._is_by_one_fix = True
 
     def found(self) -> None:
         """Note that a fix is believed."""
-        self.is_lost = False
+        self.is_lost = self._is_by_one_fix = False
 
     def moved(self, unseen_s: float) -> None:
         """Note a step, after a time in which none was seen."""
@@ -71,7 +77,7 @@ class PlaceTrust:
 
     def may_answer(self, belief: PlanBelief, accuracy: Accuracy) -> bool:
         """Whether a place may be answered."""
-        if self.is_lost:
+        if self.is_lost and not self._is_by_one_fix:
             is_narrow = belief.position_sigma_m <= OPTIONS.refound_sigma_m
             is_turned = np.degrees(belief.yaw_sigma_rad) > OPTIONS.refound_sigma_deg
             self.is_lost = is_turned or not is_narrow

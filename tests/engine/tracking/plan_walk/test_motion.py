@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.plan_walk.motion import OPTIONS, PlanOdometry
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from tests.scenes import CAMERA as ROOM_CAMERA
+from tests.scenes import Room, pose_at
 
+Array = NDArray[np.float64]
 CAMERA = Camera("PINHOLE", 320, 240, (250.0, 250.0, 159.5, 119.5))
 STEP_S = 0.25
 
@@ -37,3 +41,24 @@ def test_the_phones_own_odometry_is_a_step_that_is_seen() -> None:
     assert odometry.unseen_s > 0.0
     odometry.motion(blank(2 * STEP_S, Pose(np.eye(3), np.array([0.0, 0.0, 0.3]))), CAMERA)
     assert odometry.unseen_s == 0.0
+
+
+@pytest.mark.parametrize("leap_m", [0.0, 1.2])
+def test_a_turn_is_seen_where_the_plan_is_wrong_about_most_distances(room: Room, leap_m: float) -> None:
+    before, now = pose_at(1.4, 1.5), pose_at(1.65 + leap_m, 1.52, yaw_deg=9.0)
+    odometry, rng = PlanOdometry(), np.random.default_rng(2)
+
+    def expected(pixels: Array, _camera: Camera, _pose: Pose) -> Array:
+        return np.asarray(rng.uniform(0.7, 5.0, len(pixels)))
+
+    first = TrackingFrame.of(room.view(before).rgb, 0.0)
+    odometry.start(first, before)
+    odometry.learn(first, ROOM_CAMERA, expected, None, has_walls=True)
+    motion = odometry.motion(TrackingFrame.of(room.view(now).rgb, STEP_S), ROOM_CAMERA)
+    if leap_m:
+        # Nobody walks 1.5 m in a quarter of a second: whatever fits so is no step.
+        assert np.linalg.norm(motion.moved) < OPTIONS.leap_m + OPTIONS.max_speed_m_s * STEP_S
+        return
+    assert odometry.unseen_s == 0.0
+    assert np.degrees(motion.turned_rad) == pytest.approx(9.0, abs=2.5)
+    assert motion.turned_sigma_rad < 0.05

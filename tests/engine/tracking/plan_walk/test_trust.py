@@ -57,3 +57,13 @@ def test_walls_that_leave_one_place_find_it_again() -> None:
     assert not answers(trust, belief(OPTIONS.refound_sigma_m + 0.1))
     assert not answers(trust, belief(0.1, OPTIONS.refound_sigma_deg + 1.0))
     assert answers(trust, belief(OPTIONS.refound_sigma_m - 0.1))
+
+
+def test_a_place_by_one_fix_is_not_answered_however_narrow_it_is() -> None:
+    trust, place = PlaceTrust(), belief(0.1)
+    trust.begun()
+    assert not answers(trust, place)
+    trust.moved(0.0)
+    assert not answers(trust, place)
+    trust.found()
+    assert answers(trust, place)

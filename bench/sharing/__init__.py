@@ -1,0 +1,1 @@
+"""Builds that several workers make together, and how much faster they are."""

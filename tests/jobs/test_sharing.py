@@ -1,0 +1,121 @@
+"""Builds that several workers make together: the map is the one that a worker makes alone."""
+
+from __future__ import annotations
+
+import io
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.engine.maps.artifact import MapArrays, MapArtifact
+from app.engine.progress import NoProgress
+from app.errors import CancelledBuildError
+from app.jobs import sharing
+from app.jobs.handlers import handle_build
+from app.jobs.sharing import Helper, parts_folder, shared
+from app.services.builds.run_build import make_map, scratch
+from app.services.map_library import MapLibrary
+from app.services.resources import Resources
+from app.services.submit_build import submit_build
+from app.settings import Settings
+from app.storage.builds import Build, claim_build, get_build
+from app.storage.leases import hand_over
+from app.storage.maps import get_map
+from app.storage.venues import create_venue
+from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
+
+OWNER = "owner"
+
+
+class Venue:
+    """A data folder with a venue, and builds of one scan in it."""
+
+    def __init__(self, folder: Path, views: list[View]) -> None:
+        settings = Settings(_env_file=None, data_dir=folder, open=True, share_builds=True, workers=1)
+        self.resources = Resources.open(settings)
+        self.alone = replace(self.resources, settings=settings.model_copy(update={"share_builds": False}))
+        self.scan = zipped(scan_files(views[:3]))
+        with self.resources.database.write() as connection:
+            create_venue(connection, "v", "V")
+
+    def claimed(self) -> Build:
+        options = {"camera": CAMERA_TEXT, "gravity": [0, 1, 0]}
+        submit_build(self.resources, "v", options, io.BytesIO(self.scan))
+        return self.claim()
+
+    def claim(self) -> Build:
+        with self.resources.database.write() as connection:
+            build = claim_build(connection, OWNER)
+        assert build is not None
+        return build
+
+    def ended(self, build: Build) -> Build:
+        with self.resources.database.read() as connection:
+            return get_build(connection, build.id)
+
+    def run(self, build: Build, resources: Resources) -> MapArtifact:
+        handle_build(build, resources, MapLibrary(resources))
+        ended = self.ended(build)
+        assert ended.map_version is not None, ended.error
+        with self.resources.database.read() as connection:
+            version = get_map(connection, "v", ended.map_version)
+        return MapArtifact.open(self.resources.blobs.local_path(version.artifact_blob))
+
+
+@pytest.fixture
+def venue(tmp_path: Path, views: list[View]) -> Venue:
+    return Venue(tmp_path, views)
+
+
+def same(a: MapArtifact, b: MapArtifact) -> bool:
+    arrays = (
+        np.array_equal(getattr(a.arrays, name), getattr(b.arrays, name)) for name in MapArrays.__slots__
+    )
+    return a.metadata == b.metadata and all(arrays)
+
+
+def test_a_map_made_of_parts_is_the_one_of_the_worker_that_made_them(venue: Venue) -> None:
+    resources, build = venue.resources, venue.claimed()
+    parts, folder = parts_folder(resources, build.id), resources.scratch_dir / "first"
+    parts.mkdir()
+    library = MapLibrary(resources)
+    with sharing._sharing(resources, build.id, folder) as own, scratch(folder):
+        alone = make_map(build, own, library, NoProgress(), folder)
+    made = {path.name: path.stat().st_mtime_ns for path in parts.iterdir()}
+    assert len(made) > 10
+    # A helper, and then the owner, in folders of their own: they find all there is to do done.
+    helper = Helper(resources, library, threading.Event())
+    assert helper.help_one()
+    assert not helper.help_one()
+    assert {path.name: path.stat().st_mtime_ns for path in parts.iterdir()} == made
+    together = venue.run(build, resources)
+    assert same(together, alone.check.stated_in(alone.built.artifact))
+    assert not list(resources.scratch_dir.iterdir())
+
+
+def test_a_helper_stops_when_the_build_does(venue: Venue, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sharing, "OPTIONS", sharing.SharingOptions(check_s=0.0))
+    build, stop = venue.claimed(), threading.Event()
+    following = sharing._Following(venue.resources, build, stop)
+    following.report("describe", 1, 9)
+    with venue.resources.database.write() as connection:
+        hand_over(connection, OWNER)
+    with pytest.raises(CancelledBuildError):
+        following.report("describe", 2, 9)
+    # The same worker again, in another attempt.
+    again = venue.claim()
+    sharing._Following(venue.resources, again, stop).report("describe", 1, 9)
+    stop.set()
+    with pytest.raises(CancelledBuildError):
+        sharing._Following(venue.resources, again, stop).report("describe", 2, 9)
+
+
+def test_without_the_setting_nothing_is_shared(venue: Venue) -> None:
+    build = venue.claimed()
+    parts_folder(venue.resources, build.id).mkdir()
+    assert not Helper(venue.alone, MapLibrary(venue.alone), threading.Event()).help_one()
+    with shared(venue.alone, build) as own:
+        assert own is venue.alone
