@@ -106,7 +106,7 @@ def reconstruct_sequence(
         if revisits.agreeing or len(whole.poses) > len(parts[0].poses):
             ties = {pair: far[pair] for pair in revisits.agreeing}
             tied = rejoined(
-                MatchedPictures(matched.features, _left_out(near | ties, rest, revisits.poses)),
+                MatchedPictures(matched.features, without_insides(near | ties, rest, revisits.poses)),
                 revisits.poses,
                 whole.camera,
                 is_calibrated=is_calibrated,
@@ -118,7 +118,7 @@ def reconstruct_sequence(
     return Path3D(parts, revisits, joined)
 
 
-def _left_out(
+def without_insides(
     matches: Mapping[Pair, Rows], parts: Sequence[Reconstruction], known: Mapping[int, Pose]
 ) -> dict[Pair, Rows]:
     """Return the matches without the pictures inside of other parts, whose poses are not `known`.
