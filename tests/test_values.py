@@ -22,11 +22,14 @@ class DataClass:
 
 @dataclass(slots=True)
 class Source:
-    """A module: its syntax tree, and the full names of what its names stand for."""
+    """A module: its syntax tree, the full names of what its names stand for, its classes, and its calls with many
+    positional values. The tree is walked once, which takes longer than all checks."""
 
     name: str
     tree: ast.Module
     names: dict[str, str] = field(default_factory=dict)
+    classes: list[ast.ClassDef] = field(default_factory=list)
+    long_calls: list[ast.Call] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for node in ast.walk(self.tree):
@@ -36,6 +39,9 @@ class Source:
                 self.names |= {each.asname: each.name for each in node.names if each.asname}
             elif isinstance(node, ast.ClassDef):
                 self.names[node.name] = f"{self.name}.{node.name}"
+                self.classes.append(node)
+            elif isinstance(node, ast.Call) and len(node.args) > MAX_POSITIONAL:
+                self.long_calls.append(node)
 
     def full_name(self, node: ast.expr) -> str:
         """Return the full name that an expression such as `Pose` or `se3.Pose` stands for, empty for any other."""
@@ -67,8 +73,8 @@ def dataclasses_of(all_sources: list[Source]) -> dict[str, DataClass]:
     """Return all dataclasses by their full names; inherited fields are counted."""
     own: dict[str, tuple[int, bool, list[str]]] = {}
     for source in all_sources:
-        for node in ast.walk(source.tree):
-            if not isinstance(node, ast.ClassDef) or (decorator := decorator_of(source, node)) is None:
+        for node in source.classes:
+            if (decorator := decorator_of(source, node)) is None:
                 continue
             keywords = decorator.keywords if isinstance(decorator, ast.Call) else []
             count = sum(
@@ -88,11 +94,10 @@ def dataclasses_of(all_sources: list[Source]) -> dict[str, DataClass]:
 
 def long_calls(source: Source, classes: dict[str, DataClass]) -> Iterator[str]:
     """Yield the calls of dataclasses with more than five positional values."""
-    for node in ast.walk(source.tree):
-        if isinstance(node, ast.Call) and len(node.args) > MAX_POSITIONAL:
-            name = source.full_name(node.func)
-            if name in classes:
-                yield f"{source.name}:{node.lineno}: {name}"
+    for node in source.long_calls:
+        name = source.full_name(node.func)
+        if name in classes:
+            yield f"{source.name}:{node.lineno}: {name}"
 
 
 def joined_constants(source: Source) -> Iterator[str]:

@@ -79,7 +79,7 @@ def examine_mistakes(
     rows = [record.rows[name] for name, _, _ in _cases(copy) if name in record.rows]
     shown = Shown()
     shown.table(_table(dataset.name, rows))
-    for line in summary(rows):
+    for line in summary(rows, commit):
         shown.line(line)
     shown.write("examine-mistakes", figures_title)
 

@@ -102,7 +102,7 @@ def _queries(split: Split, mistake: str, world_from_scan: Pose) -> Iterator[Stat
         if mistake.startswith("zoom"):
             rgb = _zoomed(rgb, float(mistake.split()[1]), camera)
         elif mistake.startswith("landscape"):
-            rgb, pose = np.ascontiguousarray(np.rot90(rgb)), pose @ camera_from_turned(1).inverse()
+            rgb, pose = np.ascontiguousarray(np.rot90(rgb)), pose @ camera_from_turned(1)
         elif mistake.startswith("cut"):
             height = round(rgb.shape[1] * 9 / 16)
             top = (rgb.shape[0] - height) // 2

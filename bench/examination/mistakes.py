@@ -297,7 +297,7 @@ def right_variants(whole: ScanCopy) -> list[tuple[str, ScanCopy]]:
 def _on_its_side(copy: ScanCopy) -> ScanCopy:
     """Return what a phone saves that was held upright and takes its pictures along its longer side."""
     turned = _portrait(copy)
-    rotations = copy.poses.rotations @ camera_from_turned(3).inverse().rotation
+    rotations = copy.poses.rotations @ camera_from_turned(3).rotation
     return replace(turned, poses=PoseArrays(rotations, copy.poses.positions))
 
 

@@ -104,16 +104,22 @@ class Record:
             self.path.write_text(json.dumps({"asked": self.asked, "rows": rows}, indent=1), encoding="utf-8")
 
 
-def summary(rows: Sequence[Row]) -> list[str]:
-    """Return sentences that compare the rows with what must hold: what serves, what is named, what is located."""
+def summary(rows: Sequence[Row], commit: str) -> list[str]:
+    """Return sentences that compare the rows with what must hold: what serves, what is named, what is located; and
+    their commits where they are not all of this `commit`."""
     mistakes, right = [row for row in rows if row.is_mistake], [row for row in rows if not row.is_mistake]
     named = sum(row.named for row in mistakes)
-    lines = [
-        f"Mistakes: {len(mistakes)}. Of these {sum(row.serves for row in mistakes)} serve, and {named} are named by "
-        f"the right cause ({100 * named / max(len(mistakes), 1):.0f} %).",
-        f"Right scans: {len(right)}. Of these {sum(row.verdict == 'refused' for row in right)} are refused and "
-        f"{sum(row.is_warned_of for row in right)} warned of.",
-    ]
+    lines = []
+    if mistakes:
+        lines.append(
+            f"Mistakes: {len(mistakes)}. Of these {sum(row.serves for row in mistakes)} serve, and {named} are named "
+            "by the right cause."
+        )
+    if right:
+        lines.append(
+            f"Right scans: {len(right)}. Of these {sum(row.verdict == 'refused' for row in right)} are refused and "
+            f"{sum(row.is_warned_of for row in right)} warned of."
+        )
     reference = next((row.located for row in right if row.name == RIGHT), None)
     repaired = [(row.name, row.located) for row in mistakes if row.repairs and row.located is not None]
     if reference is not None and repaired:
@@ -124,7 +130,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
             f"the fewest are located by that of {fewest[0]}: {fewest[1].words}; the largest median error is that of "
             f"{largest[0]}: {largest[1].words}."
         )
-    commits = sorted({row.commit for row in rows})
-    if len(commits) > 1:
-        lines.append(f"The rows were measured in parts, at {' and '.join(commits)}.")
+    commits = {row.commit for row in rows}
+    if not commits <= {commit}:
+        lines.append(f"The rows were measured at {' and '.join(sorted(commits))}.")
     return lines

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,25 @@ def test_on_a_plan_it_goes_on_where_no_anchor_sees_it_and_flow_loses_it(server: 
         for error_m, answer in zip(errors_m, answers, strict=True)
     )
     assert max(errors_m) < 0.4
+    assert server.client.put("/venues/v/floors/0/features", json=collection()).status_code == 200
+
+
+def test_on_a_plan_a_walk_that_sees_nothing_for_a_second_is_lost_until_an_anchor_sees_it_twice(
+    server: Server, video: list[View]
+) -> None:
+    x, y = SHIFT
+    walls = collection(area("room", x - 9.0, y - 9.0, x + 9.0, y + 9.0))
+    assert server.client.put("/venues/v/floors/0/features", json=walls).status_code == 200
+    blank = replace(video[4], rgb=np.full_like(video[4].rgb, 128))
+    unseen = round(1.0 * FPS) + 2
+    answers = follow(server, [*video[:5], *[blank] * unseen, *video[5:11]])
+    assert answers[4]["tracking"] == "tracking"
+    lost = answers[5 + unseen - 1]
+    assert (lost["located"], lost["tracking"], lost["reason"]) == (False, "lost", "no_match")
+    last = answers[-1]
+    assert last["located"], last["reason"]
+    assert off_m(last, video[10]) < 3 * last["accuracy"]["position_m"]
+    assert "relocalized" in {answer["tracking"] for answer in answers[5 + unseen :]}
     assert server.client.put("/venues/v/floors/0/features", json=collection()).status_code == 200
 
 

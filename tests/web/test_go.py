@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from app.geometry.se3 import Pose
 from tests import scenes
 from tests.built_maps import publish
 from tests.plans import collection, landmark, link
 from tests.server import wait_for
 from tests.web.camera_file import CUT_ERRORS, flags_for, write_walk
+from tests.web.go_page import Wire, begin, dot, go, pictures, truth_of, words
+from tests.web.held import held_back
 from tests.web.live import KEY, Server, Tab, chromium, live_server, watched_tab
 from tests.web.pictures import keep_picture
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 FPS = 10
 METERS_PER_PIXEL, ORIGIN_PX = 0.02, (20.0, 170.0)
-WALK = [scenes.pose_at(1.5 + 0.012 * k, 1.35 + 0.006 * k, 1.52, -30 + 1.3 * k, 0.0) for k in range(70)]
-# The walk comes back to where it began, since the file starts again when it is over.
-POSES = [*WALK, *WALK[::-1]]
 
 
 @pytest.fixture(scope="module")
@@ -59,13 +53,6 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         yield server
 
 
-@cache
-def pictures() -> list[np.ndarray]:
-    """Return what the camera sees on the walk."""
-    room = scenes.Room()
-    return [room.view(pose).rgb for pose in WALK]
-
-
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk as a YUV4MPEG2 file."""
@@ -88,69 +75,6 @@ def phone(camera_browser: Any) -> Iterator[Tab]:
         camera_browser, CUT_ERRORS, viewport={"width": 390, "height": 780}, locale="en-US"
     ) as tab:
         yield tab
-
-
-@dataclass
-class Wire:
-    """What went over the WebSockets of a page."""
-
-    frames: list[bytes] = field(default_factory=list)
-    hints: list[dict[str, Any]] = field(default_factory=list)
-    answers: list[dict[str, Any]] = field(default_factory=list)
-    opened: int = 0
-
-    @staticmethod
-    def of(page: Any) -> Wire:
-        wire = Wire()
-
-        def listen(socket: Any) -> None:
-            wire.opened += 1
-            # Answers count the frames of their own connection.
-            wire.frames.clear()
-            socket.on("framesent", wire.sent)
-            socket.on("framereceived", lambda data: wire.answers.append(json.loads(data)))
-
-        page.on("websocket", listen)
-        return wire
-
-    def sent(self, data: str | bytes) -> None:
-        if isinstance(data, bytes):
-            self.frames.append(data)
-        else:
-            self.hints.append(json.loads(data))
-
-
-def go(server: Server, tab: Tab, venue: str = "room", *, token: bool = True, query: str = "") -> Wire:
-    wire = Wire.of(tab.page)
-    tab.open(f"{server.url}/go/{venue}{query}" + (f"#token={KEY}" if token else ""))
-    return wire
-
-
-def begin(page: Any) -> None:
-    page.get_by_role("button", name="Show me where I am").click()
-
-
-def words(page: Any) -> Any:
-    return page.locator("#say-words")
-
-
-def truth_of(frame: bytes) -> Pose:
-    """Return the pose of the walk's frame that a sent picture shows: the one whose rendered view differs least."""
-    sent = _tiny(cv2.imdecode(np.frombuffer(frame, np.uint8), cv2.IMREAD_COLOR)[..., ::-1])
-    return WALK[int(np.argmin([np.abs(sent - each).mean() for each in _tiny_pictures()]))]
-
-
-@cache
-def _tiny_pictures() -> list[np.ndarray]:
-    return [_tiny(rgb) for rgb in pictures()]
-
-
-def _tiny(rgb: np.ndarray) -> np.ndarray:
-    return cv2.resize(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2GRAY), (32, 24)).astype(float)
-
-
-def dot(page: Any) -> dict[str, str]:
-    return dict(page.evaluate("() => ({ ...document.querySelector('.you').dataset })"))
 
 
 def test_the_dot_follows_the_camera_and_the_words_lead(server: Server, phone: Tab, tmp_path: Path) -> None:
@@ -274,12 +198,21 @@ def test_it_says_plainly_when_it_does_not_know(server: Server, phone: Tab) -> No
     playwright.expect(phone.page.locator("#say-more")).to_contain_text("no map yet")
 
 
-def test_a_second_window_takes_over(server: Server, phone: Tab) -> None:
+def test_a_second_window_takes_over_and_the_screen_stays_on_until_then(server: Server, phone: Tab) -> None:
     page = phone.page
+    # Headless browsers have no screen to keep on.
+    page.add_init_script(
+        """globalThis.locks = [];
+        Object.defineProperty(navigator, "wakeLock", { value: { request: async (kind) => {
+            locks.push(kind);
+            return { release: async () => locks.pop() };
+        } } });"""
+    )
     wire = go(server, phone)
     begin(page)
     wait_for(lambda: page.wait_for_timeout(50) or wire.answers)
     session = wire.answers[-1]["session"]
+    assert page.evaluate("() => locks") == ["screen"]
     page.evaluate(
         """([session, key]) => {
             new WebSocket(`ws://${location.host}/sessions/${session}/stream`, ["roomfix", `roomfix.key.${key}`]);
@@ -288,6 +221,30 @@ def test_a_second_window_takes_over(server: Server, phone: Tab) -> None:
     )
     playwright.expect(words(page)).to_have_text("This way goes on in another window")
     playwright.expect(page.get_by_role("button", name="Show me where I am")).to_be_visible()
+    wait_for(lambda: page.wait_for_timeout(20) or page.evaluate("() => locks") == [])
+
+
+def test_of_two_destinations_the_one_chosen_last_is_led_to(server: Server, phone: Tab) -> None:
+    page = phone.page
+    wire = go(server, phone)
+    begin(page)
+    playwright.expect(page.locator(".you")).to_be_visible()
+
+    def lead_to(name: str) -> None:
+        page.get_by_role("button", name="Where to?").click()
+        page.get_by_role("dialog").get_by_role("button", name=name).click()
+
+    with held_back(page, "**/sessions/*", "PATCH") as changes:
+        lead_to("Window")
+        changes.wait()
+        lead_to("Große Tür")
+        # The session leads nowhere yet, and answers of before are for no destination.
+        playwright.expect(page.locator("#go")).to_have_attribute("data-state", "located")
+        changes.release()
+        changes.release()
+    playwright.expect(page.locator("#say-more")).to_contain_text("m to Große Tür")
+    session = wire.answers[-1]["session"]
+    assert server.client.get(f"/sessions/{session}").json()["destination"] == "door"
 
 
 def test_without_a_token_a_key_is_asked_for(server: Server, phone: Tab) -> None:

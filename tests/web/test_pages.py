@@ -7,11 +7,13 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 from urllib.parse import urljoin
 
 import pytest
 from fastapi.testclient import TestClient
 
+from app.engine.query.verification import Reason
 from app.jobs.runner import NoRunner
 from app.main import create_app
 from app.settings import Settings
@@ -146,6 +148,17 @@ def test_every_sentence_that_a_phones_page_says_is_in_the_catalogues(folder: str
     }
     assert len(said) > 20
     assert said <= set(catalogue)
+
+
+def test_every_reason_for_no_place_has_words_on_every_page() -> None:
+    words = (STATIC / "js" / "words.js").read_text(encoding="utf-8")
+    catalogues = [
+        json.loads(path.read_text(encoding="utf-8")) for path in LANGUAGES if path.parent.name == "go"
+    ]
+    for reason in get_args(Reason):
+        assert f"  {reason}: [" in words, reason
+        said = [catalogue[f"lost.{reason}"] for catalogue in catalogues]
+        assert len(set(said)) == len(catalogues), reason
 
 
 def test_every_field_has_a_label() -> None:

@@ -16,6 +16,7 @@ from app.geometry.se3 import Pose
 from tests import scenes
 from tests.server import wait_for
 from tests.web.camera_file import CUT_ERRORS, flags_for, write_walk
+from tests.web.held import held_back
 from tests.web.live import Server, Tab, chromium, live_server, watched_tab
 from tests.web.pictures import keep_picture
 
@@ -148,7 +149,11 @@ def test_a_page_that_was_closed_goes_on_and_loses_nothing(
         film(page, 6)
         held = kept(page)
         page.unroute("**/recordings/*/frames/**")
-        page.reload()
+        with held_back(page, "**/recordings/*") as state:
+            page.reload()
+            state.wait()
+            # To film before it is known what became of the recording would begin another one.
+            playwright.expect(page.get_by_role("button", name="Start filming")).to_be_disabled()
         playwright.expect(page.locator("#say-words")).to_contain_text("was interrupted")
         keep_picture(page, tmp_path, "record-interrupted")
         recording = page.evaluate(

@@ -239,6 +239,7 @@ def hang_a_camera(server: Server, hands: Hands, room: scenes.Room) -> None:
     pose, view = MONITOR, room.view(MONITOR)
     hands.visit("Cameras")
     playwright.expect(page.locator("#board-svg image")).to_have_count(1)
+    playwright.expect(page.locator("#cameras li")).to_have_text("None yet.")
     hands.file(page.locator("#camera-picture"), "p.png", "image/png", view.png())
     playwright.expect(page.locator("#picture image")).to_have_count(1)
     hands.press("Find them by the map")

@@ -115,6 +115,30 @@ def test_a_camera_is_placed_by_clicks_and_its_draft_survives(
     playwright.expect(page.locator("#board-error")).to_be_empty()
 
 
+def test_where_the_map_locates_a_phone_is_drawn_on_the_plan(
+    server: Server, studio: Tab, tmp_path: Path
+) -> None:
+    page = studio.page
+    visit(page, "Phones")
+    drawn, words = page.locator("#board-svg path.coverage"), page.locator("#coverage-words")
+    playwright.expect(page.locator("#phone-words")).to_contain_text("No phone")
+    playwright.expect(drawn).to_have_count(0)
+    page.get_by_label("Show where the map locates a phone").check()
+    playwright.expect(drawn).to_have_count(1)
+    cells = server.client.get("/venues/house/maps/1/coverage", params={"floor": "0"}).json()["cells"]
+    some = sum(any(cell["covered"]) for cell in cells)
+    assert some
+    playwright.expect(words).to_contain_text(f"On {some} m²")
+    sectors = (drawn.get_attribute("d") or "").count("Z")
+    assert sectors == sum(sum(cell["covered"]) for cell in cells)
+    keep_picture(page, tmp_path, "coverage")
+    # It stays when another view was open.
+    visit(page, "Draw")
+    playwright.expect(drawn).to_have_count(0)
+    visit(page, "Phones")
+    playwright.expect(drawn).to_have_count(1)
+
+
 def test_what_is_missing_is_said(studio: Tab) -> None:
     page = studio.page
     begin(page)

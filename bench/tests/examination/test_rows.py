@@ -63,9 +63,10 @@ def test_the_summary_names_the_worst_map() -> None:
         MISTAKE, name="late", named=False, located=replace(FOUND, located=8, median_m=0.02), commit="`b`"
     )
     warned = replace(RIGHT_ROW, name="thinned", located=replace(FOUND, warnings=("Few places.",)))
-    mistakes, right, maps, commits = summary([RIGHT_ROW, warned, MISTAKE, worse])
-    assert mistakes == "Mistakes: 2. Of these 0 serve, and 1 are named by the right cause (50 %)."
+    mistakes, right, maps, commits = summary([RIGHT_ROW, warned, MISTAKE, worse], "`b`")
+    assert mistakes == "Mistakes: 2. Of these 0 serve, and 1 are named by the right cause."
     assert right == "Right scans: 2. Of these 0 are refused and 1 warned of."
     assert "locates 10 of 10, 0.41 cm" in maps
     assert "by that of late: 8 of 10, 2.00 cm" in maps
-    assert commits == "The rows were measured in parts, at `a` and `b`."
+    assert len(summary([RIGHT_ROW, MISTAKE], "`a`")) == 3
+    assert commits == "The rows were measured at `a` and `b`."

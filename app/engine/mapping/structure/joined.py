@@ -37,9 +37,9 @@ class RejoinOptions:
         "degree; each one's depth is known to some percent, and hundreds of them carry the scale around the turn.",
     )
     rounds: int = limit(
-        3,
+        2,
         "Bundle adjustments at the end, each after points that don't fit are left out and others added.",
-        chosen="By hand: the third changes little.",
+        chosen="By hand: half a minute each of a video of four minutes.",
     )
     min_cost_change_ratio: float = limit(
         1e-6,

@@ -17,8 +17,29 @@ from app.engine.mapping.structure.revisits import OPTIONS as REVISITS
 from app.engine.mapping.structure.revisits import Revisits, find_revisits
 from app.engine.progress import Progress
 from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+from app.limits import limit
 
 NAMED_GAPS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceOptions:
+    """How the parts of a path grow together."""
+
+    rounds: int = limit(
+        3,
+        "Times that parts are joined, pictures between them registered, and both adjusted.",
+        chosen="By hand: a round takes minutes of a video of four; it ends earlier where no part is added.",
+    )
+    ends: int = limit(
+        6,
+        "Pictures at each end of a part that are registered by the points of the part beside it.",
+        chosen="By hand: twice as many as must agree on how the part lies.",
+    )
+
+
+OPTIONS = SequenceOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,21 +94,40 @@ def reconstruct_sequence(
     )
     if not parts or not far:
         return Path3D(parts, None)
-    (found, joined), *others = join_parts(parts, matched, times_s, progress)
-    whole = with_placed(found, matched, times_s)
-    revisits = find_revisits(whole, matched, sorted(far), progress)
-    if revisits.agreeing or joined > 1 or len(whole.poses) > len(found.poses):
-        ties = {pair: far[pair] for pair in revisits.agreeing}
-        tied = rejoined(
-            MatchedPictures(matched.features, near | ties),
-            revisits.poses,
-            whole.camera,
-            is_calibrated=is_calibrated,
-            scratch=scratch,
-            progress=progress,
-        )
-        whole = tied or whole
-    return Path3D([whole, *(part for part, _ in others)], revisits, joined)
+    revisits, joined = None, 1
+    for _ in range(OPTIONS.rounds):
+        (found, count), *others = join_parts(parts, matched, times_s, progress)
+        if revisits is not None and count == 1:
+            break
+        joined += count - 1
+        rest = [part for part, _ in others]
+        whole = with_placed(found, matched, times_s)
+        revisits = find_revisits(whole, matched, sorted(far), progress)
+        if revisits.agreeing or len(whole.poses) > len(parts[0].poses):
+            ties = {pair: far[pair] for pair in revisits.agreeing}
+            tied = rejoined(
+                MatchedPictures(matched.features, without_insides(near | ties, rest, revisits.poses)),
+                revisits.poses,
+                whole.camera,
+                is_calibrated=is_calibrated,
+                scratch=scratch,
+                progress=progress,
+            )
+            whole = tied or whole
+        parts = [whole, *rest]
+    return Path3D(parts, revisits, joined)
+
+
+def without_insides(
+    matches: Mapping[Pair, Rows], parts: Sequence[Reconstruction], known: Mapping[int, Pose]
+) -> dict[Pair, Rows]:
+    """Return the matches without the pictures inside of other parts, whose poses are not `known`.
+
+    Enough at both ends stay to tie a part: its own path is more exact than one that is found anew picture by picture.
+    """
+    inside = {row for part in parts for row in sorted(part.poses)[OPTIONS.ends : -OPTIONS.ends]}
+    out = inside - known.keys()
+    return {pair: rows for pair, rows in matches.items() if out.isdisjoint(pair)}
 
 
 def _by_distance_in_time(matches: Mapping[Pair, Rows]) -> tuple[dict[Pair, Rows], dict[Pair, Rows]]:

@@ -60,13 +60,20 @@ export class CameraTool {
     this.choose("camera");
     if (isBack) byId("board-error").replaceChildren(notice("info", "The camera that you didn't save is back. Save it, or undo it."));
     await this.refresh();
-    // Another view may be open by now: nothing would end the timer.
-    if (isLatest()) this.timer = setInterval(() => this.refresh().catch(() => {}), EVERY_MS);
-    return undefined;
+    return this.again(isLatest);
+  }
+
+  /** Read again after a while, one answer after the other, until another view or floor is shown. */
+  again(isLatest) {
+    if (!isLatest()) return;
+    this.timer = setTimeout(async () => {
+      await this.refresh().catch(() => {});
+      this.again(isLatest);
+    }, EVERY_MS);
   }
 
   leave() {
-    clearInterval(this.timer);
+    clearTimeout(this.timer);
   }
 
   /** Read the floor's cameras, with the newest picture of the one in the form. */

@@ -22,7 +22,7 @@ const BOARD_VIEWS = {
   align: ["Scan over plan", "Lay the scan, seen from above, over the plan. The numbers do the same as the mouse.", "align-panel"],
   draw: ["Places and ways", "What people can go to, and where they can walk.", "draw-panel"],
   cameras: ["Monitoring cameras", "A camera that hangs somewhere can say where a phone is that sees the same.", "camera-panel"],
-  phones: ["Live phones", "Phones whose owners agreed to be shown, and crosses where they could not be located.", "phones-panel"],
+  phones: ["Live phones", "Phones whose owners agreed to be shown, crosses where they could not be located, and where the map locates one.", "phones-panel"],
 };
 const VIEWS = ["start", "scan", ...Object.keys(BOARD_VIEWS), "try", "share"];
 

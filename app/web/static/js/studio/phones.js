@@ -1,9 +1,9 @@
-// Phones that agreed to be shown, live on the plan, and where they could not be located.
+// Phones that agreed to be shown, live on the plan, where they could not be located, and where the map locates them.
 
 import { path, requestJson } from "../api.js";
 import { byId, el, svg } from "../dom.js";
-import { turns } from "../turns.js";
 import { count } from "../words.js";
+import { CoverageLayer } from "./coverage.js";
 
 const EVERY_MS = 2000;
 // Older places are drawn pale.
@@ -11,7 +11,8 @@ const RECENT_S = 10;
 
 export class PhonesTool {
   constructor(board, floors) {
-    Object.assign(this, { board, floors, phones: [], timer: null, reads: turns() });
+    Object.assign(this, { board, floors, phones: [], timer: null });
+    this.coverage = new CoverageLayer(board, floors, () => this.draw());
   }
 
   async begin(isLatest) {
@@ -19,21 +20,27 @@ export class PhonesTool {
     this.phones = [];
     byId("phone-list").replaceChildren();
     if (!this.floors.current) return;
-    await this.read();
-    // Another view may be open by now: nothing would end the timer.
-    if (!isLatest()) return;
-    this.timer = setInterval(() => this.read().catch((error) => this.say(`${error.message} I try again by myself.`)), EVERY_MS);
+    this.coverage.begin();
+    await this.read(isLatest);
+    this.again(isLatest);
   }
 
   leave() {
-    clearInterval(this.timer);
+    clearTimeout(this.timer);
   }
 
-  async read() {
-    const { current, venue } = this.floors;
-    const isLatest = this.reads();
-    const phones = await requestJson(path("venues", venue, "phones"));
-    if (this.floors.current !== current || !isLatest()) return;
+  /** Read again after a while, one answer after the other, until another view or floor is shown. */
+  again(isLatest) {
+    if (!isLatest()) return;
+    this.timer = setTimeout(async () => {
+      await this.read(isLatest).catch((error) => isLatest() && this.say(`${error.message} I try again by myself.`));
+      this.again(isLatest);
+    }, EVERY_MS);
+  }
+
+  async read(isLatest) {
+    const phones = await requestJson(path("venues", this.floors.venue, "phones"));
+    if (!isLatest()) return;
     this.phones = phones;
     const lost = phones.reduce((sum, phone) => sum + phone.lost.length, 0);
     const shown = phones.length === 1 ? "One phone is shown" : `${count(phones.length)} phones are shown`;
@@ -60,6 +67,7 @@ export class PhonesTool {
     const lost = this.phones.flatMap((phone) => phone.lost.filter(here));
     const found = this.phones.filter(({ place }) => here(place));
     board.layer.replaceChildren(
+      ...this.coverage.shapes(),
       ...lost.map(({ x, y, frames }) =>
         board.glyph([x, y], svg("path", { d: "M-6 -6L6 6M6 -6L-6 6", class: "lost-place" }), svg("title", {}, `Lost here for ${frames} pictures`)),
       ),

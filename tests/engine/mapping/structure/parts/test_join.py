@@ -16,7 +16,7 @@ from app.engine.mapping.structure.parts.pace import is_walk
 from app.engine.mapping.structure.parts.placed import with_placed
 from app.engine.mapping.structure.parts.similarity import Similarity, average_similarity
 from app.engine.mapping.structure.reconstruction import Reconstruction
-from app.engine.mapping.structure.sequence import Path3D
+from app.engine.mapping.structure.sequence import Path3D, without_insides
 from app.engine.progress import NoProgress
 from app.geometry.alignment import align_points
 from app.geometry.se3 import Pose, rotation_from_vector
@@ -135,6 +135,16 @@ def test_a_picture_is_not_placed_where_it_could_not_have_been(
     assert 20 not in with_placed(part, matched, later).poses
     near = matched_pictures(wall, seen, [((k, 20), 0) for k in range(16, 19)])
     assert 20 in with_placed(part, near, TIMES_S).poses
+
+
+def test_pictures_inside_of_another_part_are_not_found_anew(
+    wall: Array, seen: list[NDArray[np.intp]]
+) -> None:
+    """Only the ends of the part from 10 to 39, and what is known inside of it, keep their matches."""
+    part = part_of(range(10, 40), wall, seen, MOVED)
+    matches = {(i, i + 1): np.zeros((0, 2), np.intp) for i in range(50)}
+    left = without_insides(matches, [part], {20: true_pose(20), 21: true_pose(21)})
+    assert sorted(left) == [*((i, i + 1) for i in range(15)), (20, 21), *((i, i + 1) for i in range(34, 50))]
 
 
 def test_where_a_path_broke_is_said_in_seconds(wall: Array, seen: list[NDArray[np.intp]]) -> None:
