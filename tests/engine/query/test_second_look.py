@@ -15,8 +15,9 @@ from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import NoProgress
-from app.engine.query.attempt.second_look import is_hopeless
+from app.engine.query.attempt.second_look import is_hopeless, without_vague_directions
 from app.engine.query.localizer import Localizer
+from app.engine.query.placed import Accuracy
 from app.engine.query.query import Query
 from app.engine.query.second.agreement import Agreement, agreement_in_map
 from app.engine.query.second.look import SecondMatcher, resembles_elsewhere
@@ -62,6 +63,14 @@ def test_what_the_first_look_misses_is_located(opened: OpenMap, room: Room) -> N
     assert np.linalg.norm(found.world_from_camera.translation - SEEN_FROM.translation) < 0.05
     assert found.evidence.inliers > 60
     assert found.hints == ()
+
+
+def test_a_vague_direction_is_refused(opened: OpenMap, room: Room) -> None:
+    found = Localizer(opened).localize(room.view(SEEN_FROM).rgb, CAMERA)
+    assert without_vague_directions(found) is found
+    vague = without_vague_directions(replace(found, accuracy=Accuracy(0.01, 5.1)))
+    assert (vague.world_from_camera, vague.reason) == (None, "too_few_inliers")
+    assert without_vague_directions(vague) is vague
 
 
 @pytest.mark.parametrize("number", range(3))

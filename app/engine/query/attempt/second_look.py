@@ -34,7 +34,19 @@ def second_look(
     wider = PoseSearch(search.map, settings, _limits(search.limits))
     if matches.feature_count < OPTIONS.min_matches or is_hopeless(wider, matcher, matches):
         return nothing(first.query, matches, None)
-    return attempt(wider, matcher, matches)
+    return without_vague_directions(attempt(wider, matcher, matches))
+
+
+def without_vague_directions(found: Localization) -> Localization:
+    """Return an outcome, refused where the stated camera leaves the direction of the pose open.
+
+    Few inliers in one part of the picture can fix the place while the camera may be turned about it.
+    """
+    accuracy = found.accuracy
+    if found.world_from_camera is None or accuracy is None:
+        return found
+    is_vague = accuracy.orientation_deg > OPTIONS.max_orientation_sigma_deg
+    return found.refused("too_few_inliers") if is_vague else found
 
 
 def _limits(own: Limits) -> Limits:

@@ -91,6 +91,12 @@ class SecondLookOptions:
     max_disagreeing_share: float = limit(
         0.35, "Largest share of cells that do not, of those that do and do not.", chosen=FITTED
     )
+    max_orientation_sigma_deg: float = limit(
+        5.0,
+        "Largest standard deviation of the direction, with what the matches leave open of the camera.",
+        chosen="By hand: an answer is right within 5 degrees. Of the answers in desk_rs one had 6.4, and was 9 degrees "
+        "off.",
+    )
     max_rival_balance_ratio: float = limit(
         0.5,
         "Another pose counts when its agreeing cells less the disagreeing ones are more than this share of those of "
