@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -83,11 +84,13 @@ class Agreement:
     """How well poses and a camera explain the matches.
 
     `score` is the usual epipolar error over what a right scan may have: at most 1 is right. It is infinite when the
-    points would lie behind the cameras. `error_px` is the usual error at the focal length of reference;
+    points would lie behind the cameras. `least_score` is its lower bound of one sigma, which few pairs leave far below
+    it. `error_px` is the usual error at the focal length of reference;
     `front_share` the share of pairs whose points lie in front, NaN where too few show it.
     """
 
     score: float
+    least_score: float
     error_px: float
     front_share: float
 
@@ -98,10 +101,23 @@ def agreement(evidence: Evidence, rays: Rays, poses: PoseArrays) -> Agreement:
     errors_px = epipolar_errors(evidence, rays, relative) * REFERENCE_FOCAL_PX
     of_pairs = group_medians(errors_px, evidence.pair, evidence.pairs)
     share = _front_share(evidence, rays, relative, of_pairs)
-    score = float(np.median(of_pairs / evidence.tolerance_px))
+    scores = of_pairs / evidence.tolerance_px
+    score, least = float(np.median(scores)), least_median(scores)
     if share < OPTIONS.min_front_share:
-        score = float("inf")
-    return Agreement(score, float(np.median(of_pairs)), share)
+        score = least = float("inf")
+    return Agreement(score=score, least_score=least, error_px=float(np.median(of_pairs)), front_share=share)
+
+
+def least_median(values: Array) -> float:
+    """Return the lower bound of one sigma of the median of values (n,).
+
+    How many of n values lie below the true median is binomial: its standard deviation is half the root of n.
+    """
+    count = len(values)
+    if count == 0:
+        return math.nan
+    rank = max(0, math.ceil((count - math.sqrt(count)) / 2.0) - 1)
+    return float(np.sort(values)[rank])
 
 
 def misfit(evidence: Evidence, rays: Rays, poses: PoseArrays) -> float:

@@ -165,7 +165,9 @@ def search_remedies(start: State, rounds: int = 3) -> Searched:
         ]
         findings.append(_finding(best, contest, found))
         state, found = best.state, best.found
-    if not found.score <= OPTIONS.right_score:
+    # Few pairs leave open whether a score that is a little too high is chance.
+    is_doubtful = not found.least_score <= OPTIONS.right_score
+    if is_doubtful or found.score > OPTIONS.wrong_score:
         findings.append(_unexplained(found, start))
     return Searched(state, found, tuple(findings))
 
@@ -378,7 +380,7 @@ def _json(value: object) -> str:
 
 def _unexplained(found: Agreement, start: State) -> Finding:
     wrong = found.score > OPTIONS.wrong_score
-    allowed = float(np.median(start.evidence.tolerance_px))
+    allowed = OPTIONS.right_score * float(np.median(start.evidence.tolerance_px))
     return Finding(
         code="poses_disagree",
         severity="wrong" if wrong else "doubtful",
