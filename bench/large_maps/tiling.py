@@ -77,7 +77,7 @@ def signs_of_copy(copy: int, size: int) -> NDArray[np.float32]:
 
 
 def tile_map(artifact: MapArtifact, index: GlobalIndex, copies: int, folder: Path) -> Tiled:
-    """Write the map of so many copies of a map, and its index, to a folder.
+    """Write a map that holds a map several times, and its index, to a folder.
 
     Its points alone are in memory, and its index while that is made.
     """
