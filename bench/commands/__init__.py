@@ -9,6 +9,7 @@ COMMANDS = {
     "benchmark": "bench.commands.evaluate:benchmark",
     "evaluate-rooms": "bench.rooms.evaluate_rooms:evaluate_rooms",
     "evaluate-twins": "bench.twins.command:evaluate_twins",
+    "evaluate-bare-rooms": "bench.bare_rooms.command:evaluate_bare_rooms",
     "evaluate-demo": "bench.commands.evaluate_demo:evaluate_demo",
     "examine-mistakes": "bench.commands.examine_mistakes:examine_mistakes",
     "evaluate-formats": "bench.formats.command:evaluate_formats_command",

@@ -17,7 +17,7 @@ from bench.recordings.scan import VENUE_FRAMES, WING_FRAMES
 from bench.recordings.trajectory import VENUE_WALK, WING_WALK, query_poses, scan_poses
 from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.noise import seeded
-from bench.render.scene import SCENE_VERSION
+from bench.render.scene import DEMONSTRATION, SCENE_VERSION, Building
 from bench.render.sensor import ColourSensor
 from bench.venue.layout import CORRIDORS, FLOOR_HEIGHT_M, WING_ROOMS, Room, room_at
 
@@ -71,9 +71,9 @@ def render_queries_near(
     seed: int = 1,
     workers: int = 1,
     progress: Progress | None = None,
-    building: int = 0,
+    building: Building = DEMONSTRATION,
 ) -> list[DemoQuery]:
-    """Render pictures near the poses of any scan, which `region` names, in a building (`other_building`).
+    """Render pictures near the poses of any scan, which `region` names, in a building.
 
     Otherwise as `render_queries`.
     """
@@ -85,7 +85,7 @@ def render_queries_near(
         "seed": seed,
         "version": SCENE_VERSION,
         "camera": [camera.model, camera.width, camera.height, *camera.params],
-        **({"building": building} if building else {}),
+        **building.recipe,
     }
 
     def fill(partial: Path) -> None:

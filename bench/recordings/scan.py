@@ -13,7 +13,7 @@ from bench.recordings.cache import make_directory
 from bench.recordings.trajectory import VENUE_WALK, WING_WALK, Walk, scan_poses
 from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.raycast import FINE, Quality
-from bench.render.scene import SCENE_VERSION
+from bench.render.scene import DEMONSTRATION, SCENE_VERSION, Building
 from bench.render.sensor import DEPTH_SCALE, ColourSensor
 
 SCAN_CAMERA = Camera("PINHOLE", 640, 480, (REFERENCE_FOCAL_PX, REFERENCE_FOCAL_PX, 319.5, 239.5))
@@ -78,10 +78,10 @@ def render_poses(
     directory: Path,
     workers: int,
     progress: Progress | None,
-    building: int = 0,
+    building: Building = DEMONSTRATION,
     quality: Quality = FINE,
 ) -> DemoScan:
-    """Render the scan of some poses in the building of a number (`other_building`); otherwise as `render_scan`."""
+    """Render the scan of some poses in a building; otherwise as `render_scan`."""
     frames = len(poses)
     times = tuple(START_S + FRAME_INTERVAL_S * k for k in range(frames))
     scan = DemoScan(directory, SCAN_CAMERA, DEPTH_SCALE, times, poses)
@@ -109,9 +109,8 @@ def render_poses(
     return scan
 
 
-def _recipe(name: str, frames: int, building: int) -> dict[str, Any]:
-    recipe = {"scan": name, "frames": frames, "version": SCENE_VERSION}
-    return {**recipe, "building": building} if building else recipe
+def _recipe(name: str, frames: int, building: Building) -> dict[str, Any]:
+    return {"scan": name, "frames": frames, "version": SCENE_VERSION, **building.recipe}
 
 
 def write_lists(scan: DemoScan) -> None:

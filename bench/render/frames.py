@@ -19,7 +19,7 @@ from app.geometry.se3 import Pose
 from bench.recordings.cache import write_whole
 from bench.render.noise import seeded
 from bench.render.raycast import FINE, Quality, render
-from bench.render.scene import Scene, demo_scene, loaded_scene, other_building
+from bench.render.scene import DEMONSTRATION, Building, Scene, loaded_scene, scene_of
 from bench.render.sensor import JPEG_QUALITY, ColourSensor, colour_picture, depth_picture
 from bench.render.sheet import MarkerSheet, with_sheet
 
@@ -94,15 +94,14 @@ def make_frames(
     jobs: Sequence[FrameJob],
     workers: int,
     progress: Progress | None,
-    building: int = 0,
+    building: Building = DEMONSTRATION,
 ) -> None:
-    """Make the frames that are not there yet, in this process or in `workers` spawned ones; `building` is the
-    number of `other_building`."""
+    """Make the frames that are not there yet, in this process or in `workers` spawned ones."""
     missing = [job for job in jobs if not job.is_done]
     done = len(jobs) - len(missing)
     if not missing:
         return
-    scene = other_building(building) if building else demo_scene()
+    scene = scene_of(building)
     steps = (
         _serially(scene, missing)
         if workers <= 1

@@ -234,6 +234,7 @@ MATERIALS: dict[str, Maker] = {
     "plaster_green": partial(_plaster, colour=(160, 180, 150)),
     "plaster_red": partial(_plaster, colour=(158, 92, 82)),
     "plain_white": partial(_plain, colour=(226, 226, 222)),
+    "plain_grey": partial(_plain, colour=(168, 166, 162)),
     "plain_dark": partial(_plain, colour=(48, 48, 52)),
     "brick_red": partial(_brick, colour=(158, 88, 66), mortar=(188, 180, 168)),
     "brick_white": partial(_brick, colour=(206, 202, 192), mortar=(150, 146, 138)),

@@ -16,6 +16,7 @@ from bench.render.atlas import build_atlas
 from bench.render.lighting import bake
 from bench.render.noise import building
 from bench.render.surfaces import Surface
+from bench.venue.bare import bare_rooms
 from bench.venue.building import shell
 from bench.venue.decor import decoration
 
@@ -148,13 +149,32 @@ def demo_scene() -> Scene:
     return build_scene(shell() + decoration())
 
 
-def other_building(number: int) -> Scene:
-    """Return a building with the demonstration's rooms and furniture, but other pictures, textures and stains.
-
-    Its corridors look alike too. The demonstration has number 0.
+@dataclass(frozen=True, slots=True)
+class Building:
+    """What is rendered. Each `number` has the demonstration's rooms and furniture, but other pictures, textures and
+    stains, and corridors that look alike too; the demonstration has 0. A building that `is_bare` has white walls
+    (`bench.venue.bare`).
     """
-    with building(number):
-        return build_scene(shell() + decoration())
+
+    number: int = 0
+    is_bare: bool = False
+
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """What is written beside pictures of it; nothing for the demonstration."""
+        number = {"building": self.number} if self.number else {}
+        return {**number, **({"bare": True} if self.is_bare else {})}
+
+
+DEMONSTRATION = Building()
+
+
+def scene_of(made: Building) -> Scene:
+    """Return the scene of a building."""
+    if made == DEMONSTRATION:
+        return demo_scene()
+    with building(made.number):
+        return build_scene(bare_rooms() if made.is_bare else shell() + decoration())
 
 
 @lru_cache(maxsize=1)

@@ -10,6 +10,7 @@ from bench.recordings.scan import VENUE_FRAMES, DemoScan, render_poses
 from bench.recordings.trajectory import VENUE_WALK, scan_poses
 from bench.render.frames import Progress
 from bench.render.raycast import FAST
+from bench.render.scene import Building
 from bench.venue.layout import CORRIDORS
 
 # Rooms by the name that both floors share.
@@ -30,7 +31,7 @@ def is_twin(world_from_camera: Pose) -> bool:
 def render_twin_scan(directory: Path, number: int, workers: int, progress: Progress | None) -> DemoScan:
     """Render the scan of a building's corridors and lobbies, or return at once when the directory holds it."""
     poses = tuple(twin_poses(number))
-    return render_poses(f"twins {number}", poses, directory, workers, progress, number, FAST)
+    return render_poses(f"twins {number}", poses, directory, workers, progress, Building(number), FAST)
 
 
 def render_twin_queries(
@@ -47,5 +48,5 @@ def render_twin_queries(
         seed=number,
         workers=workers,
         progress=progress,
-        building=number,
+        building=Building(number),
     )

@@ -312,6 +312,19 @@ def lamp(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
     return image
 
 
+def socket(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
+    """A white wall socket, or a light switch where the text says so."""
+    image = canvas(rng, w, h, (232, 231, 226))
+    cv2.rectangle(image, (0, 0), (w - 1, h - 1), (176, 175, 170), 1)
+    if text == "switch":
+        cv2.rectangle(image, (w // 5, h // 5), (w - w // 5, h - h // 5), (196, 195, 190), 1)
+        return image
+    cv2.circle(image, (w // 2, h // 2), max(3, round(0.34 * w)), (170, 169, 165), 1, cv2.LINE_AA)
+    for side in (-1, 1):
+        cv2.circle(image, (w // 2 + round(side * 0.14 * w), h // 2), 1, (52, 50, 48), -1, cv2.LINE_AA)
+    return image
+
+
 def outdoors(rng: np.random.Generator, w: int, h: int, text: str) -> Image:
     """Sky, hills and trees as seen through the windows."""
     del text
@@ -363,5 +376,6 @@ PRINTS: dict[str, Printer] = {
     "door": door,
     "vending": vending,
     "lamp": lamp,
+    "socket": socket,
     "outdoors": outdoors,
 }
