@@ -69,7 +69,7 @@ class SiftOptions:
     )
     few_features: int = limit(
         200,
-        "A picture with fewer features is searched again with half the contrast threshold, until it has as many.",
+        "A picture for `sift` with fewer features is searched again with half the contrast threshold.",
         chosen="`roomfix evaluate-bare-rooms --building 1`: 33 of 40 pictures are located; with 0, 150 and 300 "
         "features 4, 27 and 32. Pictures of furnished rooms mostly have more.",
     )
@@ -175,7 +175,8 @@ FULL_SIDE_PX = AKAZE.large_side_px
 class RootSift:
     """SIFT with Hellinger-normalized descriptors, quantized to bytes.
 
-    The longer side of a picture is reduced to `max_side_px`. OpenCV's SIFT doubles its input first, so 400 px give a
+    A picture with fewer than `few_features` features is searched again with lower contrast thresholds. The longer side
+    of a picture is reduced to `max_side_px`. OpenCV's SIFT doubles its input first, so 400 px give a
     first octave of 800 px.
     """
 
@@ -191,8 +192,10 @@ class RootSift:
         max_side_px: int = SIFT.max_side_px,
         name: str = "sift",
         contrast: float = SIFT.contrast,
+        few_features: int = SIFT.few_features,
     ) -> None:
         self.name = name
+        self._few_features = few_features
         self._contrast = contrast
         self._max_side_px = max_side_px
         self._max_features = max_features
@@ -203,7 +206,7 @@ class RootSift:
         contrast = self._contrast
         keypoints, descriptors = self._detect(small, contrast)
         # White walls show little, and what they show is faint.
-        while len(keypoints) < SIFT.few_features and contrast > SIFT.lowest_contrast:
+        while len(keypoints) < self._few_features and contrast > SIFT.lowest_contrast:
             contrast /= 2
             keypoints, descriptors = self._detect(small, contrast)
         if not len(keypoints):
@@ -216,7 +219,8 @@ class RootSift:
     def _detect(self, small: Gray, contrast: float) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.float32]]:
         # A detector object must not be shared between threads; making one takes no time.
         sift = cv2.SIFT.create(self._max_features, contrastThreshold=contrast)
-        return sift.detectAndCompute(small, None)
+        keypoints, descriptors = sift.detectAndCompute(small, None)
+        return keypoints, np.asarray(descriptors, dtype=np.float32)
 
     def for_faint_images(self) -> LocalFeatureExtractor | None:
         """Return RootSIFT at a coarser scale with a lower contrast threshold, None if this one has that already."""
@@ -321,7 +325,8 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
     if name == "sift":
         return RootSift()
     if name == "sift-full":
-        return RootSift(max_side_px=SIFT.full_side_px, name=name)
+        # Structure from motion takes these: with faint features some of its paths were bent.
+        return RootSift(max_side_px=SIFT.full_side_px, name=name, few_features=0)
     if name in ORB_FEATURES:
         return Orb(ORB_FEATURES[name], name)
     if name == "akaze":

@@ -18,7 +18,7 @@ from bench.render.noise import building
 from bench.render.surfaces import Surface
 from bench.venue.bare import bare_rooms
 from bench.venue.building import shell
-from bench.venue.decor import decoration
+from bench.venue.decor import decoration, furniture
 
 Floats = NDArray[np.float64]
 
@@ -153,17 +153,19 @@ def demo_scene() -> Scene:
 class Building:
     """What is rendered. Each `number` has the demonstration's rooms and furniture, but other pictures, textures and
     stains, and corridors that look alike too; the demonstration has 0. A building that `is_bare` has white walls
-    (`bench.venue.bare`).
+    (`bench.venue.bare`), and furniture only where it `is_furnished`; others always have it.
     """
 
     number: int = 0
     is_bare: bool = False
+    is_furnished: bool = False
 
     @property
     def recipe(self) -> dict[str, Any]:
         """What is written beside pictures of it; nothing for the demonstration."""
         number = {"building": self.number} if self.number else {}
-        return {**number, **({"bare": True} if self.is_bare else {})}
+        bare = {"bare": True} if self.is_bare else {}
+        return {**number, **bare, **({"furnished": True} if self.is_furnished else {})}
 
 
 DEMONSTRATION = Building()
@@ -174,7 +176,9 @@ def scene_of(made: Building) -> Scene:
     if made == DEMONSTRATION:
         return demo_scene()
     with building(made.number):
-        return build_scene(bare_rooms() if made.is_bare else shell() + decoration())
+        if not made.is_bare:
+            return build_scene(shell() + decoration())
+        return build_scene(bare_rooms() + (furniture() if made.is_furnished else []))
 
 
 @lru_cache(maxsize=1)

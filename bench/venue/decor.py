@@ -47,14 +47,24 @@ def furniture_of(room: Room) -> list[Box]:
 
 def decoration() -> list[Surface]:
     """Return the surfaces of all furniture and wall decoration."""
-    found = []
-    for room in ROOMS:
-        if room.id != "stair":
-            for k, box in enumerate(furniture_of(room)):
-                found += box.surfaces(room.id, f"{room.seed_key}/f{k}")
-        for k, box in enumerate(_hung(room)):
-            found += box.surfaces(room.id, f"{room.seed_key}/h{k}")
-    return found
+    hung = [
+        surface
+        for room in ROOMS
+        for k, box in enumerate(_hung(room))
+        for surface in box.surfaces(room.id, f"{room.seed_key}/h{k}")
+    ]
+    return furniture() + hung
+
+
+def furniture() -> list[Surface]:
+    """Return the surfaces of all furniture."""
+    return [
+        surface
+        for room in ROOMS
+        if room.id != "stair"
+        for k, box in enumerate(furniture_of(room))
+        for surface in box.surfaces(room.id, f"{room.seed_key}/f{k}")
+    ]
 
 
 def wall_prints(room: Room) -> dict[str, Box]:

@@ -30,6 +30,12 @@ TWIN_PLACES = (
 )
 
 
+PLAIN_PLACES = (
+    "roomfix evaluate-bare-rooms --building 1 --furnished --panoramas 14, and corridors of building 3 that are not in "
+    "the map; docs/figures/bare-rooms.md."
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """What speaks for and against a pose.
@@ -147,6 +153,25 @@ class Limits:
         chosen="By hand, as above.",
     )
 
+    min_clear_cells: int = limit(
+        0,
+        "Fewest agreeing cells of a picture that looks so clearly as the pose says that fewer inliers have to be "
+        "unrepeated; of a second look alone (0: none does).",
+        chosen="By hand, as above.",
+    )
+    max_disagreeing_share_of_clear: float = limit(
+        0.1, "Largest share of the cells of such a picture that do not look so.", chosen=PLAIN_PLACES
+    )
+    min_unrepeated_of_clear: int = limit(
+        25, "Fewest inliers of such a picture that are not repeated.", chosen=PLAIN_PLACES
+    )
+    min_unrepeated_share_of_clear: float = limit(0.3, "Least share of these inliers.", chosen=PLAIN_PLACES)
+    max_similarity_of_clear: float = limit(
+        0.8,
+        "Cosine of global descriptors from which on its place looks like another one.",
+        chosen=PLAIN_PLACES,
+    )
+
     @staticmethod
     def none() -> Limits:
         """Return limits that let every pose pass."""
@@ -257,7 +282,26 @@ def _is_repeated(evidence: Evidence, limits: Limits) -> bool:
     share = evidence.unrepeated_share
     if share is None or evidence.unrepeated is None or limits.min_unrepeated_share == 0.0:
         return False
-    return share < limits.min_unrepeated_share or evidence.unrepeated < evidence.rival
+    least = limits.min_unrepeated_share
+    if _is_clear(evidence, limits):
+        least = min(least, limits.min_unrepeated_share_of_clear)
+    return share < least or evidence.unrepeated < evidence.rival
+
+
+def _is_clear(evidence: Evidence, limits: Limits) -> bool:
+    """Whether the whole picture looks as the pose says, at a place that does not look like another one.
+
+    Edges and corners of plain rooms resemble each other, so that most inliers there are repeated.
+    """
+    found = evidence.agreement
+    if found is None or limits.min_clear_cells == 0 or evidence.unrepeated is None:
+        return False
+    return (
+        found.agreeing >= limits.min_clear_cells
+        and found.disagreeing_share <= limits.max_disagreeing_share_of_clear
+        and evidence.unrepeated >= limits.min_unrepeated_of_clear
+        and evidence.similarity_elsewhere < limits.max_similarity_of_clear
+    )
 
 
 def _may_be_twin(evidence: Evidence, limits: Limits) -> bool:

@@ -58,6 +58,7 @@ def _limits(own: Limits) -> Limits:
         min_unrepeated_of_twin=0,
         max_contradicted_share_of_twin=1.0,
         min_agreeing_cells=OPTIONS.min_agreeing_cells,
+        min_clear_cells=OPTIONS.min_clear_cells,
         max_disagreeing_share=OPTIONS.max_disagreeing_share,
     )
 

@@ -91,6 +91,11 @@ class SecondLookOptions:
     max_disagreeing_share: float = limit(
         0.35, "Largest share of cells that do not, of those that do and do not.", chosen=FITTED
     )
+    min_clear_cells: int = limit(
+        10,
+        "Fewest such cells of a picture with few unrepeated inliers (Limits.min_unrepeated_of_clear).",
+        chosen="roomfix evaluate-bare-rooms --building 1 --furnished --panoramas 14; docs/figures/bare-rooms.md.",
+    )
     max_orientation_sigma_deg: float = limit(
         5.0,
         "Largest standard deviation of the direction, with what the matches leave open of the camera.",
