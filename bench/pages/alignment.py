@@ -11,6 +11,8 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
+from app.errors import RoomfixError
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
@@ -18,8 +20,11 @@ Floats = NDArray[np.float64]
 
 # A hand presses and lets go this far from what it means, in any direction, on a whole pixel of the screen.
 HAND_PX = (1.0, 2.0)
-# How far the wheel zooms in for the last touches.
+# How far from its middle the scan is held to turn it at first, pixels of the screen.
+ARM_PX = 100.0
+# How far the wheel zooms in for the last touches of dragging, and for the clicks of pairs.
 ZOOM = 6.0
+PAIR_ZOOMS = (1.0, 6.0, 12.0)
 # The viewport zooms by exp(0.0015) for each unit that a wheel is turned.
 WHEEL_LOG = 0.0015
 # Sizes that a scan has when a hand begins.
@@ -75,11 +80,10 @@ class Misalignment:
 
 @dataclass(frozen=True, slots=True)
 class Hands:
-    """What came of one person's work: of dragging alone, and of pairs clicked without and with zooming."""
+    """What came of one person's work: of dragging alone, and of pairs, by how far was zoomed in for their clicks."""
 
     dragged: Misalignment
-    paired: Misalignment
-    paired_zoomed: Misalignment
+    paired: dict[float, Misalignment]
 
 
 class AlignPage:
@@ -98,14 +102,14 @@ class AlignPage:
         self._open()
         self.drag_into_place()
         dragged = self._save()
-        results = []
-        for zoom in (1.0, ZOOM):
+        paired = {}
+        for zoom in PAIR_ZOOMS:
             self.store(dragged)
             self._open()
             self.click_pairs(zoom)
-            results.append(misalignment(self._save(), self.site))
+            paired[zoom] = misalignment(self._save(), self.site)
         self.client.close()
-        return Hands(misalignment(dragged, self.site), *results)
+        return Hands(misalignment(dragged, self.site), paired)
 
     def store(self, plan_from_world: Floats) -> None:
         """Let the server have an alignment (2, 3)."""
@@ -120,6 +124,7 @@ class AlignPage:
         """Turn, size and move the scan with the whole plan in view; then again close up."""
         middle, far, opposite = self.site.marks[:3]
         self._turn_parallel(far)
+        self._drag("Move", middle)
         self._type_size(self._compared_size(far, opposite))
         self._drag("Move", middle)
         for _ in range(2):
@@ -163,9 +168,15 @@ class AlignPage:
         self.page.get_by_role("button", name=name, exact=True).click()
 
     def _hand(self, point: Floats) -> tuple[float, float]:
-        """Return the whole pixel that the hand finds for a point of the screen."""
+        """Return the whole pixel that the hand finds for a point of the screen.
+
+        Raises `RoomfixError` where the plan is not shown: nobody can see or hold anything there.
+        """
         angle, length = self.rng.uniform(0, 2 * math.pi), self.rng.uniform(*HAND_PX)
         u, v = np.rint(point + length * np.array([math.cos(angle), math.sin(angle)]))
+        box = self.page.locator("#board").bounding_box()
+        if box is None or not (0 <= u - box["x"] < box["width"] and 0 <= v - box["y"] < box["height"]):
+            raise RoomfixError(f"The hand left the plan: ({u:.0f}, {v:.0f}) is outside {box}.")
         return float(u), float(v)
 
     def _shown(self, world: Floats) -> Floats:
@@ -189,9 +200,13 @@ class AlignPage:
         return np.array([x + width * metres_per_px / 2, y - height * metres_per_px / 2])
 
     def _turn_parallel(self, mark: Floats) -> None:
-        """Drag a mark around the middle until the scan's walls are parallel to those of the plan."""
+        """Drag around the middle of the scan until its walls are parallel to those of the plan.
+
+        The scan is held near its middle: what is far from it may not be in view yet.
+        """
         pivot = self._shown(self._pivot())
-        arm = self._shown(mark) - pivot
+        towards = self._shown(mark) - pivot
+        arm = towards * ARM_PX / np.linalg.norm(towards)
         wanted = self._wanted(mark) - self._wanted(self._pivot())
         turned = _rotation(math.atan2(wanted[1], wanted[0]) - math.atan2(arm[1], arm[0])) @ arm
         self._drag_screen("Turn", pivot + arm, pivot + turned)

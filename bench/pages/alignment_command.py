@@ -18,7 +18,7 @@ from app.commands.console import progress_bars
 from bench.commands.demo import DEFAULT_DIR
 from bench.demo import VENUE, WING_ROOMS, floor_plans
 from bench.figures.shown import FiguresTitle, Shown
-from bench.pages.alignment import ZOOM, AlignPage, Hands, Misalignment, Site, worst
+from bench.pages.alignment import PAIR_ZOOMS, AlignPage, Hands, Misalignment, Site, worst
 from bench.pages.browser import browser_page
 from bench.server_process import server_process
 from bench.venue.layout import room_by_id
@@ -51,8 +51,9 @@ def evaluate_alignment(
     shown = Shown()
     shown.table(_table(hands))
     shown.line(
-        "Largest: the farthest corner of the scanned rooms; mean: over these corners. Pairs are clicked at "
-        f"{len(MARKS_M)} corners, with the whole plan in view and at {ZOOM:.0f} times its size."
+        "Largest: the farthest corner of the scanned rooms; mean: over these corners. The scan begins at any angle, "
+        f"up to {START_SHIFT_M:.0f} m off in x and in y and up to 10 % too large or too small. Pairs are clicked at "
+        f"{len(MARKS_M)} corners of rooms, with the whole plan in view (1) and closer."
     )
     shown.write("evaluate-alignment", figures_title)
 
@@ -92,11 +93,9 @@ def demo_site(address: str) -> Site:
 def _table(hands: list[Hands]) -> Table:
     columns = ("largest m", "mean m", "degrees", "size %")
     table = Table("hand", "how", *columns)
-    rows = {
-        "dragged alone": [each.dragged for each in hands],
-        "pairs, whole plan in view": [each.paired for each in hands],
-        "pairs, zoomed in": [each.paired_zoomed for each in hands],
-    }
+    rows = {"dragged alone": [each.dragged for each in hands]}
+    for zoom in PAIR_ZOOMS:
+        rows[f"pairs, zoomed in {zoom:.0f} times"] = [each.paired[zoom] for each in hands]
     for how, results in rows.items():
         for seed, result in enumerate(results):
             table.add_row(str(seed), how, *_cells(result))

@@ -18,7 +18,7 @@ export class AlignTool {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
     for (const id of FIELDS) {
-      byId(id).addEventListener("input", () => this.typed());
+      byId(id).addEventListener("input", () => this.typed(id));
       byId(id).addEventListener("change", () => this.drop());
     }
     this.history = new History(() => this.changed());
@@ -138,13 +138,20 @@ export class AlignTool {
     if (similarity) this.history.change((all) => Object.assign(all, { similarity, pairs }));
   }
 
-  typed() {
-    const [x, y, degrees, scale] = FIELDS.map((id) => Number(byId(id).value));
-    if (!this.similarity || !(scale > 0)) return;
+  /** Take what was typed into one field; the others show rounded values, which must not be taken for those that are meant. */
+  typed(id) {
+    const { similarity } = this;
+    const value = Number(byId(id).value);
+    if (!similarity || (id === "scale" && !(value > 0))) return;
     // The fields say where the middle of the scan is, which stays when it is turned.
-    const turned = changedAbout(this.similarity, apply(this.similarity, this.centre()), { turn: (degrees * Math.PI) / 180, scale });
-    const [cx, cy] = apply(turned, this.centre());
-    this.similarity = { ...turned, x: turned.x + x - cx, y: turned.y + y - cy };
+    const middle = apply(similarity, this.centre());
+    const changes = {
+      "shift-x": () => ({ ...similarity, x: similarity.x + value - middle[0] }),
+      "shift-y": () => ({ ...similarity, y: similarity.y + value - middle[1] }),
+      turn: () => changedAbout(similarity, middle, { turn: (value * Math.PI) / 180 }),
+      scale: () => changedAbout(similarity, middle, { scale: value }),
+    };
+    this.similarity = changes[id]();
     this.draw(false);
   }
 
@@ -163,6 +170,18 @@ export class AlignTool {
       this.similarity = changedAbout(similarity, middle, { turn: similarity.turn + angle([x, y]) - angle(point) });
     }
     this.draw();
+  }
+
+  /** Put the scan back to where it was before the drag. */
+  cancelDrag() {
+    this.similarity = this.from.similarity;
+    this.draw();
+  }
+
+  key(event) {
+    if (event.key !== "Escape" || !this.half) return false;
+    this.choose("pair");
+    return true;
   }
 
   click(point) {
@@ -227,6 +246,9 @@ export class AlignTool {
         remove.addEventListener("click", () => {
           this.pairs.splice(i, 1);
           this.drop();
+          // The list is drawn anew: the keyboard keeps its place in it.
+          const rest = byId("pairs").querySelectorAll("button");
+          (rest[i] ?? rest[i - 1] ?? byId("align-panel").querySelector("[data-tool=pair]")).focus();
         });
         const words = i === wrong ? `${metres(off[i])} off: this pair contradicts the others` : `${metres(off[i])} off`;
         return el("li", { class: i === wrong ? "wrong" : null }, `${words} `, remove);

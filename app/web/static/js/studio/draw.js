@@ -37,6 +37,10 @@ export class DrawTool {
     byId("remove").addEventListener("click", () => this.remove());
     byId("finish").addEventListener("click", () => this.finish());
     byId("feature-name").addEventListener("change", () => this.rename());
+    // A name is done: the keyboard goes on with the next place.
+    byId("feature-name").addEventListener("keydown", (event) => {
+      if (event.key === "Enter") board.box.focus();
+    });
     byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.saveSurely()).then(() => this.changed()));
     addEventListener("keydown", (event) => this.shortcut(event));
   }
@@ -74,10 +78,26 @@ export class DrawTool {
   }
 
   key(event) {
-    if (event.key === "Escape") this.choose(this.mode);
+    const hasBegun = this.points.length > 0 || this.route !== null || this.chosen !== null;
+    if (event.key === "Escape" && hasBegun) this.dropBegun();
     else if ((event.key === "Delete" || event.key === "Backspace") && this.chosen !== null) this.remove();
     else return false;
     return true;
+  }
+
+  dropBegun() {
+    this.chosen = null;
+    this.choose(this.mode);
+    this.changed();
+  }
+
+  /** Say where the cross is, what it is on, and how much of a line is drawn. */
+  describe(point) {
+    const [x, y] = this.snapped(point).map((value) => value.toFixed(2));
+    const feature = this.features[this.hit(point)];
+    const on = feature ? `, on ${kindOf(feature)} ${feature.properties.name ?? ""}`.trimEnd() : "";
+    const drawn = this.points.length ? ` ${this.points.length} points are drawn.` : "";
+    return `At ${x}, ${y} m${on}.${drawn}`;
   }
 
   click(raw) {
@@ -159,6 +179,11 @@ export class DrawTool {
     const { preview } = this;
     this.preview = null;
     if (preview) this.history.change((all) => all.splice(0, all.length, ...preview));
+  }
+
+  cancelDrag() {
+    this.preview = null;
+    this.draw();
   }
 
   /** Return the vertex that is pressed, and what finds it in a copy: both ends of a closed ring are one. */
