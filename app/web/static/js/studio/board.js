@@ -196,15 +196,21 @@ export class Board {
     this.cross.say(`Let go. ${this.describe(this.metres(this.cross.at))}`);
   }
 
-  /** Put back what is held, or drop what was begun, or else return to where the keyboard was before. */
+  /** Put back what is held, or drop what was begun, or else go back to the tools. */
   escape(event) {
     if (this.held) {
       this.held = false;
       this.tool.cancelDrag?.();
       this.cross.say("Put back.");
-    } else if (!this.tool.key?.(event) && this.before?.checkVisibility()) {
-      this.before.focus();
+    } else if (!this.tool.key?.(event)) {
+      this.leave();
     }
+  }
+
+  /** Give the keyboard to the tool that is chosen; where there are none, to what had it before the plan. */
+  leave() {
+    const tools = document.querySelectorAll('[data-tool][aria-pressed="true"]');
+    [...tools, this.before].find((node) => node?.checkVisibility())?.focus();
   }
 
   /** Return words for where the cross is. */

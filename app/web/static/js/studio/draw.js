@@ -41,7 +41,7 @@ export class DrawTool {
     byId("feature-name").addEventListener("keydown", (event) => {
       if (event.key === "Enter") board.box.focus();
     });
-    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.saveSurely()).then(() => this.changed()));
+    byId("save-features").addEventListener("click", () => this.saved());
     addEventListener("keydown", (event) => this.shortcut(event));
   }
 
@@ -309,6 +309,15 @@ export class DrawTool {
     const rings = coordinates.map((ring) => `M ${ring.map((point) => board.units(point).join(" ")).join(" L ")} Z`).join(" ");
     const label = board.glyph(middle, svg("text", { "text-anchor": "middle" }, feature.properties.name ?? ""));
     return svg("g", {}, svg("path", { d: rings, class: kind, "fill-rule": "evenodd" }), label);
+  }
+
+  /** Save; the button then has nothing to do, and the keyboard goes on to the next view. */
+  async saved() {
+    const button = byId("save-features");
+    await guarded(button, byId("board-error"), () => this.saveSurely());
+    const hadFocus = document.activeElement === button;
+    this.changed();
+    if (hadFocus && button.disabled) byId("next-of-board").focus({ preventScroll: true });
   }
 
   saveSurely() {
