@@ -15,6 +15,10 @@ from tests.web.newcomer import MONITOR, go_the_whole_way
 from tests.web.studio_page import spot
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+# What the whole way takes, as `KeyboardHands` counts, and where that is written down.
+ACTIONS = 283
+PRESSES = 1003
+PAGES = Path(__file__).parents[2] / "docs" / "pages.md"
 # Pixels of the screen that an arrow key moves the cross.
 STEP_PX = 16
 
@@ -33,7 +37,10 @@ def test_the_way_of_a_newcomer_by_keyboard_alone(
 ) -> None:
     """No pointer is used, and no script moves the keyboard; what is stored is the same as by mouse."""
     go_the_whole_way(server, hands, tmp_path)
-    print(hands.actions, hands.presses)
+    assert (hands.actions, hands.presses) == (ACTIONS, PRESSES)
+    words = PAGES.read_text(encoding="utf-8")
+    assert f"**{ACTIONS} actions** by keyboard alone" in words
+    assert f"{PRESSES:,} presses of keys" in words
 
 
 def test_a_place_is_drawn_moved_and_left_by_keyboard(hands: KeyboardHands, server: Server) -> None:
@@ -136,3 +143,18 @@ def test_the_way_past_the_navigation_keeps_the_view(hands: KeyboardHands) -> Non
     hands.key("Enter")
     playwright.expect(page.locator("#content")).to_be_focused()
     assert page.evaluate("() => location.hash") == "#keys"
+
+
+def test_who_would_click_pairs_too_far_out_is_told_to_zoom_in(hands: KeyboardHands) -> None:
+    page, words = hands.page, hands.page.locator("#pair-words")
+    page.set_viewport_size({"width": 320, "height": 568})
+    hands.visit("Align")
+    playwright.expect(page.locator("#board-svg image.scan")).to_be_visible()
+    hands.press("Add a pair")
+    for _ in range(3):
+        hands.key("-")
+    playwright.expect(words).to_contain_text("Zoom in first: here a pixel of the screen is")
+    for _ in range(12):
+        hands.key("+")
+    playwright.expect(words).not_to_contain_text("Zoom in first")
+    playwright.expect(words).to_contain_text("Click a point of the scan")

@@ -10,6 +10,8 @@ import { ScanPoints } from "./scan-image.js";
 import { apply, changedAbout, fit, fromMatrix, invert, outlier, residuals, toMatrix } from "./similarity.js";
 
 const FIELDS = ["shift-x", "shift-y", "turn", "scale"];
+// A click misses by a pixel or two of the screen: where one is more than this, pairs are worse than dragging.
+const COARSE_PIXEL_M = 0.02;
 
 export class AlignTool {
   constructor(board, floors, onStored) {
@@ -113,14 +115,25 @@ export class AlignTool {
     const words = {
       move: "Drag the scan to where it belongs.",
       turn: "Drag around the middle of the scan to turn it.",
-      pair: "Click a point of the scan, then the same point of the plan. Three pairs far apart are good.",
+      pair: this.pairWords(),
     };
     this.say(words[mode]);
     this.draw();
   }
 
+  pairWords() {
+    const pixel = this.board.metresPerPx;
+    const closer = pixel > COARSE_PIXEL_M ? `Zoom in first: here a pixel of the screen is ${metres(pixel)}. ` : "";
+    return `${closer}Click a point of the scan, then the same point of the plan. Three pairs far apart are good.`;
+  }
+
+  rescaled() {
+    if (this.mode === "pair" && !this.half && !this.pairs.length) this.say(this.pairWords());
+  }
+
   say(sentence) {
-    byId("pair-words").textContent = sentence;
+    // The same sentence again would be read out again.
+    if (byId("pair-words").textContent !== sentence) byId("pair-words").textContent = sentence;
   }
 
   /** Take what history has: the same as before, or what was undone or done again. */
