@@ -35,6 +35,8 @@ COMMANDS = {
     "trace-query": "bench.commands.trace_query:trace_query",
     "large-maps": "bench.large_maps.command:large_maps",
     "evaluate-phone-page": "bench.pages.command:evaluate_phone_page",
+    "evaluate-alignment": "bench.pages.alignment_command:evaluate_alignment",
+    "measure-plan-drawing": "bench.pages.drawing_command:measure_plan_drawing",
     "stream-bench": "bench.commands.stream_bench:stream_bench",
     "overload": "bench.overload.command:overload",
     "shared-builds": "bench.sharing.command:shared_builds",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from app.geometry.plan import plan_position
 from bench.demo import VENUE, floor_plans
+from bench.pages.browser import browser_page
 from bench.recordings.phone_walk import DESTINATION, FPS, PhoneWalk
 
 if TYPE_CHECKING:
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 # Width and height at which a sent picture is compared with the walk's frames.
 TINY_PX = (32, 24)
 FLAGS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
     "--use-fake-ui-for-media-stream",
     "--use-fake-device-for-media-stream",
 )
@@ -88,14 +85,9 @@ class PhonePageReport:
 @contextmanager
 def phone_page(walk: PhoneWalk) -> Iterator[Page]:
     """Open a browser of a phone's size whose camera shows the walk; yields its page."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as driver:
-        chromium = os.environ.get("CHROMIUM", "/usr/bin/chromium")
-        flags = [*FLAGS, f"--use-file-for-fake-video-capture={walk.video}"]
-        browser = driver.chromium.launch(executable_path=chromium, args=flags)
-        yield browser.new_context(viewport={"width": 390, "height": 780}).new_page()
-        browser.close()
+    flags = [*FLAGS, f"--use-file-for-fake-video-capture={walk.video}"]
+    with browser_page(*flags, width=390, height=780) as page:
+        yield page
 
 
 def record_walk(page: Page, address: str, walk: PhoneWalk, picture: Path | None = None) -> Record:

@@ -76,6 +76,22 @@ class Hands:
         self.page.keyboard.press(name)
         self.actions += 1
 
+    def leave_field(self) -> None:
+        """Leave a field, so that what is typed counts."""
+        self.key("Tab")
+
+    def finish(self) -> None:
+        """End a line or an area."""
+        self.press("Finish")
+
+    def undo(self) -> None:
+        """Take the last change back."""
+        self.press("Undo")
+
+    def redo(self) -> None:
+        """Make it again."""
+        self.press("Redo")
+
     def choose(self, target: Any, value: str) -> None:
         """Open a list, and choose from it: two actions."""
         target.select_option(value)

@@ -53,9 +53,13 @@ setUpFloors();
 setUpKeys();
 onVenueChange(showView);
 addEventListener("hashchange", () => {
-  if (location.hash === "#content") return;
   showView();
   scrollTo(0, 0);
+});
+// The fragment stays that of the view.
+document.querySelector(".skip").addEventListener("click", (event) => {
+  event.preventDefault();
+  byId("content").focus();
 });
 showView();
 loadVenues().catch((error) => showError(byId("page-error"), error));

@@ -10,6 +10,8 @@ import { ScanPoints } from "./scan-image.js";
 import { apply, changedAbout, fit, fromMatrix, invert, outlier, residuals, toMatrix } from "./similarity.js";
 
 const FIELDS = ["shift-x", "shift-y", "turn", "scale"];
+// A click misses by a pixel or two of the screen: where one is more than this, pairs are worse than dragging.
+const COARSE_PIXEL_M = 0.02;
 
 export class AlignTool {
   constructor(board, floors, onStored) {
@@ -18,7 +20,7 @@ export class AlignTool {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
     for (const id of FIELDS) {
-      byId(id).addEventListener("input", () => this.typed());
+      byId(id).addEventListener("input", () => this.typed(id));
       byId(id).addEventListener("change", () => this.drop());
     }
     this.history = new History(() => this.changed());
@@ -113,14 +115,25 @@ export class AlignTool {
     const words = {
       move: "Drag the scan to where it belongs.",
       turn: "Drag around the middle of the scan to turn it.",
-      pair: "Click a point of the scan, then the same point of the plan. Three pairs far apart are good.",
+      pair: this.pairWords(),
     };
     this.say(words[mode]);
     this.draw();
   }
 
+  pairWords() {
+    const pixel = this.board.metresPerPx;
+    const closer = pixel > COARSE_PIXEL_M ? `Zoom in first: here a pixel of the screen is ${metres(pixel)}. ` : "";
+    return `${closer}Click a point of the scan, then the same point of the plan. Three pairs far apart are good.`;
+  }
+
+  rescaled() {
+    if (this.mode === "pair" && !this.half && !this.pairs.length) this.say(this.pairWords());
+  }
+
   say(sentence) {
-    byId("pair-words").textContent = sentence;
+    // The same sentence again would be read out again.
+    if (byId("pair-words").textContent !== sentence) byId("pair-words").textContent = sentence;
   }
 
   /** Take what history has: the same as before, or what was undone or done again. */
@@ -138,13 +151,20 @@ export class AlignTool {
     if (similarity) this.history.change((all) => Object.assign(all, { similarity, pairs }));
   }
 
-  typed() {
-    const [x, y, degrees, scale] = FIELDS.map((id) => Number(byId(id).value));
-    if (!this.similarity || !(scale > 0)) return;
+  /** Take what was typed into one field; the others show rounded values, which must not be taken for those that are meant. */
+  typed(id) {
+    const { similarity } = this;
+    const value = Number(byId(id).value);
+    if (!similarity || (id === "scale" && !(value > 0))) return;
     // The fields say where the middle of the scan is, which stays when it is turned.
-    const turned = changedAbout(this.similarity, apply(this.similarity, this.centre()), { turn: (degrees * Math.PI) / 180, scale });
-    const [cx, cy] = apply(turned, this.centre());
-    this.similarity = { ...turned, x: turned.x + x - cx, y: turned.y + y - cy };
+    const middle = apply(similarity, this.centre());
+    const changes = {
+      "shift-x": () => ({ ...similarity, x: similarity.x + value - middle[0] }),
+      "shift-y": () => ({ ...similarity, y: similarity.y + value - middle[1] }),
+      turn: () => changedAbout(similarity, middle, { turn: (value * Math.PI) / 180 }),
+      scale: () => changedAbout(similarity, middle, { scale: value }),
+    };
+    this.similarity = changes[id]();
     this.draw(false);
   }
 
@@ -163,6 +183,18 @@ export class AlignTool {
       this.similarity = changedAbout(similarity, middle, { turn: similarity.turn + angle([x, y]) - angle(point) });
     }
     this.draw();
+  }
+
+  /** Put the scan back to where it was before the drag. */
+  cancelDrag() {
+    this.similarity = this.from.similarity;
+    this.draw();
+  }
+
+  key(event) {
+    if (event.key !== "Escape" || !this.half) return false;
+    this.choose("pair");
+    return true;
   }
 
   click(point) {
@@ -227,6 +259,9 @@ export class AlignTool {
         remove.addEventListener("click", () => {
           this.pairs.splice(i, 1);
           this.drop();
+          // The list is drawn anew: the keyboard keeps its place in it.
+          const rest = byId("pairs").querySelectorAll("button");
+          (rest[i] ?? rest[i - 1] ?? byId("align-panel").querySelector("[data-tool=pair]")).focus();
         });
         const words = i === wrong ? `${metres(off[i])} off: this pair contradicts the others` : `${metres(off[i])} off`;
         return el("li", { class: i === wrong ? "wrong" : null }, `${words} `, remove);

@@ -2,13 +2,13 @@
 
 import { byId, svg } from "../dom.js";
 import { Viewport } from "../viewport.js";
+import { Cross } from "./cross.js";
 import { placeLabels } from "./labels.js";
 
 // Metres of a unit where there is no plan image.
 const GRID_M = 0.02;
 // A press that moves less than this is a click.
 const CLICK_PX = 5;
-const CROSS_STEP_PX = 16;
 
 export class Board {
   constructor() {
@@ -16,12 +16,20 @@ export class Board {
     this.box = byId("board");
     this.ground = svg("g");
     this.layer = svg("g");
-    this.cross = svg("path", { class: "cross", visibility: "hidden" });
-    this.svg.append(this.ground, this.layer, this.cross);
+    this.cross = new Cross(this.box, byId("board-says"), {
+      unitsPerPx: () => this.viewport.unitsPerPx,
+      middle: () => (this.tool?.click ? [this.viewport.view.x, this.viewport.view.y] : null),
+      limit: (point) => point,
+      describe: (point) => this.describe(this.metres(point)),
+    });
+    this.svg.append(this.ground, this.layer, this.cross.node);
     this.viewport = new Viewport(this.svg, this.box, () => this.rescaled());
     this.frame = { metersPerUnit: GRID_M, origin: [0, 0] };
     this.tool = null;
-    this.crossAt = null;
+    // Whether the keyboard holds what the cross took hold of.
+    this.held = false;
+    // What had the keyboard before the plan.
+    this.before = null;
     this.glyphs = [];
     this.labelling = null;
     new MutationObserver(() => this.label()).observe(this.layer, { childList: true });
@@ -30,7 +38,10 @@ export class Board {
     this.box.addEventListener("pointermove", (event) => this.pull(event), true);
     this.box.addEventListener("pointerup", (event) => this.release(event), true);
     this.box.addEventListener("keydown", (event) => this.key(event), true);
-    this.box.addEventListener("blur", () => this.cross.setAttribute("visibility", "hidden"));
+    this.box.addEventListener("focus", (event) => {
+      this.before = event.relatedTarget ?? this.before;
+    });
+    this.box.addEventListener("blur", () => this.letGo());
   }
 
   /** Show an image in this frame: `{url, width, height, metersPerPixel, origin}`, or with `tiles` for `url`; null
@@ -39,7 +50,7 @@ export class Board {
     this.frame = image ? { metersPerUnit: image.metersPerPixel, origin: image.origin } : { metersPerUnit: GRID_M, origin: [0, 0] };
     this.ground.replaceChildren();
     this.layer.replaceChildren();
-    this.crossAt = null;
+    this.cross.forget();
     if (image) {
       const size = { x: -0.5, y: -0.5, width: image.width, height: image.height };
       this.ground.append(image.tiles ? image.tiles.node : svg("image", { href: image.url, ...size }));
@@ -49,10 +60,12 @@ export class Board {
     }
   }
 
-  /** Use a tool: it may have `click(xy, event)`, `dragStart(xy)` that returns whether it takes the drag, and `drag(xy)`. */
+  /** Use a tool: it may have `click(xy, event)`; `dragStart(xy)` that returns whether it takes the drag, then `drag(xy)` and
+   * in the end `drop()` or `cancelDrag()`; `key(event)` that returns whether it took a key; `describe(xy)` for the cross. */
   use(tool) {
     this.tool?.leave?.();
     this.tool = tool;
+    this.held = false;
     this.layer.replaceChildren();
     this.glyphs = [];
     tool?.draw?.();
@@ -89,7 +102,7 @@ export class Board {
 
   rescaled() {
     for (const { node, point } of this.glyphs ?? []) this.place(node, point);
-    if (this.crossAt) this.drawCross();
+    if (this.cross.at && document.activeElement === this.box) this.cross.begin();
     this.label();
     this.tool?.rescaled?.();
   }
@@ -145,28 +158,64 @@ export class Board {
 
   key(event) {
     if (event.target !== this.box || !this.tool?.click) return;
-    const step = (event.shiftKey ? 5 : 1) * CROSS_STEP_PX * this.viewport.unitsPerPx;
-    const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
-    const move = moves[event.key];
-    if (move) {
-      this.crossAt ??= [this.viewport.view.x, this.viewport.view.y];
-      this.crossAt = this.crossAt.map((value, i) => value + move[i]);
-      this.viewport.reveal(...this.crossAt);
-      this.viewport.setFocus(this.crossAt);
-      this.drawCross();
-    } else if (event.key === "Enter" && this.crossAt) {
-      this.tool.click(this.metres(this.crossAt), event);
-    } else if (!this.tool.key?.(event)) {
-      return;
-    }
+    if (this.cross.move(event)) this.crossMoved();
+    else if (event.key === "Enter" && this.held) this.letGo();
+    else if (event.key === "Enter") this.clickCross(event);
+    else if (event.key === " ") this.hold();
+    else if (event.key === "Escape") this.escape(event);
+    else if (!this.tool.key?.(event)) return;
     event.preventDefault();
     event.stopPropagation();
   }
 
-  drawCross() {
-    const [u, v] = this.crossAt;
-    const arm = 14 * this.viewport.unitsPerPx;
-    this.cross.setAttribute("d", `M ${u - arm} ${v} H ${u + arm} M ${u} ${v - arm} V ${v + arm}`);
-    this.cross.setAttribute("visibility", "visible");
+  crossMoved() {
+    const { at } = this.cross;
+    this.viewport.reveal(...at);
+    this.viewport.setFocus(at);
+    if (this.held) this.tool.drag(this.metres(at));
+  }
+
+  clickCross(event) {
+    const point = this.metres(this.cross.begin());
+    this.tool.click(point, event);
+    // The tool may have moved the keyboard on, such as to the name of what is new.
+    if (document.activeElement === this.box) this.cross.say(`Clicked. ${this.describe(point)}`);
+  }
+
+  /** Take hold of what lies under the cross, as a pressed mouse does; or let it go. */
+  hold() {
+    if (this.held) return this.letGo();
+    this.held = this.tool.dragStart?.(this.metres(this.cross.begin())) ?? false;
+    return this.cross.say(this.held ? "Held: arrow keys move it, Space lets it go, Escape puts it back." : "There is nothing to take hold of here.");
+  }
+
+  letGo() {
+    if (!this.held) return;
+    this.held = false;
+    this.tool.drop?.();
+    this.cross.say(`Let go. ${this.describe(this.metres(this.cross.at))}`);
+  }
+
+  /** Put back what is held, or drop what was begun, or else go back to the tools. */
+  escape(event) {
+    if (this.held) {
+      this.held = false;
+      this.tool.cancelDrag?.();
+      this.cross.say("Put back.");
+    } else if (!this.tool.key?.(event)) {
+      this.leave();
+    }
+  }
+
+  /** Give the keyboard to the tool that is chosen; where there are none, to what had it before the plan. */
+  leave() {
+    const tools = document.querySelectorAll('[data-tool][aria-pressed="true"]');
+    [...tools, this.before].find((node) => node?.checkVisibility())?.focus();
+  }
+
+  /** Return words for where the cross is. */
+  describe(point) {
+    const [x, y] = point.map((value) => value.toFixed(2));
+    return this.tool?.describe?.(point) ?? `At ${x}, ${y} m.`;
   }
 }

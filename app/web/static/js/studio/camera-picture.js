@@ -4,13 +4,22 @@ import { path, request } from "../api.js";
 import { byId, svg } from "../dom.js";
 import { seconds } from "../words.js";
 import { cornersOf, statedWidth } from "./camera-form.js";
+import { Cross } from "./cross.js";
 
 export class CameraPicture {
   /** `onRegion` gets the corners of a place as text, in pixels of what the intrinsics are for. */
   constructor(onRegion) {
     Object.assign(this, { onRegion, blob: null, frame: null, first: null, asked: 0, form: null });
     byId("camera-picture").addEventListener("change", () => this.file());
-    byId("picture").addEventListener("click", (event) => this.corner(event));
+    const picture = byId("picture");
+    picture.addEventListener("click", (event) => this.clicked(event));
+    picture.addEventListener("keydown", (event) => this.key(event));
+    this.cross = new Cross(picture, byId("picture-says"), {
+      unitsPerPx: () => 1 / picture.getScreenCTM().a,
+      middle: () => this.image && [this.image.naturalWidth / 2, this.image.naturalHeight / 2],
+      limit: ([u, v]) => [Math.min(Math.max(u, 0), this.image.naturalWidth - 1), Math.min(Math.max(v, 0), this.image.naturalHeight - 1)],
+      describe: ([u, v]) => `At ${Math.round(u / this.scale)}, ${Math.round(v / this.scale)}.`,
+    });
   }
 
   clear() {
@@ -47,6 +56,7 @@ export class CameraPicture {
   async use(blob) {
     if (this.image) URL.revokeObjectURL(this.image.src);
     Object.assign(this, { blob, frame: null, first: null, image: null });
+    this.cross.forget();
     if (blob) {
       const image = new Image();
       image.src = URL.createObjectURL(blob);
@@ -68,9 +78,21 @@ export class CameraPicture {
     return width ? this.image.naturalWidth / width : 1;
   }
 
-  corner(event) {
+  clicked(event) {
     const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(byId("picture").getScreenCTM().inverse());
-    const corner = [x / this.scale, y / this.scale].map(Math.round);
+    this.corner([x, y]);
+  }
+
+  key(event) {
+    if (event.key === "Enter" && this.image) this.corner(this.cross.begin());
+    else if (event.key === "Escape" && this.first) this.first = null;
+    else if (!this.cross.move(event)) return;
+    event.preventDefault();
+    this.draw();
+  }
+
+  corner(point) {
+    const corner = point.map((value) => Math.round(value / this.scale));
     if (this.first) {
       const region = [...this.first, ...corner].join(", ");
       this.first = null;
@@ -100,6 +122,7 @@ export class CameraPicture {
       shapes.push(svg("rect", { x: Math.min(a, c), y: Math.min(b, d), width: Math.abs(c - a), height: Math.abs(d - b), class: "region" }));
     }
     if (this.first) shapes.push(svg("circle", { cx: this.first[0] * scale, cy: this.first[1] * scale, r: width / 150, class: "pin" }));
+    shapes.push(this.cross.node);
     byId("picture").setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
     byId("picture").replaceChildren(...shapes);
   }

@@ -37,7 +37,11 @@ export class DrawTool {
     byId("remove").addEventListener("click", () => this.remove());
     byId("finish").addEventListener("click", () => this.finish());
     byId("feature-name").addEventListener("change", () => this.rename());
-    byId("save-features").addEventListener("click", (event) => guarded(event.target, byId("board-error"), () => this.saveSurely()).then(() => this.changed()));
+    // A name is done: the keyboard goes on with the next place.
+    byId("feature-name").addEventListener("keydown", (event) => {
+      if (event.key === "Enter") board.box.focus();
+    });
+    byId("save-features").addEventListener("click", () => this.saved());
     addEventListener("keydown", (event) => this.shortcut(event));
   }
 
@@ -74,10 +78,26 @@ export class DrawTool {
   }
 
   key(event) {
-    if (event.key === "Escape") this.choose(this.mode);
+    const hasBegun = this.points.length > 0 || this.route !== null || this.chosen !== null;
+    if (event.key === "Escape" && hasBegun) this.dropBegun();
     else if ((event.key === "Delete" || event.key === "Backspace") && this.chosen !== null) this.remove();
     else return false;
     return true;
+  }
+
+  dropBegun() {
+    this.chosen = null;
+    this.choose(this.mode);
+    this.changed();
+  }
+
+  /** Say where the cross is, what it is on, and how much of a line is drawn. */
+  describe(point) {
+    const [x, y] = this.snapped(point).map((value) => value.toFixed(2));
+    const feature = this.features[this.hit(point)];
+    const on = feature ? `, on ${kindOf(feature)} ${feature.properties.name ?? ""}`.trimEnd() : "";
+    const drawn = this.points.length ? ` ${this.points.length} points are drawn.` : "";
+    return `At ${x}, ${y} m${on}.${drawn}`;
   }
 
   click(raw) {
@@ -159,6 +179,11 @@ export class DrawTool {
     const { preview } = this;
     this.preview = null;
     if (preview) this.history.change((all) => all.splice(0, all.length, ...preview));
+  }
+
+  cancelDrag() {
+    this.preview = null;
+    this.draw();
   }
 
   /** Return the vertex that is pressed, and what finds it in a copy: both ends of a closed ring are one. */
@@ -284,6 +309,15 @@ export class DrawTool {
     const rings = coordinates.map((ring) => `M ${ring.map((point) => board.units(point).join(" ")).join(" L ")} Z`).join(" ");
     const label = board.glyph(middle, svg("text", { "text-anchor": "middle" }, feature.properties.name ?? ""));
     return svg("g", {}, svg("path", { d: rings, class: kind, "fill-rule": "evenodd" }), label);
+  }
+
+  /** Save; the button then has nothing to do, and the keyboard goes on to the next view. */
+  async saved() {
+    const button = byId("save-features");
+    await guarded(button, byId("board-error"), () => this.saveSurely());
+    const hadFocus = document.activeElement === button;
+    this.changed();
+    if (hadFocus && button.disabled) byId("next-of-board").focus({ preventScroll: true });
   }
 
   saveSurely() {

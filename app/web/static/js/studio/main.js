@@ -25,6 +25,8 @@ const BOARD_VIEWS = {
   phones: ["Live phones", "Phones whose owners agreed to be shown, crosses where they could not be located, and where the map locates one.", "phones-panel"],
 };
 const VIEWS = ["start", "scan", ...Object.keys(BOARD_VIEWS), "try", "share"];
+// View with the board -> the view that the link below its panel leads to.
+const NEXT = { plan: "align", align: "draw", draw: "cameras", cameras: "try", phones: "share" };
 
 const board = new Board();
 const stored = () => {};
@@ -48,6 +50,12 @@ function currentView() {
   return VIEWS.includes(name) ? name : "start";
 }
 
+/** Let the keyboard go on, and screen readers read on, from the title of the view. */
+function focusView() {
+  const view = currentView();
+  byId(view in BOARD_VIEWS ? "title-board" : `title-${view}`).focus({ preventScroll: true });
+}
+
 async function showView() {
   viewTurn();
   const view = currentView();
@@ -65,6 +73,8 @@ async function showView() {
   else if (view === "share") await showShare();
   else if (onBoard) {
     [byId("title-board").textContent, byId("board-lead").textContent] = BOARD_VIEWS[view];
+    const next = document.querySelector(`.bar nav a[href="#${NEXT[view]}"]`);
+    Object.assign(byId("next-of-board"), { href: next.hash, textContent: `Next: ${next.textContent}` });
     board.viewport.fit();
     await beginTool();
   }
@@ -126,8 +136,17 @@ byId("film-scan").addEventListener("click", () => {
 });
 onVenueChange(venueChanged);
 addEventListener("hashchange", () => {
-  if (location.hash === "#content") return;
   showView().catch((error) => showError(byId("page-error"), error));
+  focusView();
   scrollTo(0, 0);
+});
+// The fragment stays that of the view.
+document.querySelector(".skip").addEventListener("click", (event) => {
+  event.preventDefault();
+  focusView();
+});
+// Enter or Space at a tool, of which no pointer tells a number of clicks, goes on to the plan, where the tool is used.
+byId("view-board").addEventListener("click", (event) => {
+  if (event.detail === 0 && event.target.closest("[data-tool]")) board.box.focus();
 });
 loadVenues().catch((error) => showError(byId("page-error"), error));

@@ -16,10 +16,7 @@ export class PlanTool {
     });
     byId("plan-page").addEventListener("change", () => this.choose(byId("plan-image").files[0]));
     byId("distance").addEventListener("input", () => this.say());
-    byId("scale-again").addEventListener("click", () => {
-      this.ends = [];
-      this.draw();
-    });
+    byId("scale-again").addEventListener("click", () => this.again());
     byId("plan-panel").addEventListener("submit", (event) => {
       event.preventDefault();
       guarded(byId("save-plan"), byId("board-error"), () => surely(floors, () => this.save()));
@@ -78,6 +75,23 @@ export class PlanTool {
     form.set("page", byId("plan-page").value || "1");
     const response = await request(this.floors.path("plan", "picture"), { method: "POST", form });
     return new File([await response.blob()], `${file.name}.png`, { type: "image/png" });
+  }
+
+  again() {
+    this.ends = [];
+    this.draw();
+  }
+
+  key(event) {
+    if (event.key !== "Escape" || !this.ends.length) return false;
+    this.again();
+    return true;
+  }
+
+  /** The scale is not known yet: places are pixels. */
+  describe(point) {
+    const [u, v] = this.board.units(point).map(Math.round);
+    return `At pixel ${u}, ${v} of the plan.`;
   }
 
   click(point) {
