@@ -95,7 +95,10 @@ export class Guide {
   here({ plan, accuracy }) {
     this.state("located");
     const name = plan.area_name ?? null;
-    const words = name ? say("here.area", { area: name }) : say("here");
+    // What is shown is not where they are.
+    const elsewhere = this.plan.otherFloor;
+    const here = name ? say("here.area", { area: name }) : say("here");
+    const words = elsewhere === null ? here : say("here.floor", { floor: elsewhere });
     const parts = [];
     if (plan.nearest_landmark_name) parts.push(say("here.near", { landmark: plan.nearest_landmark_name }));
     if (accuracy) parts.push(say("here.more", { metres: accuracy.position_m.toLocaleString(language(), { maximumFractionDigits: 2 }) }));
