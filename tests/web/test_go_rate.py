@@ -73,7 +73,7 @@ def test_as_many_frames_are_sent_as_are_answered_and_no_queue_grows(server: Serv
     # Slow answers: each lets one more frame go.
     for number in range(1, 6):
         answers.release()
-        answers.wait_until(lambda sent=MAX_UNANSWERED + number: len(answers.frames) == sent)
+        answers.wait_until(lambda: answers.unanswered == MAX_UNANSWERED)
         let_film_run(page)
         assert len(answers.frames) == MAX_UNANSWERED + number
     # Fast answers: frames go by themselves, but no more than ten a second.
