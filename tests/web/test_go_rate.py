@@ -141,6 +141,18 @@ def test_frames_get_smaller_while_they_wait_to_be_sent_and_larger_again(server: 
     assert wire.opened == 1
 
 
+def test_an_accuracy_is_never_said_to_be_nothing(server: Server, phone: Tab) -> None:
+    go(server, phone, query="?language=de")
+    playwright.expect(phone.page.locator("#start-camera")).to_have_text("Zeig mir, wo ich bin")
+    said = phone.page.evaluate(
+        """async () => {
+            const { accuracyWords } = await import("/assets/js/go/guide.js");
+            return [0, 0.004, 0.03, 1.257].map(accuracyWords);
+        }"""
+    )
+    assert said == ["0,01", "0,01", "0,03", "1,26"]
+
+
 def width_of(jpeg: bytes) -> int:
     return int(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape[1])
 

@@ -9,6 +9,12 @@ import { knows, language, metres, say } from "./words.js";
 const PATIENCE_MS = 1500;
 // A step nearer than this is said again, since it is to be done now.
 const NOW_M = 2;
+const LEAST_ACCURACY_M = 0.01;
+
+/** Return an accuracy in metres for people: never 0, which nothing is. */
+export function accuracyWords(accuracyM) {
+  return Math.max(accuracyM, LEAST_ACCURACY_M).toLocaleString(language(), { maximumFractionDigits: 2 });
+}
 
 export class Guide {
   constructor(venue, plan, voice) {
@@ -101,7 +107,7 @@ export class Guide {
     const words = elsewhere === null ? here : say("here.floor", { floor: elsewhere });
     const parts = [];
     if (plan.nearest_landmark_name) parts.push(say("here.near", { landmark: plan.nearest_landmark_name }));
-    if (accuracy) parts.push(say("here.more", { metres: accuracy.position_m.toLocaleString(language(), { maximumFractionDigits: 2 }) }));
+    if (accuracy) parts.push(say("here.more", { metres: accuracyWords(accuracy.position_m) }));
     if (this.simulated) parts.push(say("simulated"));
     this.show(words, parts.join(" · "));
   }
