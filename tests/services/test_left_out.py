@@ -9,9 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
+from app.engine.mapping.structure.chosen import choose_pictures
+from app.engine.progress import NoProgress
 from app.geometry.camera_hint import hint_of
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
+from app.importers.unposed.scan import UnposedScan
 from app.services.builds.left_out import OPTIONS, left_out_frames
 from app.vision.images import decode_image
 from tests import scenes
@@ -95,3 +98,24 @@ def test_frames_without_a_file_of_their_name_bring_their_own(scan: Scan, tmp_pat
     # Where times only give the order, none is told.
     (found,) = left_out_frames(replace(video, has_times=False), {"unconnected": [lost.name]}, None)
     assert found.time_s is None
+
+
+def test_photos_that_are_not_used_are_shown(tmp_path: Path, views: list[scenes.View]) -> None:
+    photos = {f"{row}.png": views[row].png() for row in range(4)}
+    photos["black.png"] = scenes.encode(np.zeros((240, 320, 3), np.uint8), ".png")
+    photos["broken.png"] = views[4].png()[:-5000]
+    photos["small.png"] = scenes.encode(
+        cv2.resize(views[5].rgb, (160, 120))[..., ::-1].astype(np.uint8), ".png"
+    )
+    for name, data in photos.items():
+        (tmp_path / name).write_bytes(data)
+    unposed = UnposedScan(format="images", photos=tuple(sorted(tmp_path.iterdir())), scratch=tmp_path)
+    scan = choose_pictures(unposed, (), 3, NoProgress()).scan
+    found = {frame.name: frame for frame in left_out_frames(scan, scan.discarded, None)}
+    assert {name: frame.reason for name, frame in found.items()} == {
+        "black.png": "poor_image",
+        "small.png": "other_size",
+    }
+    # Photos have no times, only an order.
+    assert {frame.time_s for frame in found.values()} == {None}
+    assert scan.discarded["unreadable_file"] == ("broken.png",)

@@ -13,7 +13,7 @@ from tests import scenes
 from tests.built_maps import publish
 from tests.faulty_scan import BLURRED, WITHOUT_DEPTH, faulty_scan
 from tests.server import QUICK
-from tests.web.live import Server, Tab, live_server
+from tests.web.live import KEY, Server, Tab, live_server
 from tests.web.pictures import keep_picture
 from tests.web.studio_page import open_studio, visit
 
@@ -110,6 +110,30 @@ def test_a_picture_that_the_store_has_lost_is_not_a_broken_image(browser: Any, s
         playwright.expect(report.locator(".strip li")).to_have_count(6 + len(BLURRED))
         playwright.expect(report.locator(".strip img")).to_have_count(5 + len(BLURRED))
         studio.complaints[:] = [each for each in studio.complaints if "ERR_FAILED" not in each]
+
+
+@pytest.mark.parametrize(
+    ("language", "heading", "words"),
+    [
+        ("en", "Record a scan of House", ["Not connected with the others: 7. Film", "Blurred: 2. Move", "A warning"]),
+        ("de", "House aufnehmen", ["Nicht mit den anderen verbunden: 7. Filmen", "Verwischt: 2. Gehen", "A warning"]),
+    ],
+)  # fmt: skip
+def test_whoever_films_is_told_in_their_language(
+    server: Server, tab: Tab, language: str, heading: str, words: list[str]
+) -> None:
+    tab.open(f"{server.url}/record/house?language={language}#token={KEY}")
+    playwright.expect(tab.page.get_by_role("heading").first).to_have_text(heading)
+    # What the server answers of a build that has left frames out; a reason of a later server is passed over.
+    tab.page.evaluate(
+        """async () => {
+            const { showEnd } = await import("/assets/js/record/build.js");
+            const left_out = { unconnected: 7, blurred: 2, poor_image: 0, of_tomorrow: 3 };
+            showEnd({ state: "succeeded", warnings: ["A warning"], camera: null, left_out }, null, () => {});
+        }"""
+    )
+    playwright.expect(tab.page.locator("#warnings li")).to_contain_text(words)
+    assert tab.page.locator("#warnings li").count() == len(words)
 
 
 def test_the_report_fits_a_small_phone(studio: Tab, tmp_path: Path) -> None:
