@@ -18,6 +18,7 @@ from tests.web.pictures import keep_picture
 from tests.web.studio_page import open_studio, visit
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
 OPTIONS = {**QUICK, "camera": scenes.CAMERA_TEXT}
 # A file name that a page must not take for markup.
 MARKUP = "<b>2</b>"
@@ -136,10 +137,14 @@ def test_whoever_films_is_told_in_their_language(
     assert tab.page.locator("#warnings li").count() == len(words)
 
 
-def test_the_report_fits_a_small_phone(studio: Tab, tmp_path: Path) -> None:
+def test_the_report_is_accessible_and_fits_a_small_phone(studio: Tab, tmp_path: Path) -> None:
     page = studio.page
     page.set_viewport_size({"width": 320, "height": 568})
     report = report_on(page, "house")
     playwright.expect(report.locator(".strip img").last).to_have_attribute("src", re.compile("^blob:"))
+    report.get_by_text("All names").click()
     assert page.evaluate("() => document.documentElement.scrollWidth") <= 320
-    keep_picture(page, tmp_path, "left-out-phone")
+    report.screenshot(path=tmp_path / "left-out-phone.png")
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        assert axe.Axe().run(page).response["violations"] == []

@@ -78,7 +78,9 @@ function pictureItem({ picture, name, time_s: time }, words, where, urls, signal
 function nameList(frames, names) {
   if (!names.length) return "";
   const summary = names.length < frames ? `Names of the first ${count(names.length)}` : "All names";
-  return el("details", {}, el("summary", {}, summary), el("ul", { class: "names" }, ...names.map((name) => el("li", {}, name))));
+  // In the order of Tab, since a long list scrolls.
+  const list = el("ul", { class: "names", tabindex: 0, "aria-label": summary }, ...names.map((name) => el("li", {}, name)));
+  return el("details", {}, el("summary", {}, summary), list);
 }
 
 /** Return a time since the scan's start as minutes and seconds. */
