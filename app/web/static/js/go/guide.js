@@ -25,6 +25,10 @@ export class Guide {
     this.route = null;
     this.hasMap = true;
     this.routes = turns();
+    // Which floor is shown is part of the words.
+    plan.onShown = () => {
+      if (byId("go").dataset.state === "located" && this.last?.located && this.last.plan) this.here(this.last);
+    };
   }
 
   begin(camera) {

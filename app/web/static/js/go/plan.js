@@ -39,6 +39,8 @@ export class Plan {
     this.route = [];
     this.following = true;
     this.zoomed = false;
+    // Runs when another floor is shown.
+    this.onShown = () => {};
     byId("plan").addEventListener("pointerdown", (event) => {
       if (event.target.closest("button") === null) this.follow(false);
     });
@@ -113,6 +115,7 @@ export class Plan {
     byId("plan").setAttribute("aria-label", say("plan", { floor: floor.name }));
     byId("plan-title").textContent = floor.name;
     this.draw();
+    this.onShown();
   }
 
   /** Return the address of a floor's picture in memory, null where it can't be read now. */
