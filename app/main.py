@@ -36,6 +36,7 @@ from app.api.answers.writing import WritingMiddleware
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
 from app.api.executor import BoundedExecutor
+from app.api.maps import left_out
 from app.api.maps import versions as map_versions
 from app.api.maps import views as map_views
 from app.api.metrics import Metrics
@@ -152,9 +153,9 @@ def include_routers(app: FastAPI) -> None:
     """Add the calls."""
     for router in (
         locate.router, oscp_geopose.router, venues.router, floors.router, features.router, map_versions.router,
-        map_views.router, database.router, routes.router, plan_drawing.router, calibrate.router, inspect.router,
-        anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router, health.router,
-        transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
+        map_views.router, left_out.router, database.router, routes.router, plan_drawing.router, calibrate.router,
+        inspect.router, anchors.router, sessions.router, session_stream.router, keys.router, keys.tokens, audit.router,
+        health.router, transfer.router, asyncapi.router, recordings.router, shared_phones.router, resumable.router,
     ):  # fmt: skip
         app.include_router(router)
 

@@ -26,7 +26,7 @@ from app.services.submit_build import submit_build
 from app.settings import Settings
 from app.storage.builds import claim_build, get_build
 from app.storage.db import Database
-from app.storage.tables import builds, keyframe_images, map_versions
+from app.storage.tables import builds, keyframe_images, left_out_frames, map_versions
 from app.storage.venues import create_venue, get_venue, set_active_map
 
 FOLDER_VARIABLE = "TESTS_BUILT_MAPS"
@@ -56,7 +56,7 @@ def _copy_rows(there: Connection, here: Connection, venue: str) -> str:
     get_venue(here, venue)
     # Two venues of a server may have copies of the same map.
     ids = {row.id: uuid.uuid4().hex for row in there.execute(select(builds).order_by(builds.c.map_version))}
-    for table in (builds, map_versions, keyframe_images):
+    for table in (builds, map_versions, keyframe_images, left_out_frames):
         rows = [{**row._mapping, "venue_id": venue} for row in there.execute(select(table))]
         for row in rows:
             for name in ("id", "build_id"):

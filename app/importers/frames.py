@@ -147,8 +147,10 @@ class Scan:
     the names of the colour images. `gravity` is the unit direction of down in the scan's frame, if known. `notes` are
     sentences on what the files left open and how it was read. `trajectory` holds the rows that the poses are from, as
     they are written, where a format has more of them than frames. Without `has_depth` the depth images are blank, and
-    points have to be triangulated. Without `has_scale` positions are in a unit of their own, not metres. `keeps` holds
-    what must live as long as the scan: the folder of unpacked frames.
+    points have to be triangulated. Without `has_scale` positions are in a unit of their own, not metres. `left_out` are
+    those of the discarded frames that have no file of their name below the scan's folder. Without `has_times` the times
+    of frames say no more than their order. `keeps` holds what must live as long as the scan: the folder of unpacked
+    frames.
     """
 
     camera: Camera
@@ -160,6 +162,8 @@ class Scan:
     trajectory: Trajectory | None = None
     has_depth: bool = True
     has_scale: bool = True
+    left_out: tuple[Frame, ...] = ()
+    has_times: bool = True
     keeps: object = field(default=None, compare=False, repr=False)
 
     def color_bytes(self, frame: Frame) -> bytes:

@@ -18,6 +18,7 @@ from app.storage.tables import (
     builds,
     floors,
     keyframe_images,
+    left_out_frames,
     map_versions,
     recording_frames,
     venues,
@@ -100,6 +101,12 @@ def blob_uses(connection: Connection) -> dict[str, list[Use]]:
         )
         uses[row.color_blob].append(use)
         uses[row.depth_blob].append(use)
+    for row in connection.execute(select(left_out_frames)):
+        use = Use(
+            f"picture of a frame left out of version {row.version} of venue {row.venue_id}",
+            "the map serves without it",
+        )
+        uses[row.picture_blob].append(use)
     for row in connection.execute(select(floors).where(floors.c.plan_blob.is_not(None))):
         use = Use(f"plan of floor {row.id} of venue {row.venue_id}", "or upload the plan again")
         uses[row.plan_blob].append(use)

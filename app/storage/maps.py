@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, Literal
 
@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Row, delete, func, insert, select
 
 from app.errors import ConflictError, NotFoundError
 from app.storage.db import as_utc, now
-from app.storage.tables import builds, keyframe_images, map_versions, venues
+from app.storage.tables import builds, keyframe_images, left_out_frames, map_versions, venues
 from app.storage.venues import get_venue, set_active_map
 
 
@@ -53,6 +53,17 @@ class KeyframeImages:
 
     color_blob: str
     depth_blob: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptFrame:
+    """A frame that a version's build left out: why, its name, its time since the scan's first frame if known, and the
+    blob of its picture, a JPEG."""
+
+    reason: str
+    name: str
+    time_s: float | None
+    picture_blob: str
 
 
 def publish_map(
@@ -179,6 +190,29 @@ def get_keyframe_images(
     )
     row = connection.execute(query).first()
     return None if row is None else KeyframeImages(row.color_blob, row.depth_blob)
+
+
+def add_left_out(connection: Connection, venue_id: str, version: int, frames: Sequence[KeptFrame]) -> None:
+    """Add the frames that the build of a version left out and keeps a picture of."""
+    rows = [
+        {"venue_id": venue_id, "version": version, "number": number, **asdict(frame)}
+        for number, frame in enumerate(frames)
+    ]
+    if rows:
+        connection.execute(insert(left_out_frames), rows)
+
+
+def list_left_out(connection: Connection, venue_id: str, version: int) -> list[KeptFrame]:
+    """Return the frames of a version by their numbers; empty for one that keeps no pictures."""
+    query = (
+        select(left_out_frames)
+        .where((left_out_frames.c.venue_id == venue_id) & (left_out_frames.c.version == version))
+        .order_by(left_out_frames.c.number)
+    )
+    return [
+        KeptFrame(reason=row.reason, name=row.name, time_s=row.time_s, picture_blob=row.picture_blob)
+        for row in connection.execute(query)
+    ]
 
 
 def _map(row: Row[tuple[Any, ...]]) -> MapVersion:

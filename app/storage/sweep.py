@@ -21,6 +21,7 @@ from app.storage.tables import (
     builds,
     floors,
     keyframe_images,
+    left_out_frames,
     map_versions,
     recording_frames,
     recordings,
@@ -53,6 +54,7 @@ def referenced_blobs(connection: Connection) -> set[str]:
         select(map_versions.c.index_blob),
         select(keyframe_images.c.color_blob),
         select(keyframe_images.c.depth_blob),
+        select(left_out_frames.c.picture_blob),
         select(anchor_frames.c.image_blob).where(anchor_frames.c.image_blob.is_not(None)),
         select(recording_frames.c.picture_blob),
     )
@@ -71,6 +73,7 @@ def venue_blobs(connection: Connection, venue_id: str) -> set[str]:
         select(map_versions.c.index_blob).where(map_versions.c.venue_id == venue_id),
         select(keyframe_images.c.color_blob).where(keyframe_images.c.venue_id == venue_id),
         select(keyframe_images.c.depth_blob).where(keyframe_images.c.venue_id == venue_id),
+        select(left_out_frames.c.picture_blob).where(left_out_frames.c.venue_id == venue_id),
         select(anchor_frames.c.image_blob)
         .join(anchors, anchors.c.id == anchor_frames.c.anchor_id)
         .where((anchors.c.venue_id == venue_id) & anchor_frames.c.image_blob.is_not(None)),

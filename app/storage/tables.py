@@ -115,6 +115,22 @@ keyframe_images = Table(
     ),
 )
 
+# Of the frames that a version's build left out, those of which a small picture is kept.
+left_out_frames = Table(
+    "left_out_frames",
+    metadata,
+    Column("venue_id", String(64), primary_key=True),
+    Column("version", Integer, primary_key=True),
+    Column("number", Integer, primary_key=True),
+    Column("reason", String(32), nullable=False),
+    Column("name", Text, nullable=False),
+    Column("time_s", Float),
+    Column("picture_blob", String(64), nullable=False),
+    ForeignKeyConstraint(
+        ["venue_id", "version"], ["map_versions.venue_id", "map_versions.version"], ondelete="CASCADE"
+    ),
+)
+
 anchors = Table(
     "anchors",
     metadata,

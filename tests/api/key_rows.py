@@ -160,7 +160,7 @@ class Callers:
         key = self.make("locate", VENUE).key.id
         return {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "key": key,
-            "version": "1", "keyframe": "0", "recording": recording, "number": "0",
+            "version": "1", "keyframe": "0", "picture": "0", "recording": recording, "number": "0",
             "zoom": "0", "column": "0", "row": "0",
             "upload": self._begun_upload(),
         }  # fmt: skip

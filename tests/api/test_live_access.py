@@ -177,7 +177,7 @@ def test_nothing_secret_is_logged_at_debug_level(server: LiveServer, queries: li
         client.delete(f"/database/builds/{build}")
         ids = {
             "venue": VENUE, "floor": "0", "session": session, "build": build, "camera": CAMERA, "version": "1",
-            "keyframe": "0", "key": "0" * 16, "recording": recording, "number": "0", "upload": upload,
+            "keyframe": "0", "picture": "0", "key": "0" * 16, "recording": recording, "number": "0", "upload": upload,
             "zoom": "0", "column": "0", "row": "0",
         }  # fmt: skip
         answers = whole_api(client, ids, secrets, picture)

@@ -115,6 +115,14 @@ def test_a_build_that_failed_is_made_again_with_another_scale(server: Server) ->
     _, second = finish(server, recording)
     assert second["build"]["build"] != first["build"]["build"]  # type: ignore[index]
     assert second["build"]["state"] == "queued"  # type: ignore[index]
+    assert second["build"]["left_out"] == {}  # type: ignore[index]
+    report = {"discarded": {"unconnected": 2}}
+    with resources(server).database.write() as connection:
+        claimed = claim_build(connection)
+        assert claimed is not None
+        finish_build(connection, claimed.id, "succeeded", report=report, map_version=1)
+    state = server.client.get(f"/recordings/{recording}").json()
+    assert (state["build"]["state"], state["build"]["left_out"]) == ("succeeded", {"unconnected": 2})
 
 
 def test_what_is_wrong_is_said(server: Server) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.engine.mapping.structure import reconstruction
@@ -19,8 +20,9 @@ from app.services.submit_build import submit_build
 from app.services.wiring import wire_services
 from app.settings import Settings
 from app.storage.builds import Build, claim_build
-from app.storage.maps import list_maps
+from app.storage.maps import list_left_out, list_maps
 from app.storage.venues import create_venue
+from app.vision.images import decode_image, shrink
 from tests.scenes import CAMERA_TEXT, Room, pose_at, scan_files, zipped
 
 
@@ -49,10 +51,17 @@ def photos(count: int) -> dict[str, bytes]:
 def test_photos_without_scale_give_poses_and_no_plan(resources: Resources) -> None:
     sent = photos(11)
     asked = sent.pop("005.png")
+    # Of another place: nothing connects it with the others.
+    elsewhere = Room(seed=9).view(pose_at(2.0, 1.5))
+    sent["elsewhere.png"] = elsewhere.png()
     library = MapLibrary(resources)
     run_build(claimed(resources, zipped(sent), {}), resources, library, NoProgress())
     with resources.database.read() as connection:
         (version,) = list_maps(connection, "v")
+        (left_out,) = list_left_out(connection, "v", 1)
+    assert (left_out.reason, left_out.name, left_out.time_s) == ("unconnected", "elsewhere.png", None)
+    small = decode_image(resources.blobs.get(left_out.picture_blob))
+    assert np.abs(small.astype(int) - shrink(elsewhere.rgb, max(small.shape))[0]).mean() < 12
     assert version.statistics["structure"]["connected"] == 10
     assert version.statistics["placement"]["has_scale"] is False
     assert any("no scale" in warning for warning in version.statistics["warnings"])

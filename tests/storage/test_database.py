@@ -97,7 +97,9 @@ def test_deleting_a_venue_takes_everything_of_it_along(database: Database, venue
         )
         build = builds.create_build(connection, venue, {}, "a" * 64)
         images = [maps.KeyframeImages("c" * 64, "d" * 64)]
-        maps.publish_map(connection, venue, build, "e" * 64, "f" * 64, {}, images)
+        version = maps.publish_map(connection, venue, build, "e" * 64, "f" * 64, {}, images)
+        kept = maps.KeptFrame(reason="blurred", name="rgb/1.png", time_s=None, picture_blob="b" * 64)
+        maps.add_left_out(connection, venue, version, [kept])
         venues.delete_venue(connection, venue)
     with database.read() as connection:
         for table in metadata.sorted_tables:

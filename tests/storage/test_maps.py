@@ -11,17 +11,22 @@ from sqlalchemy.exc import IntegrityError
 
 from app.errors import ConflictError, NotFoundError
 from app.storage.builds import claim_build, create_build, finish_build
+from app.storage.check import blob_uses
 from app.storage.db import Database
 from app.storage.maps import (
+    KeptFrame,
     KeyframeImages,
     MapVersion,
     active_version,
+    add_left_out,
     delete_map,
     get_map,
     list_keyframe_images,
+    list_left_out,
     list_maps,
     publish_map,
 )
+from app.storage.sweep import referenced_blobs, venue_blobs
 from app.storage.venues import create_venue, get_venue, set_active_map
 
 IMAGES = [KeyframeImages(f"color{i}", f"depth{i}") for i in range(3)]
@@ -165,6 +170,36 @@ def test_pictures_belong_to_a_version_in_the_order_of_its_keyframes(database: Da
         kept = [list_keyframe_images(connection, "one", version) for version in (1, 2, 3)]
         assert kept == [IMAGES, IMAGES[:1], []]
         assert list_keyframe_images(connection, "two", 1) == IMAGES[::-1]
+
+
+LEFT_OUT = [
+    KeptFrame(reason=reason, name=f"rgb/{i}.png", time_s=time_s, picture_blob=f"small {i}")
+    for i, (reason, time_s) in enumerate((("no_depth", None), ("no_depth", 2.5), ("blurred", 0.5)))
+]
+
+
+def test_frames_that_were_left_out_belong_to_a_version_and_keep_their_pictures(database: Database) -> None:
+    for venue, frames in (("one", LEFT_OUT[:1]), ("one", LEFT_OUT), ("two", LEFT_OUT[2:])):
+        version = publish(database, venue, "a")
+        with database.write() as connection:
+            add_left_out(connection, venue, version, frames)
+    publish(database, "one", "b")
+    with database.read() as connection:
+        kept = [list_left_out(connection, "one", version) for version in (1, 2, 3)]
+        assert kept == [LEFT_OUT[:1], LEFT_OUT, []]
+        blobs = {"small 0", "small 1", "small 2"}
+        assert referenced_blobs(connection) >= blobs
+        assert venue_blobs(connection, "two") & blobs == {"small 2"}
+        (use,) = blob_uses(connection)["small 1"]
+        assert (use.by, use.repair) == (
+            "picture of a frame left out of version 2 of venue one",
+            "the map serves without it",
+        )
+    with database.write() as connection:
+        delete_map(connection, "one", 2)
+    with database.read() as connection:
+        assert list_left_out(connection, "one", 2) == []
+        assert referenced_blobs(connection) & blobs == {"small 0", "small 2"}
 
 
 def test_a_map_that_can_not_be_published_changes_nothing(database: Database) -> None:

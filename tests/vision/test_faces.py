@@ -19,7 +19,7 @@ from app.services.resources import Resources
 from app.services.submit_build import submit_build
 from app.settings import Settings
 from app.storage.builds import claim_build
-from app.storage.maps import list_keyframe_images
+from app.storage.maps import list_keyframe_images, list_left_out
 from app.storage.venues import create_venue
 from app.vision.faces.blur import OPTIONS, with_blurred_faces
 from app.vision.faces.detector import FaceDetector, open_face_detector
@@ -81,7 +81,10 @@ def test_a_build_that_asks_for_it_keeps_no_face(
     face = cv2.resize(portrait, None, fx=0.35, fy=0.35)
     rgb = views[0].rgb.copy()
     rgb[: face.shape[0], : face.shape[1]] = face
-    scan = zipped(scan_files([replace(views[0], rgb=rgb), *views[1:4]]))
+    files = scan_files([replace(views[0], rgb=rgb), *views[1:4], replace(views[4], rgb=rgb)])
+    # The last frame is left out, and its picture kept small.
+    files["depth.txt"] = b"\n".join(files["depth.txt"].splitlines()[:-1])
+    scan = zipped(files)
     resources = Resources.open(Settings(_env_file=None, data_dir=tmp_path, open=True))
     with resources.database.write() as connection:
         create_venue(connection, "v", "V")
@@ -93,10 +96,14 @@ def test_a_build_that_asks_for_it_keeps_no_face(
     run_build(build, resources, MapLibrary(resources), NoReport())
     with resources.database.read() as connection:
         images = list_keyframe_images(connection, "v", 1)
+        (left_out,) = list_left_out(connection, "v", 1)
+    small = decode_image(resources.blobs.get(left_out.picture_blob))
     stored = [decode_image(resources.blobs.get(each.color_blob)) for each in images]
     resources.close()
     assert len(detector.find(rgb)) == 1
     assert [len(detector.find(each)) for each in stored] == [0] * len(images)
+    assert len(detector.find(cv2.resize(rgb, small.shape[1::-1], interpolation=cv2.INTER_AREA))) == 1
+    assert len(detector.find(small)) == 0
     # The first frame is a keyframe, and only its face is changed.
     assert (stored[0] != rgb).any(axis=2).mean() < 0.5
     assert not (stored[0] == rgb).all()

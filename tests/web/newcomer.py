@@ -273,8 +273,10 @@ def share(server: Server, hands: Hands, tmp_path: Path) -> None:
     page, client = hands.page, server.client
     hands.visit("Share")
     hands.type(page.locator("#address"), "https://house.example:8443/")
+    playwright.expect(page.locator("#print")).to_be_hidden()
     hands.press("Make the code")
     playwright.expect(page.locator("#qr")).to_be_visible()
+    playwright.expect(page.locator("#print")).to_be_visible()
     keep_picture(page, tmp_path, "share")
     link = page.locator("#go-link").get_attribute("href") or ""
     assert re.fullmatch(r"https://house\.example:8443/go/house#token=\S{20,}", link)

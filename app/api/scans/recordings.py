@@ -72,6 +72,7 @@ class RecordingBuild(BaseModel):
     keyframes: int | None = Field(description="Of the recording, in the map")
     connected: int | None = Field(description="Frames that could be connected with each other")
     chosen: int | None = Field(description="Frames that were used")
+    left_out: dict[str, int] = Field(description="Number of frames that are not in the map, by reason")
     has_scale: bool | None
     camera: RecordedCamera | None
     warnings: list[str]
@@ -93,6 +94,7 @@ class RecordingBuild(BaseModel):
             keyframes=report.get("keyframes"),
             connected=structure.get("connected"),
             chosen=structure.get("chosen"),
+            left_out=report.get("discarded", {}),
             has_scale=report.get("placement", {}).get("has_scale"),
             camera=structure.get("camera"),
             warnings=report.get("warnings", []),

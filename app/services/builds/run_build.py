@@ -23,6 +23,7 @@ from app.errors import CancelledBuildError, ConflictError, MapDamagedError
 from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.frames import Frame
 from app.importers.unpack_scan import unpack_scan
+from app.services.builds.left_out import left_out_frames
 from app.services.builds.place_scan import Placement, PresentMap, place_scan
 from app.services.builds.shared_work import SharedExecutor
 from app.services.examine_scan import ExaminedScan, read_scan
@@ -31,9 +32,10 @@ from app.services.resources import Resources
 from app.storage.builds import Build, finish_build, report_progress
 from app.storage.floors import list_floors
 from app.storage.map_files import write_map
-from app.storage.maps import KeyframeImages, list_keyframe_images, publish_map
+from app.storage.maps import KeptFrame, KeyframeImages, add_left_out, list_keyframe_images, publish_map
 from app.storage.sweep import discard_blobs
 from app.vision.faces.blur import with_blurred_faces
+from app.vision.faces.detector import FaceDetector
 
 log = logging.getLogger("roomfix.builds")
 
@@ -196,6 +198,8 @@ def _publish(
             before = list_keyframe_images(connection, build.venue_id, present.version.version)
         # Pictures are kept for all keyframes or for none.
         images = [*before, *images] if len(before) == opened.artifact.keyframe_count and images else []
+    # Nor is there a picture of what was left out in a map without pictures.
+    left_out = _store_left_out(made, resources, written) if images else []
     artifact_path, index_path = folder / "map.rfmap", folder / "global.faiss"
     write_map(artifact, index, artifact_path, index_path)
     artifact_blob = resources.blobs.put_file(artifact_path)
@@ -210,6 +214,7 @@ def _publish(
         if report_progress(connection, build.id, "publish", 0, 1, build.worker or ""):
             raise CancelledBuildError(f"Build {build.id} was cancelled.")
         version = publish_map(connection, build.venue_id, build.id, artifact_blob, index_blob, report, images)
+        add_left_out(connection, build.venue_id, version, left_out)
         finish_build(
             connection,
             build.id,
@@ -267,7 +272,7 @@ def _store_images(
     if not options.store_images:
         return []
 
-    faces = resources.models.faces if options.blur_faces else None
+    faces = _faces(options, resources)
 
     def store(frame: Frame) -> KeyframeImages:
         changed = None if faces is None else with_blurred_faces(frame.color.read_bytes(), faces)
@@ -277,3 +282,19 @@ def _store_images(
         return images
 
     return [store(frame) for frame in built.keyframes]
+
+
+def _store_left_out(made: MadeMap, resources: Resources, written: set[str]) -> list[KeptFrame]:
+    """Store pictures of frames that were left out."""
+    faces = _faces(made.examined.options, resources)
+    kept = []
+    for frame in left_out_frames(made.examined.scan, made.built.discarded, faces):
+        blob = resources.blobs.put(frame.jpeg)
+        written.add(blob)
+        kept.append(KeptFrame(reason=frame.reason, name=frame.name, time_s=frame.time_s, picture_blob=blob))
+    return kept
+
+
+def _faces(options: BuildOptions, resources: Resources) -> FaceDetector | None:
+    """Return what finds the faces that are to be blurred, None where none are."""
+    return resources.models.faces if options.blur_faces else None

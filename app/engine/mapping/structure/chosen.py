@@ -166,10 +166,12 @@ def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
     frames: list[tuple[Frame, tuple[int, int], tuple[int, int]]] = []
     times_s = {frame.name: frame.time_s for frame in unposed.recorded}
     discarded: dict[str, list[str]] = {}
+    left_out: list[Frame] = []
     for number, path in enumerate(_counted(unposed.photos, len(unposed.photos), "choose_frames", progress)):
         rgb = _photo(path)
         if rgb is None or measure_quality(to_gray(rgb)).is_poor:
             discarded.setdefault("unreadable_file" if rgb is None else "poor_image", []).append(path.name)
+            left_out.append(_frame(path.name, times_s.get(path.name, float(number)), path, path))
             continue
         small = _reduced(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR).astype(np.uint8))
         size = small.shape[1], small.shape[0]
@@ -180,9 +182,9 @@ def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
         raise InvalidScanError(f"None of the {len(unposed.photos)} photos can be used: {_counts(discarded)}.")
     (size, original), _ = Counter((size, original) for _, size, original in frames).most_common(1)[0]
     kept = [frame for frame, own, _ in frames if own == size]
-    others = [frame.name for frame, own, _ in frames if own != size]
+    others = [frame for frame, own, _ in frames if own != size]
     if others:
-        discarded["other_size"] = others
+        discarded["other_size"] = [frame.name for frame in others]
     given = _given_camera(unposed.camera, original, size)
     tagged = (
         None if given is not None else _tagged_camera(unposed.photos, {frame.name for frame in kept}, size)
@@ -190,7 +192,7 @@ def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
     source = "given" if given else "exif" if tagged else "guess"
     scan = _scan(given or tagged or _default_camera(*size), kept, files, (), discarded)
     return ChosenPictures(
-        scan=scan,
+        scan=replace(scan, left_out=(*left_out, *others), has_times=bool(unposed.recorded)),
         camera_source=source,
         total=len(unposed.photos),
         is_sequence=bool(unposed.recorded),

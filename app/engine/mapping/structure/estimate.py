@@ -139,13 +139,16 @@ def _posed(
         replace(scan.frames[row], scan_from_camera=_scaled(pose, units, turn))
         for row, pose in part.poses.items()
     )
-    lost = tuple(frame.name for row, frame in enumerate(scan.frames) if row not in part.poses)
-    discarded = {**scan.discarded, **({"unconnected": lost} if lost else {})}
+    lost = tuple(frame for row, frame in enumerate(scan.frames) if row not in part.poses)
+    discarded = dict(scan.discarded)
+    if lost:
+        discarded["unconnected"] = tuple(frame.name for frame in lost)
     return replace(
         scan,
         camera=part.camera,
         frames=frames,
         discarded=discarded,
+        left_out=(*scan.left_out, *lost),
         gravity=gravity,
         has_scale=scale is not None,
     )

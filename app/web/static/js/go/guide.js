@@ -9,6 +9,12 @@ import { knows, language, metres, say } from "./words.js";
 const PATIENCE_MS = 1500;
 // A step nearer than this is said again, since it is to be done now.
 const NOW_M = 2;
+const LEAST_ACCURACY_M = 0.01;
+
+/** Return an accuracy in metres for people: never 0, which nothing is. */
+export function accuracyWords(accuracyM) {
+  return Math.max(accuracyM, LEAST_ACCURACY_M).toLocaleString(language(), { maximumFractionDigits: 2 });
+}
 
 export class Guide {
   constructor(venue, plan, voice) {
@@ -19,6 +25,10 @@ export class Guide {
     this.route = null;
     this.hasMap = true;
     this.routes = turns();
+    // Which floor is shown is part of the words.
+    plan.onShown = () => {
+      if (byId("go").dataset.state === "located" && this.last?.located && this.last.plan) this.here(this.last);
+    };
   }
 
   begin(camera) {
@@ -95,10 +105,13 @@ export class Guide {
   here({ plan, accuracy }) {
     this.state("located");
     const name = plan.area_name ?? null;
-    const words = name ? say("here.area", { area: name }) : say("here");
+    // What is shown is not where they are.
+    const elsewhere = this.plan.otherFloor;
+    const here = name ? say("here.area", { area: name }) : say("here");
+    const words = elsewhere === null ? here : say("here.floor", { floor: elsewhere });
     const parts = [];
     if (plan.nearest_landmark_name) parts.push(say("here.near", { landmark: plan.nearest_landmark_name }));
-    if (accuracy) parts.push(say("here.more", { metres: accuracy.position_m.toLocaleString(language(), { maximumFractionDigits: 2 }) }));
+    if (accuracy) parts.push(say("here.more", { metres: accuracyWords(accuracy.position_m) }));
     if (this.simulated) parts.push(say("simulated"));
     this.show(words, parts.join(" · "));
   }

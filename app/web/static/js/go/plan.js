@@ -39,6 +39,8 @@ export class Plan {
     this.route = [];
     this.following = true;
     this.zoomed = false;
+    // Runs when another floor is shown.
+    this.onShown = () => {};
     byId("plan").addEventListener("pointerdown", (event) => {
       if (event.target.closest("button") === null) this.follow(false);
     });
@@ -72,6 +74,12 @@ export class Plan {
     return this.floors.find((floor) => floor.id === id) ?? null;
   }
 
+  /** The name of the floor on which the person is, while they look at another one; else null. */
+  get otherFloor() {
+    if (this.place === null || this.following || this.place.floor === this.shown) return null;
+    return this.floor(this.place.floor)?.name ?? null;
+  }
+
   /** Show a floor that the person chose: the plan doesn't follow any more. */
   choose(id) {
     this.follow(false);
@@ -103,9 +111,11 @@ export class Plan {
     for (const button of byId("floors").children) {
       button.setAttribute("aria-pressed", String(button.dataset.floor === id));
     }
+    this.markFloor();
     byId("plan").setAttribute("aria-label", say("plan", { floor: floor.name }));
     byId("plan-title").textContent = floor.name;
     this.draw();
+    this.onShown();
   }
 
   /** Return the address of a floor's picture in memory, null where it can't be read now. */
@@ -126,10 +136,19 @@ export class Plan {
   move(place) {
     this.place = place;
     this.stale(false);
+    this.markFloor();
     this.trail.push([place.floor, place.x, place.y]);
     this.trail.splice(0, this.trail.length - TRAIL_POINTS);
     if (this.following && (place.floor !== this.shown || this.triedAt.has(place.floor))) this.show(place.floor);
     this.draw();
+  }
+
+  /** Mark the floor on which the person is, whichever is shown. */
+  markFloor() {
+    for (const button of byId("floors").children) {
+      if (button.dataset.floor === this.place?.floor) button.setAttribute("aria-current", "location");
+      else button.removeAttribute("aria-current");
+    }
   }
 
   /** Show whether the dot is where the person was, and not is. */

@@ -3,7 +3,7 @@
 import { path, requestJson } from "../api.js";
 import { byId, el } from "../dom.js";
 import { rememberCamera } from "../go/known-camera.js";
-import { say } from "../go/words.js";
+import { knows, say } from "../go/words.js";
 import { isPassing } from "./sender.js";
 
 const EVERY_MS = 1000;
@@ -34,11 +34,17 @@ export function showEnd(build, size, show) {
   byId("go-link").hidden = !done;
   byId("again").hidden = done;
   byId("record-new").hidden = false;
-  byId("warnings").replaceChildren(...build.warnings.map((words) => el("li", {}, words)));
+  byId("warnings").replaceChildren(...[...leftOutWords(build.left_out), ...build.warnings].map((words) => el("li", {}, words)));
   if (!done) return show(say("record.failed"), build.error ?? "");
   const focalPx = build.camera?.params[0];
   if (size && focalPx) rememberCamera({ ...size, focalPx });
   return show(say("record.done"), say("record.done.more", { connected: build.connected ?? 0, chosen: build.chosen ?? 0 }));
+}
+
+/** Return a sentence for each reason for which frames are not in the map. */
+function leftOutWords(counts) {
+  const reasons = Object.entries(counts).filter(([reason, frames]) => frames > 0 && knows(`record.left.${reason}`));
+  return reasons.map(([reason, frames]) => say(`record.left.${reason}`, { frames }));
 }
 
 function showStage({ state, stage, done, total }, show) {

@@ -8,6 +8,7 @@ import { turns } from "../turns.js";
 import { currentVenue, loadVenues } from "../venues.js";
 import { count, metres, moment } from "../words.js";
 import { Compare } from "./compare.js";
+import { showLeftOut } from "./left-out.js";
 
 const RUNNING = ["queued", "running"];
 const PICTURE_PX = 640;
@@ -52,7 +53,7 @@ export class Scans {
       byId("versions").replaceChildren(...(maps.length ? maps.map((map) => this.versionCard(venue, map)) : [none]));
       this.compare.show(maps, venue);
       this.progress.follow(builds.find((one) => RUNNING.includes(one.state)) ?? null, venue.id);
-      this.report(builds[0]);
+      this.report(builds[0], venue, maps);
       const failed = builds.slice(1).filter((one) => one.state === "failed").slice(0, 3);
       byId("builds").replaceChildren(...failed.map(endedBuild));
     } catch (error) {
@@ -91,8 +92,8 @@ export class Scans {
     }
   }
 
-  /** Show what came of the newest build. */
-  report(build) {
+  /** Show what came of the newest build of a venue, whose versions are `maps`. */
+  report(build, venue, maps) {
     if (!build || RUNNING.includes(build.state)) return;
     const place = byId("report");
     if (build.state === "failed") {
@@ -104,8 +105,6 @@ export class Scans {
     const lines = [];
     const check = report.self_check;
     lines.push(`${count(report.keyframes)} keyframes from ${count(report.frames)} frames.`);
-    const rejected = Object.entries(report.discarded ?? {}).filter(([, number]) => number > 0);
-    if (rejected.length) lines.push(`Left out: ${rejected.map(([reason, number]) => `${count(number)} ${reason.replaceAll("_", " ")}`).join(", ")}.`);
     if (check?.tried) lines.push(`${check.located} of ${check.tried} of its own frames are located in it, typically ${metres(check.median_position_m ?? 0)} off.`);
     const examined = report.examination;
     const verdicts = {
@@ -117,7 +116,13 @@ export class Scans {
     const repairs = report.repaired ? [notice("good", `Repaired: ${report.repaired}`)] : [];
     const warnings = (report.warnings ?? []).map((words) => notice("info", words));
     const title = el("h2", {}, `Report on version ${build.map_version}`);
-    place.replaceChildren(el("section", { class: "card" }, title, ...lines.map((line) => el("p", {}, line)), ...repairs, ...warnings));
+    const leftOut = el("div", { class: "left-out" });
+    place.replaceChildren(el("section", { class: "card" }, title, ...lines.map((line) => el("p", {}, line)), ...repairs, ...warnings, leftOut));
+    // The version may have been deleted since.
+    if (!maps.some(({ version }) => version === build.map_version)) return;
+    showLeftOut(leftOut, venue, build.map_version, this.urls, this.pictures.signal).catch((error) => {
+      if (error.name !== "AbortError") showError(leftOut, error);
+    });
   }
 
   repairButton(build) {

@@ -38,6 +38,8 @@ export function chooseRecording() {
 export function forgetCode() {
   turn();
   byId("qr").hidden = true;
+  // Without a code there is nothing to print.
+  byId("print").hidden = true;
   byId("go-link").textContent = "";
   const records = byId("purpose").value === "record";
   byId("validity").disabled = records;
@@ -57,6 +59,7 @@ async function makeCode() {
   if (shown) URL.revokeObjectURL(shown);
   shown = URL.createObjectURL(picture);
   Object.assign(byId("qr"), { src: shown, hidden: false, alt: `QR code of the ${records ? "recording" : "phone"} page of ${venue.name}` });
+  byId("print").hidden = false;
   Object.assign(byId("go-link"), { href: link, textContent: link.split("#")[0] });
   if (!records) sessionStorage.setItem(`roomfix.shared.${venue.id}`, "yes");
 }
