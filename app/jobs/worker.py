@@ -74,14 +74,14 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
 
 
 def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threading.Event) -> None:
-    library, watch = MapLibrary(resources), LeaseWatch()
+    library, watch, kinds = MapLibrary(resources), LeaseWatch(), resources.settings.kinds_of_builds
     helper = Helper(resources, library, stop)
     swept = float("-inf")
     while not stop.is_set():
         wake.clear()
         recover(resources, watch)
         with resources.database.write() as connection:
-            build = None if stop.is_set() else claim_build(connection, worker)
+            build = None if stop.is_set() else claim_build(connection, worker, kinds=kinds)
         if build is not None:
             with log_context(build=build.id):
                 log.info("build %s of venue %s starts", build.id, build.venue_id)
@@ -92,7 +92,7 @@ def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threa
         if time.monotonic() - swept > OPTIONS.sweep_interval_s:
             swept = time.monotonic()
             sweep(resources)
-        wake.wait(OPTIONS.poll_s)
+        helper.wait(wake, OPTIONS.poll_s)
 
 
 def _end_when_stopped(settings: Settings, worker: str, stop: threading.Event, idle: threading.Event) -> None:

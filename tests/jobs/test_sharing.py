@@ -19,13 +19,14 @@ from app.jobs.sharing import Helper, parts_folder, shared
 from app.services.builds.run_build import make_map, scratch
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
-from app.services.submit_build import submit_build
+from app.services.submit_build import submit_build, withdraw_build
 from app.settings import Settings
 from app.storage.builds import Build, claim_build, get_build
 from app.storage.leases import hand_over
 from app.storage.maps import get_map
 from app.storage.venues import create_venue
 from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
+from tests.server import WAIT_S
 
 OWNER = "owner"
 
@@ -41,9 +42,12 @@ class Venue:
         with self.resources.database.write() as connection:
             create_venue(connection, "v", "V")
 
+    def submit(self, **options: object) -> str:
+        given = {"camera": CAMERA_TEXT, "gravity": [0, 1, 0], **options}
+        return submit_build(self.resources, "v", given, io.BytesIO(self.scan))
+
     def claimed(self) -> Build:
-        options = {"camera": CAMERA_TEXT, "gravity": [0, 1, 0]}
-        submit_build(self.resources, "v", options, io.BytesIO(self.scan))
+        self.submit()
         return self.claim()
 
     def claim(self) -> Build:
@@ -111,6 +115,45 @@ def test_a_helper_stops_when_the_build_does(venue: Venue, monkeypatch: pytest.Mo
     stop.set()
     with pytest.raises(CancelledBuildError):
         sharing._Following(venue.resources, again, stop).report("describe", 2, 9)
+
+
+def test_a_helper_leaves_for_a_build_that_it_takes_and_comes_back(
+    venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sharing, "OPTIONS", sharing.SharingOptions(check_s=0.0))
+    build, only_scans = venue.claimed(), venue.resources.settings.model_copy(update={"worker_kinds": "scan"})
+    resources = replace(venue.resources, settings=only_scans)
+    parts_folder(resources, build.id).mkdir()
+    helper = Helper(resources, MapLibrary(resources), threading.Event())
+    # Pictures are for other workers.
+    venue.submit(poses="estimate")
+    following = sharing._Following(resources, build, threading.Event())
+    following.report("describe", 1, 9)
+    waiting = venue.submit()
+    assert helper.help_one()
+    made = len(list(parts_folder(resources, build.id).iterdir()))
+    withdraw_build(resources, waiting)
+    assert helper.help_one()
+    assert len(list(parts_folder(resources, build.id).iterdir())) > made + 10
+    assert not helper.help_one()
+
+
+def test_an_idle_worker_sees_at_once_that_a_build_is_shared(venue: Venue) -> None:
+    """Not at the next check of the queue: the waits of this test have no end but what they wait for."""
+    library, wake, waited = MapLibrary(venue.resources), threading.Event(), threading.Event()
+    helper, build = Helper(venue.resources, library, threading.Event()), venue.claimed()
+
+    def wait() -> None:
+        helper.wait(wake, float("inf"))
+        waited.set()
+
+    for ends in (lambda: parts_folder(venue.resources, build.id).mkdir(), wake.set):
+        waited.clear()
+        thread = threading.Thread(target=wait, daemon=True)
+        thread.start()
+        ends()
+        assert waited.wait(WAIT_S)
+        thread.join()
 
 
 def test_without_the_setting_nothing_is_shared(venue: Venue) -> None:
