@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lease import Heart, LeaseWatch
+from app.jobs.news import News
 from app.jobs.sharing import Helper
 from app.jobs.worker_name import worker_name
 from app.limits import limit
@@ -62,6 +63,8 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
     worker = worker_name()
     heart = Heart(resources.database, worker)
     heart.start()
+    news = News(resources.database, wake)
+    news.start()
     idle = threading.Event()
     ending = threading.Thread(target=_end_when_stopped, args=(settings, worker, stop, idle), daemon=True)
     ending.start()
@@ -70,6 +73,7 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
     finally:
         idle.set()
         heart.stop()
+        news.stop()
         resources.close()
 
 

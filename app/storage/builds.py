@@ -14,12 +14,14 @@ from sqlalchemy import ColumnElement, Connection, Row, case, func, insert, selec
 from app.build_kinds import KINDS, Kind
 from app.errors import ConflictError, NotFoundError
 from app.limits import limit
-from app.storage.db import as_utc, now
+from app.storage.db import as_utc, notify, now
 from app.storage.tables import builds
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 ENDED = ("succeeded", "failed", "cancelled")
 QUEUED = builds.c.state == "queued"
+# The notice that a build was queued.
+BUILD_QUEUED = "roomfix_build_queued"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +103,7 @@ def create_build(
             idempotency_key=idempotency_key,
         )
     )
+    notify(connection, BUILD_QUEUED)
     return build_id
 
 
