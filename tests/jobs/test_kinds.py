@@ -64,6 +64,27 @@ def test_a_worker_of_scans_leaves_pictures_to_the_other(workers: Workers) -> Non
     assert workers.server.wait(pictures)["error"]
 
 
+def test_every_kind_is_begun_anew_after_a_death_and_can_be_cancelled(tmp_path: Path, scan: bytes) -> None:
+    with site(tmp_path, scan, None) as workers:
+        for options in ({"format": "tum"}, {"format": "recording"}, {"format": "images"}):
+            workers.hold("unpack")
+            dying = workers.start()
+            build = str(workers.server.submit(zipped(PHOTOS), VENUE, options).json()["build"])
+            workers.wait_until_held()
+            dying.kill()
+            dying.wait()
+            (tmp_path / "held").unlink()
+            living = workers.start()
+            workers.wait_until_held()
+            again = workers.server.status(build)
+            assert (again["state"], again["attempts"]) == ("running", 2), options
+            assert workers.server.client.delete(f"/database/builds/{build}").status_code == 202
+            workers.release()
+            assert workers.server.wait(build)["state"] == "cancelled", options
+            living.kill()
+            living.wait()
+
+
 def test_a_kind_follows_from_options_and_names(tmp_path: Path, scan: bytes) -> None:
     def kind(data: bytes, **options: object) -> str:
         path = tmp_path / "sent"
