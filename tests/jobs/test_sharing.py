@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
 import threading
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +27,7 @@ from app.storage.builds import Build, claim_build, get_build
 from app.storage.leases import hand_over
 from app.storage.maps import get_map
 from app.storage.venues import create_venue
-from tests.scenes import CAMERA_TEXT, View, scan_files, zipped
+from tests.scenes import CAMERA, CAMERA_TEXT, View, scan_files, zipped
 from tests.server import WAIT_S
 
 OWNER = "owner"
@@ -98,6 +100,36 @@ def test_a_map_made_of_parts_is_the_one_of_the_worker_that_made_them(venue: Venu
     together = venue.run(build, resources)
     assert same(together, alone.check.stated_in(alone.built.artifact))
     assert not list(resources.scratch_dir.iterdir())
+
+
+def sens_file(views: list[View]) -> bytes:
+    """Return a recording whose pictures each worker takes out into files of its own."""
+    K = np.eye(4, dtype="<f4")
+    K[0, 0], K[1, 1], K[0, 2], K[1, 2] = CAMERA.params
+    height, width = views[0].depth_m.shape
+    parts = [struct.pack("<IQ", 4, 1), b"x", *(each.tobytes() for each in (K, np.eye(4, dtype="<f4")) * 2)]
+    parts.append(struct.pack("<2i4IfQ", 2, 1, width, height, width, height, 1000.0, len(views)))
+    for number, view in enumerate(views):
+        color = view.jpeg()
+        depth = zlib.compress(np.rint(1000 * view.depth_m).astype("<u2").tobytes())
+        parts.append(view.world_from_camera.matrix.astype("<f4").tobytes())
+        parts.append(struct.pack("<4Q", *[100_000 * number] * 2, len(color), len(depth)) + color + depth)
+    return b"".join([*parts, struct.pack("<Q", 0)])
+
+
+def test_frames_that_a_helper_took_out_of_a_recording_are_files_of_its_own(
+    tmp_path: Path, views: list[View]
+) -> None:
+    venue = Venue(tmp_path, views)
+    venue.scan = sens_file(views[:4])
+    venue.submit(camera=None)
+    build, resources = venue.claim(), venue.resources
+    parts_folder(resources, build.id).mkdir()
+    assert Helper(resources, MapLibrary(resources), threading.Event()).help_one()
+    made = len(list(parts_folder(resources, build.id).iterdir()))
+    assert made > 10
+    # Made of what the helper left, whose own files are gone.
+    assert venue.run(build, resources).keyframe_count > 0
 
 
 def test_a_helper_stops_when_the_build_does(venue: Venue, monkeypatch: pytest.MonkeyPatch) -> None:
