@@ -14,7 +14,7 @@ from pathlib import Path
 
 from app.errors import CancelledBuildError, NotFoundError
 from app.limits import limit
-from app.services.builds.run_build import make_map, scratch, scratch_folder
+from app.services.builds.run_build import SCAN, linked_scan, make_map, scratch, scratch_folder
 from app.services.builds.shared_work import SharedExecutor
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
@@ -117,13 +117,27 @@ class Helper:
         progress = _Following(self._resources, build, self._stop)
         try:
             with _sharing(self._resources, build.id, folder) as own, scratch(folder):
-                make_map(build, own, self._library, progress, folder)
+                root = self._scan_of(build, progress, folder)
+                make_map(build, own, self._library, progress, folder, root)
         except CancelledBuildError as error:
             log.info("%s", error)
         except Exception as error:
             # Its owner meets the same error, and reports it.
             log.info("help with build %s ended: %s", build.id, error)
         return not progress.is_called_away
+
+    def _scan_of(self, build: Build, progress: _Following, folder: Path) -> Path | None:
+        """Return the scan that the owner has unpacked, once it has; None where its files can't be linked."""
+        unpacked = scratch_folder(self._resources, build)
+        try:
+            while (root := linked_scan(unpacked, folder)) is None:
+                progress.report("unpack", 0, 1)
+                self._stop.wait(OPTIONS.look_s)
+        except OSError as error:
+            log.debug("the scan of build %s is unpacked once more: %s", build.id, error)
+            shutil.rmtree(folder / SCAN, ignore_errors=True)
+            return None
+        return root
 
 
 def _build(resources: Resources, build_id: str) -> Build | None:

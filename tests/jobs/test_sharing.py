@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import shutil
 import struct
 import threading
 import zlib
@@ -18,7 +20,7 @@ from app.errors import CancelledBuildError
 from app.jobs import sharing
 from app.jobs.handlers import handle_build
 from app.jobs.sharing import Helper, parts_folder, shared
-from app.services.builds.run_build import make_map, scratch
+from app.services.builds.run_build import linked_scan, make_map, scratch, scratch_folder, unpack
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.services.submit_build import submit_build, withdraw_build
@@ -58,6 +60,10 @@ class Venue:
         assert build is not None
         return build
 
+    def unpack(self, build: Build) -> None:
+        """Unpack the scan as the owner does it."""
+        unpack(build, self.resources, scratch_folder(self.resources, build), NoProgress())
+
     def ended(self, build: Build) -> Build:
         with self.resources.database.read() as connection:
             return get_build(connection, build.id)
@@ -93,6 +99,7 @@ def test_a_map_made_of_parts_is_the_one_of_the_worker_that_made_them(venue: Venu
     made = {path.name: path.stat().st_mtime_ns for path in parts.iterdir()}
     assert len(made) > 10
     # A helper, and then the owner, in folders of their own: they find all there is to do done.
+    venue.unpack(build)
     helper = Helper(resources, library, threading.Event())
     assert helper.help_one()
     assert not helper.help_one()
@@ -125,11 +132,41 @@ def test_frames_that_a_helper_took_out_of_a_recording_are_files_of_its_own(
     venue.submit(camera=None)
     build, resources = venue.claim(), venue.resources
     parts_folder(resources, build.id).mkdir()
+    venue.unpack(build)
     assert Helper(resources, MapLibrary(resources), threading.Event()).help_one()
     made = len(list(parts_folder(resources, build.id).iterdir()))
     assert made > 10
     # Made of what the helper left, whose own files are gone.
     assert venue.run(build, resources).keyframe_count > 0
+
+
+def test_a_helper_reads_the_files_that_the_owner_has_unpacked(
+    venue: Venue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build, own = venue.claimed(), venue.resources.scratch_dir / "own"
+    unpacked = scratch_folder(venue.resources, build)
+    own.mkdir()
+    assert linked_scan(unpacked, own) is None
+    venue.unpack(build)
+    (unpacked / "unpacked").rename(unpacked / "unpacked.part")
+    # All files are there, and nothing says so yet.
+    assert linked_scan(unpacked, own) is None
+    (unpacked / "unpacked.part").rename(unpacked / "unpacked")
+    root = linked_scan(unpacked, own)
+    assert root is not None
+    assert (root / "rgb.txt").samefile(unpacked / "scan" / "rgb.txt")
+    shutil.rmtree(unpacked)
+    assert (root / "rgb.txt").read_text()
+    # Where files can't be linked, as across two disks, the helper unpacks them itself.
+    venue.unpack(build)
+    parts_folder(venue.resources, build.id).mkdir()
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError("Invalid cross-device link")
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert Helper(venue.resources, MapLibrary(venue.resources), threading.Event()).help_one()
+    assert len(list(parts_folder(venue.resources, build.id).iterdir())) > 10
 
 
 def test_a_helper_stops_when_the_build_does(venue: Venue, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,6 +193,7 @@ def test_a_helper_leaves_for_a_build_that_it_takes_and_comes_back(
     build, only_scans = venue.claimed(), venue.resources.settings.model_copy(update={"worker_kinds": "scan"})
     resources = replace(venue.resources, settings=only_scans)
     parts_folder(resources, build.id).mkdir()
+    venue.unpack(build)
     helper = Helper(resources, MapLibrary(resources), threading.Event())
     # Pictures are for other workers.
     venue.submit(poses="estimate")
