@@ -129,12 +129,9 @@ def build_map(
     artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
     if has_second_features(options) and source.has_depth:
-        placed_frames = [
-            PlacedKeyframe(source.frames[row], described[row].view.world_from_camera) for row in kept
-        ]
-        artifact = _with_second_features(
-            artifact, source, placed_frames, refined.camera, models, executor, progress
-        )
+        placed_frames = [PlacedKeyframe(source.frames[row], poses[row]) for row in kept]
+        camera = refined.camera
+        artifact = _with_second_features(artifact, source, placed_frames, camera, models, executor, progress)
         clock.lap("second features")
     return BuiltMap(
         artifact=artifact,
