@@ -27,8 +27,9 @@ from bench.figures.shown import FiguresTitle, Shown
 from bench.server_process import ROOT, STOP_S
 
 VENUE = "v"
-# Workers that have just been started load their models meanwhile.
-READY_S = 10.0
+# Workers that have just been started are ready once they use less than this share of a core for this time.
+IDLE_SHARE = 0.05
+IDLE_S = 2.0
 POLL_S = 0.1
 TICKS_S = os.sysconf("SC_CLK_TCK")
 
@@ -65,7 +66,7 @@ def _run(scan: Path, options: dict[str, Any], workers: int) -> Run:
             ensure_venue(resources, VENUE, VENUE)
             archive = zip_folder(scan, Path(folder) / "scan.zip") if scan.is_dir() else scan
             with _running(data_dir, workers) as processes:
-                time.sleep(READY_S)
+                _wait_until_idle(processes)
                 with archive.open("rb") as file:
                     build_id = submit_build(resources, VENUE, options, file)
                 return _watched(resources, build_id, processes)
@@ -115,6 +116,14 @@ def _running(data_dir: Path, count: int) -> Iterator[list[subprocess.Popen[bytes
             process.terminate()
         for process in processes:
             process.wait(STOP_S)
+
+
+def _wait_until_idle(processes: list[subprocess.Popen[bytes]]) -> None:
+    used_s, before_s = float("inf"), 0.0
+    while used_s > IDLE_SHARE * IDLE_S or before_s == 0.0:
+        time.sleep(IDLE_S)
+        now_s = sum(_processor_s(each.pid) for each in processes)
+        used_s, before_s = now_s - before_s, now_s
 
 
 def _processor_s(pid: int) -> float:
