@@ -11,6 +11,7 @@ from pydantic import Field, SecretStr, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from app.build_kinds import Kind, parse_kinds
 from app.errors import InvalidInputError
 
 # As browsers write it in the header `Origin`; of apps in a web view too, such as capacitor://localhost.
@@ -82,6 +83,11 @@ class Settings(BaseSettings):
         False,
         description="Let workers of one data folder that have nothing to build help with each other's builds.",
     )
+    worker_kinds: str = Field(
+        "",
+        description="Kinds of builds that the worker takes, separated by commas: scan, recording, pictures; all where "
+        "it is empty.",
+    )
     run_worker: bool = Field(True, description="Start the embedded build worker with the server.")
     max_image_bytes: int = Field(25_000_000, ge=1000, description="Largest image that is accepted.")
     max_image_pixels: int = Field(50_000_000, ge=10_000, description="Most pixels that are decoded.")
@@ -137,6 +143,12 @@ class Settings(BaseSettings):
         description="Largest standard deviation of an answer's position in metres; default: see docs/limits.md.",
     )
 
+    @field_validator("worker_kinds")
+    @classmethod
+    def _are_kinds(cls, text: str) -> str:
+        parse_kinds(text)
+        return text
+
     @field_validator("cors_origins")
     @classmethod
     def _are_origins(cls, text: str) -> str:
@@ -152,6 +164,11 @@ class Settings(BaseSettings):
     def allowed_origins(self) -> tuple[str, ...]:
         """The origins whose pages may call."""
         return tuple(origin.strip() for origin in self.cors_origins.split(",") if origin.strip())
+
+    @property
+    def kinds_of_builds(self) -> tuple[Kind, ...]:
+        """The kinds of builds that the worker takes."""
+        return parse_kinds(self.worker_kinds)
 
     @property
     def resolved_database_url(self) -> str:

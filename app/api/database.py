@@ -19,6 +19,7 @@ from app.api.requests.contract_route import ContractRoute
 from app.api.requests.paging import Paged
 from app.api.requests.scan_fields import ArchiveField, UploadField, check_one_scan
 from app.api.schemas import problems
+from app.build_kinds import Kind
 from app.errors import NotFoundError
 from app.limits import limit
 from app.services.submit_build import submit_build, submit_upload, withdraw_build
@@ -91,6 +92,8 @@ class BuildBody(BaseModel):
             "example": {
                 "build": "0d8f5b5c2f0a4f1e9a6c1b2d3e4f5a6b",
                 "venue": "museum",
+                "kind": "scan",
+                "priority": 0,
                 "state": "running",
                 "stage": "describe",
                 "done": 120,
@@ -109,6 +112,8 @@ class BuildBody(BaseModel):
 
     build: str
     venue: str
+    kind: Kind = Field(description="scan, recording (a phone's walk) or pictures (photos or a video)")
+    priority: int = Field(description="Of two that wait the one with the higher number is begun first")
     state: str = Field(description="queued, running, succeeded, failed or cancelled")
     stage: str | None
     done: int
@@ -132,6 +137,8 @@ class BuildBody(BaseModel):
         return BuildBody(
             build=build.id,
             venue=build.venue_id,
+            kind=build.kind,
+            priority=build.priority,
             state=build.state,
             stage=build.stage,
             done=build.done,
@@ -153,6 +160,15 @@ def build(
     archive: ArchiveField = None,
     upload: UploadField = None,
     options: OptionsField = "{}",
+    priority: Annotated[
+        int,
+        Form(
+            ge=-9,
+            le=9,
+            description="Of two builds that wait the one with the higher number is begun first; more than 0 needs a "
+            "key of all venues",
+        ),
+    ] = 0,
     idempotency_key: Annotated[
         str | None,
         Header(
@@ -163,13 +179,14 @@ def build(
     ] = None,
 ) -> Submitted:
     """Queue a build of a map from an RGB-D scan."""
-    caller.check_venue(venue)
+    # A key of one venue must not put its builds before those of others.
+    caller.check_venue(None if priority > 0 else venue)
     resources, uploads, parsed = state.services.resources, state.services.uploads, read_options(options)
     check_one_scan(archive, upload)
     if archive is not None:
-        build_id = submit_build(resources, venue, parsed, archive.file, idempotency_key)
+        build_id = submit_build(resources, venue, parsed, archive.file, idempotency_key, priority)
     else:
-        build_id = submit_upload(resources, uploads, venue, parsed, upload or "", idempotency_key)
+        build_id = submit_upload(resources, uploads, venue, parsed, upload or "", idempotency_key, priority)
     state.runner.wake()
     url = f"/database/builds/{build_id}"
     return Submitted(build=build_id, status_url=url, events_url=f"{url}/events")

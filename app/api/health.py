@@ -16,7 +16,7 @@ from app.api.requests.contract_route import ContractRoute
 from app.api.schemas import problems
 from app.errors import RoomfixError
 from app.limits import limit
-from app.storage.builds import count_builds
+from app.storage.builds import count_builds, count_queued
 
 router = APIRouter(tags=["operation"], route_class=ContractRoute)
 
@@ -147,6 +147,7 @@ def metrics(state: State, caller: CallerOf) -> Response:
     state.metrics.pending.set(state.executor.pending)
     with resources.database.read() as connection:
         state.metrics.set_builds(count_builds(connection))
+        state.metrics.set_queued(count_queued(connection))
     state.metrics.free_bytes.set(shutil.disk_usage(resources.settings.data_dir).free)
     state.metrics.worker_alive.set(state.runner.alive())
     state.metrics.damaged_maps.set(len(state.services.maps.problems))

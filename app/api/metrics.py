@@ -13,6 +13,8 @@ from prometheus_client import (
     generate_latest,
 )
 
+from app.build_kinds import Kind
+
 BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
@@ -47,6 +49,9 @@ class Metrics:
             ["state", "stage"],
             registry=self.registry,
         )
+        self._queued = Gauge(
+            "roomfix_builds_queued", "Builds that wait for a worker", ["kind"], registry=self.registry
+        )
         self.free_bytes = Gauge(
             "roomfix_disk_free_bytes", "Free space of the data folder", registry=self.registry
         )
@@ -77,6 +82,11 @@ class Metrics:
         self._builds.clear()
         for (state, stage), count in counts.items():
             self._builds.labels(state, stage).set(count)
+
+    def set_queued(self, counts: Mapping[Kind, int]) -> None:
+        """State the number of builds of each kind that wait."""
+        for kind, count in counts.items():
+            self._queued.labels(kind).set(count)
 
     def render(self) -> bytes:
         """Return the text that Prometheus scrapes."""

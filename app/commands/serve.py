@@ -51,9 +51,15 @@ def serve(
     run_server(settings)
 
 
-def worker(data_dir: DataDir = None) -> None:
+def worker(
+    data_dir: DataDir = None,
+    kinds: Annotated[
+        str | None,
+        typer.Option(help="Kinds of builds to take: scan, recording, pictures [ROOMFIX_WORKER_KINDS, all]."),
+    ] = None,
+) -> None:
     """Run builds for a server that was started with ROOMFIX_RUN_WORKER=false."""
-    settings = settings_from(data_dir=data_dir)
+    settings = settings_from(data_dir=data_dir, worker_kinds=kinds)
     configure_logs(settings.log_level, settings.log_format)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,11 @@ class LensOptions:
         12,
         "Largest number of Gauss-Newton steps.",
         chosen="By hand: meant to be enough to converge.",
+    )
+    slice_pairs: int = limit(
+        16,
+        "Pairs of frames that are taken together in a step, by one thread.",
+        chosen="By hand: some hundredths of a second, so that several threads have their part.",
     )
     min_step: float = limit(
         1e-5,
@@ -116,40 +122,82 @@ class SharedPoints:
     b_from_a: Pose
 
 
-def fit_lens(pairs: Sequence[SharedPoints], camera: Camera) -> Lens:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairTerms:
+    """What a pair of frames adds to the equation of the coefficient once its pose is eliminated.
+
+    `solved` (6, 2) is the step of the pose, negated, as a function of the coefficient's: derivative and constant part.
+    `squares` is the weighted sum of squared errors, of `count` weights in all.
+    """
+
+    solved: Array
+    information: float
+    gradient: float
+    squares: float
+    count: float
+
+
+# Calls a function with each of some slices and gives the results in their order, as `map` does.
+RunSlices = Callable[[Callable[[slice], list[PairTerms]], list[slice]], Iterable[list[PairTerms]]]
+
+
+def fit_lens(pairs: Sequence[SharedPoints], camera: Camera, run: RunSlices = map) -> Lens:
     """Return the lens that fits the points of all pairs of frames best.
 
     Minimizes the Cauchy losses of the reprojection errors of frame a's points in frame b (C eq. 4.2.1 with a lens),
     over the coefficient and the relative pose of each pair: Gauss-Newton with the poses eliminated (Schur
     complement). K is kept, for depth and colour were registered with it. The poses are unknowns, so that their errors
     don't change the coefficient. There is no second coefficient: it would fit the misalignment of depth and colour.
+    `run` may take slices of the pairs in several threads; the lens is the same to the last bit.
     """
     poses = [pair.b_from_a for pair in pairs]
+    slices = [
+        slice(first, first + OPTIONS.slice_pairs) for first in range(0, len(pairs), OPTIONS.slice_pairs)
+    ]
     lens, information, variance = Lens(0.0), 0.0, 1.0
     for _ in range(OPTIONS.steps):
+        eliminate = partial(_eliminated, pairs, poses, camera, lens)
+        terms = [each for of_slice in run(eliminate, slices) for each in of_slice]
         information, gradient = LENS_SIGMA**-2, lens.coefficient / LENS_SIGMA**2
-        eliminated, squares, count = [], 0.0, 0.0
-        for pair, pose in zip(pairs, poses, strict=True):
-            by_lens, by_pose, error, weight = _of_pair(pair, pose, camera, lens)
-            squares, count = squares + float(weight @ error**2), count + float(weight.sum())
-            weighted = by_pose * weight[:, None]
-            right = np.column_stack([weighted.T @ by_lens, weighted.T @ error])
-            # The pose as a function of the coefficient: its derivative and its constant part, negated.
-            solved = np.linalg.solve(weighted.T @ by_pose + 1e-9 * np.eye(6), right)
-            eliminated.append(solved)
-            lens_pose = by_lens @ weighted
-            information += float(by_lens @ (weight * by_lens) - lens_pose @ solved[:, 0])
-            gradient += float(by_lens @ (weight * error) - lens_pose @ solved[:, 1])
+        squares, count = 0.0, 0.0
+        for each in terms:
+            squares, count = squares + each.squares, count + each.count
+            information += each.information
+            gradient += each.gradient
         step = -gradient / information
         lens = Lens(lens.coefficient + step)
         poses = [
-            _moved(pose, -(solved[:, 1] + solved[:, 0] * step))
-            for pose, solved in zip(poses, eliminated, strict=True)
+            _moved(pose, -(each.solved[:, 1] + each.solved[:, 0] * step))
+            for pose, each in zip(poses, terms, strict=True)
         ]
         variance = squares / count if count else 1.0
         if abs(step) < OPTIONS.min_step:
             break
     return Lens(lens.coefficient, float(np.sqrt(variance / information)))
+
+
+def _eliminated(
+    pairs: Sequence[SharedPoints], poses: Sequence[Pose], camera: Camera, lens: Lens, rows: slice
+) -> list[PairTerms]:
+    terms = []
+    for pair, pose in zip(pairs[rows], poses[rows], strict=True):
+        by_lens, by_pose, error, weight = _of_pair(pair, pose, camera, lens)
+        weighted = by_pose * weight[:, None]
+        right = np.column_stack([weighted.T @ by_lens, weighted.T @ error])
+        solved: Array = np.asarray(
+            np.linalg.solve(weighted.T @ by_pose + 1e-9 * np.eye(6), right), np.float64
+        )
+        lens_pose = by_lens @ weighted
+        terms.append(
+            PairTerms(
+                solved=solved,
+                information=float(by_lens @ (weight * by_lens) - lens_pose @ solved[:, 0]),
+                gradient=float(by_lens @ (weight * error) - lens_pose @ solved[:, 1]),
+                squares=float(weight @ error**2),
+                count=float(weight.sum()),
+            )
+        )
+    return terms
 
 
 def _of_pair(pair: SharedPoints, pose: Pose, camera: Camera, lens: Lens) -> tuple[Array, Array, Array, Array]:

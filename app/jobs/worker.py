@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from app.jobs.handlers import handle_build, recover, sweep
 from app.jobs.lease import Heart, LeaseWatch
+from app.jobs.news import News
 from app.jobs.sharing import Helper
 from app.jobs.worker_name import worker_name
 from app.limits import limit
@@ -62,6 +63,8 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
     worker = worker_name()
     heart = Heart(resources.database, worker)
     heart.start()
+    news = News(resources.database, wake)
+    news.start()
     idle = threading.Event()
     ending = threading.Thread(target=_end_when_stopped, args=(settings, worker, stop, idle), daemon=True)
     ending.start()
@@ -70,18 +73,19 @@ def run_worker(settings: Settings, wake: threading.Event, stop: threading.Event)
     finally:
         idle.set()
         heart.stop()
+        news.stop()
         resources.close()
 
 
 def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threading.Event) -> None:
-    library, watch = MapLibrary(resources), LeaseWatch()
+    library, watch, kinds = MapLibrary(resources), LeaseWatch(), resources.settings.kinds_of_builds
     helper = Helper(resources, library, stop)
     swept = float("-inf")
     while not stop.is_set():
         wake.clear()
         recover(resources, watch)
         with resources.database.write() as connection:
-            build = None if stop.is_set() else claim_build(connection, worker)
+            build = None if stop.is_set() else claim_build(connection, worker, kinds=kinds)
         if build is not None:
             with log_context(build=build.id):
                 log.info("build %s of venue %s starts", build.id, build.venue_id)
@@ -92,7 +96,7 @@ def _serve(resources: Resources, worker: str, wake: threading.Event, stop: threa
         if time.monotonic() - swept > OPTIONS.sweep_interval_s:
             swept = time.monotonic()
             sweep(resources)
-        wake.wait(OPTIONS.poll_s)
+        helper.wait(wake, OPTIONS.poll_s)
 
 
 def _end_when_stopped(settings: Settings, worker: str, stop: threading.Event, idle: threading.Event) -> None:

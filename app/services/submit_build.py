@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import copyfileobj
 from typing import Any, BinaryIO
 
-from app.engine.mapping.options import parse_build_options
+from app.build_kinds import Kind
+from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.errors import (
     ConflictError,
     InvalidInputError,
+    InvalidScanError,
     NotFoundError,
     UploadLockedError,
 )
+from app.importers.archives.archive import names_in_archive
+from app.importers.archives.lone_recording import suffix_of_recording
+from app.importers.recognition import recognised
 from app.services.resources import Resources
 from app.services.sent_scans.archive import check_not_empty, whole_upload
 from app.storage.builds import Build, cancel_build, create_build, find_submission
@@ -26,6 +32,8 @@ from app.storage.uploads import UploadFolder
 from app.storage.venues import get_venue
 
 UPLOAD_PREFIX = "upload-"
+# The formats whose poses are estimated from the pictures; all others are scans.
+KIND_OF_FORMAT: Mapping[str, Kind] = {"recording": "recording", "video": "pictures", "images": "pictures"}
 
 
 def submit_build(
@@ -34,6 +42,7 @@ def submit_build(
     options: object,
     archive: BinaryIO | Path,
     idempotency_key: str | None = None,
+    priority: int = 0,
 ) -> str:
     """Store a scan's archive, a stream or a file that stays as it is, queue its build and return the build's id.
 
@@ -41,13 +50,15 @@ def submit_build(
     `InvalidScanError` for an empty archive. A submission with the `idempotency_key` of an earlier one of the venue is
     that build; `ConflictError` if scan or options differ. What is wrong inside the archive fails the build.
     """
-    if parse_build_options(options).blur_faces:
+    parsed = parse_build_options(options)
+    if parsed.blur_faces:
         # Refused now where it can't be done, not at the end of the build.
         _ = resources.models.faces
     plain = _plain(options)
     with resources.database.read() as connection:
         get_venue(connection, venue)
     with _as_file(resources.scratch_dir, archive) as path:
+        kind = kind_of(parsed, path)
         digest = resources.blobs.put_file(path)
         with resources.database.write() as connection:
             get_venue(connection, venue)
@@ -59,7 +70,9 @@ def submit_build(
             # A build of the same archive may have ended, and discarded it, since it was stored.
             if not resources.blobs.contains(digest):
                 resources.blobs.put_file(path)
-            return create_build(connection, venue, plain, digest, idempotency_key)
+            return create_build(
+                connection, venue, plain, digest, idempotency_key, kind=kind, priority=priority
+            )
 
 
 def submit_upload(
@@ -69,6 +82,7 @@ def submit_upload(
     options: object,
     upload: str,
     idempotency_key: str | None = None,
+    priority: int = 0,
 ) -> str:
     """Queue a build of an upload that is whole, remove the upload and return the build's id.
 
@@ -84,10 +98,29 @@ def submit_upload(
         if earlier is None or earlier.options != _plain(options):
             raise
         return earlier.id
-    build_id = submit_build(resources, venue, options, path, idempotency_key)
+    build_id = submit_build(resources, venue, options, path, idempotency_key, priority)
     with suppress(NotFoundError, UploadLockedError):
         uploads.delete(upload)
     return build_id
+
+
+def kind_of(options: BuildOptions, archive: Path) -> Kind:
+    """Return the kind of a build by its options and, where they leave it open, by the names of the archive's files.
+
+    Only a zip and a single file are looked into: a packed tar would have to be read whole. What can't be told, or can't
+    be read, counts as a scan.
+    """
+    if options.scan.estimate_poses:
+        return "pictures"
+    if options.format != "auto":
+        return KIND_OF_FORMAT.get(options.format, "scan")
+    if suffix_of_recording(archive) is None and not zipfile.is_zipfile(archive):
+        return "scan"
+    try:
+        found = recognised(names_in_archive(archive))
+    except InvalidScanError:
+        return "scan"
+    return KIND_OF_FORMAT.get(found[0].format, "scan") if found else "scan"
 
 
 def withdraw_build(resources: Resources, build_id: str) -> Build:

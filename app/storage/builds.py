@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Row, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, case, func, insert, select, update
 
+from app.build_kinds import KINDS, Kind
 from app.errors import ConflictError, NotFoundError
 from app.limits import limit
-from app.storage.db import as_utc, now
+from app.storage.db import as_utc, notify, now
 from app.storage.tables import builds
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 ENDED = ("succeeded", "failed", "cancelled")
+QUEUED = builds.c.state == "queued"
+# The notice that a build was queued.
+BUILD_QUEUED = "roomfix_build_queued"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QueueOptions:
-    """When a build is given up."""
+    """When a build is begun, and when it is given up."""
 
     max_attempts: int = limit(
         3,
         "Times that a build is started; it fails when its worker died in the last of them.",
         chosen="By hand: a worker that was stopped twice is bad luck, one that dies three times dies of the build.",
+    )
+    patience_s: float = limit(
+        1800.0,
+        "Time after which a queued build is no longer passed by builds of another kind that came later.",
+        chosen="By hand: as long as a large video takes; without it a busy server would never build one.",
     )
 
 
@@ -45,6 +55,8 @@ class Build:
     total: int
     options: dict[str, Any]
     archive_blob: str
+    kind: Kind
+    priority: int
     attempts: int
     worker: str | None
     cancel_requested: bool
@@ -68,8 +80,11 @@ def create_build(
     options: dict[str, Any],
     archive_blob: str,
     idempotency_key: str | None = None,
+    *,
+    kind: Kind = "scan",
+    priority: int = 0,
 ) -> str:
-    """Queue a build and return its id."""
+    """Queue a build and return its id; of two builds the one with the higher priority is begun first."""
     build_id = uuid.uuid4().hex
     connection.execute(
         insert(builds).values(
@@ -80,12 +95,15 @@ def create_build(
             total=0,
             options=options,
             archive_blob=archive_blob,
+            kind=kind,
+            priority=priority,
             attempts=0,
             cancel_requested=False,
             created_at=now(),
             idempotency_key=idempotency_key,
         )
     )
+    notify(connection, BUILD_QUEUED)
     return build_id
 
 
@@ -123,9 +141,23 @@ def count_builds(connection: Connection) -> dict[tuple[str, str], int]:
     return dict(counts)
 
 
-def claim_build(connection: Connection, worker: str = "", build_id: str | None = None) -> Build | None:
-    """Take the oldest queued build, or the given one if it is queued, for a worker; return None without one."""
-    query = select(builds.c.id).where(builds.c.state == "queued").order_by(builds.c.created_at).limit(1)
+def count_queued(connection: Connection) -> dict[Kind, int]:
+    """Return the number of builds of each kind that wait for a worker."""
+    query = select(builds.c.kind, func.count().label("number")).where(QUEUED).group_by(builds.c.kind)
+    found = {row.kind: int(row.number) for row in connection.execute(query)}
+    return {kind: found.get(kind, 0) for kind in KINDS}
+
+
+def claim_build(
+    connection: Connection, worker: str = "", build_id: str | None = None, kinds: Sequence[Kind] = KINDS
+) -> Build | None:
+    """Take the first queued build of some kinds, or the given one if it is queued, for a worker; None without one.
+
+    The first is that of the highest priority, then of the first kind of `KINDS`, then the oldest. What has waited for
+    `OPTIONS.patience_s` goes before all kinds.
+    """
+    query = select(builds.c.id).where(QUEUED & builds.c.kind.in_(kinds))
+    query = query.order_by(builds.c.priority.desc(), _turn(), builds.c.created_at).limit(1)
     if build_id is not None:
         query = query.where(builds.c.id == build_id)
     found = connection.execute(query.with_for_update(skip_locked=True)).scalar()
@@ -144,6 +176,13 @@ def claim_build(connection: Connection, worker: str = "", build_id: str | None =
         )
     )
     return get_build(connection, found)
+
+
+def _turn() -> ColumnElement[int]:
+    """Return the number by which builds of one priority are ordered: 0 for what has waited long, then the kinds."""
+    overdue = builds.c.created_at < now() - timedelta(seconds=OPTIONS.patience_s)
+    by_kind = {kind: number for number, kind in enumerate(KINDS, start=1)}
+    return case((overdue, 0), *((builds.c.kind == kind, number) for kind, number in by_kind.items()), else_=1)
 
 
 def report_progress(
@@ -208,7 +247,7 @@ def cancel_build(connection: Connection, build_id: str) -> Build:
     build = get_build(connection, build_id)
     if build.ended:
         raise ConflictError(f"Build {build_id} has {build.state} already.")
-    queued = (builds.c.id == build_id) & (builds.c.state == "queued")
+    queued = (builds.c.id == build_id) & QUEUED
     connection.execute(update(builds).where(queued).values(state="cancelled", finished_at=now()))
     connection.execute(update(builds).where(builds.c.id == build_id).values(cancel_requested=True))
     return get_build(connection, build_id)

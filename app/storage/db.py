@@ -142,6 +142,27 @@ class Database:
         with self.read() as connection:
             connection.execute(text("SELECT 1"))
 
+    @contextmanager
+    def notices(self, channel: str) -> Iterator[Callable[[float], bool]]:
+        """Give a function that waits for a notice by `notify`, at most for some seconds, and returns whether there was
+        one. Only PostgreSQL has notices, and a pooler between may lose them all: they can only save a wait."""
+        with self.engine.connect() as connection:
+            driver: Any = connection.connection.driver_connection
+            # Not back to the pool, whose connections listen to nothing.
+            connection.detach()
+            driver.autocommit = True
+            driver.execute(f'LISTEN "{channel}"')
+
+            def wait(seconds: float) -> bool:
+                return any(True for _ in driver.notifies(timeout=seconds, stop_after=1))
+
+            yield wait
+
+    @property
+    def has_notices(self) -> bool:
+        """Whether the database has notices."""
+        return self._postgresql
+
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
@@ -227,6 +248,12 @@ def hold_blobs(connection: Connection) -> None:
     # On SQLite every write transaction does that.
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": BLOB_LOCK})
+
+
+def notify(connection: Connection, channel: str) -> None:
+    """Send a notice, where the database has them, to all that wait for it: once the transaction is committed."""
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": channel})
 
 
 def now() -> datetime:

@@ -7,7 +7,8 @@ from typing import Any
 
 from sqlalchemy import Connection, select, update
 
-from app.storage.builds import OPTIONS, Build, end_build, get_build
+from app.storage.builds import BUILD_QUEUED, OPTIONS, Build, end_build, get_build
+from app.storage.db import notify
 from app.storage.tables import builds
 
 RUNNING = builds.c.state == "running"
@@ -61,6 +62,7 @@ def take_back(connection: Connection, lease: Lease) -> Build | None:
         end_build(connection, lease.build_id, "failed", error_code="worker_died", error=message)
     else:
         connection.execute(update(builds).where(here).values(**UNCLAIMED))
+        notify(connection, BUILD_QUEUED)
     return get_build(connection, lease.build_id)
 
 
@@ -68,7 +70,10 @@ def hand_over(connection: Connection, worker: str) -> int:
     """Queue the builds again of a worker that stops in good order, which counts as no attempt; return their number."""
     own = RUNNING & (builds.c.worker == worker)
     values = {**UNCLAIMED, "attempts": builds.c.attempts - 1}
-    return connection.execute(update(builds).where(own).values(**values)).rowcount
+    handed = connection.execute(update(builds).where(own).values(**values)).rowcount
+    if handed:
+        notify(connection, BUILD_QUEUED)
+    return handed
 
 
 def _held(lease: Lease) -> Any:

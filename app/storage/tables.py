@@ -74,6 +74,8 @@ builds = Table(
     Column("total", Integer, nullable=False),
     Column("options", JSON, nullable=False),
     Column("archive_blob", String(64), nullable=False),
+    Column("kind", String(16), nullable=False, server_default="scan"),
+    Column("priority", Integer, nullable=False, server_default="0"),
     Column("attempts", Integer, nullable=False),
     Column("cancel_requested", Boolean, nullable=False),
     Column("error_code", String(64)),

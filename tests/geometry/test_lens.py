@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
+from app.geometry import lens as lens_module
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.lens import LENS_SIGMA, Focal, Lens, SharedPoints, fit_lens, refine_lens
@@ -42,6 +46,14 @@ def test_pairs_of_frames_show_the_lens(coefficient: float) -> None:
     found = fit_lens(pairs_through(coefficient), PINHOLE)
     assert found.coefficient == pytest.approx(coefficient, abs=max(4 * found.sigma, 0.002))
     assert found.sigma < 0.002
+
+
+def test_threads_and_their_parts_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = pairs_through(-0.03)
+    alone = fit_lens(pairs, PINHOLE)
+    monkeypatch.setattr(lens_module, "OPTIONS", replace(lens_module.OPTIONS, slice_pairs=5))
+    with ThreadPoolExecutor(3) as executor:
+        assert fit_lens(pairs, PINHOLE, executor.map) == alone
 
 
 def test_a_lens_needs_something_to_tell_it() -> None:

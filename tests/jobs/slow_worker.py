@@ -1,8 +1,9 @@
 """The build worker, held where a test wants it: at the stage that the file `hold` in the data folder names.
 
 It waits there, having written `held`, until `hold` names another stage or is gone. Of the environment, `LOCK_WAIT_S`
-shortens the time that a database, patient or not, waits for a lock, and `LEASE_S` the time after which a silent worker
-is given up. Started by its path, in place of `python -m app.jobs.worker`.
+shortens the time that a database, patient or not, waits for a lock, `LEASE_S` the time after which a silent worker
+is given up, and `POLL_S` is the time between two checks of the queue. Started by its path, in place of
+`python -m app.jobs.worker`.
 """
 
 from __future__ import annotations
@@ -53,5 +54,7 @@ if __name__ == "__main__":
         db.OPTIONS = db.DatabaseOptions(lock_wait_s=wait_s, patient_wait_s=wait_s)
     if "LEASE_S" in os.environ:
         lease.OPTIONS = lease.LeaseOptions(lease_s=float(os.environ["LEASE_S"]))
+    if "POLL_S" in os.environ:
+        worker.OPTIONS = worker.WorkerOptions(poll_s=float(os.environ["POLL_S"]))
     handlers.BuildProgress = HeldProgress  # type: ignore[misc]
     worker.main()

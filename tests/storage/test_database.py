@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import ConflictError, NotFoundError
@@ -134,6 +135,37 @@ def test_builds_are_taken_in_order_and_once(database: Database, venue: str) -> N
         taken = [builds.claim_build(connection) for _ in range(4)]
     assert [build and build.id for build in taken] == [*ids, None]
     assert all(build is None or (build.state, build.attempts) == ("running", 1) for build in taken)
+
+
+def test_builds_are_taken_by_priority_then_kind_then_age(database: Database, venue: str) -> None:
+    wanted: list[tuple[builds.Kind, int]] = [
+        ("pictures", 0), ("scan", 0), ("recording", 0), ("scan", -1), ("pictures", 2), ("scan", 0),
+    ]  # fmt: skip
+    with database.write() as connection:
+        ids = [
+            builds.create_build(connection, venue, {}, "a" * 64, kind=kind, priority=priority)
+            for kind, priority in wanted
+        ]
+        assert builds.count_queued(connection) == {"scan": 3, "recording": 1, "pictures": 2}
+        # A worker takes none of another kind, whatever its priority.
+        assert builds.claim_build(connection, kinds=()) is None
+        first = builds.claim_build(connection, kinds=("recording",))
+        taken = [builds.claim_build(connection) for _ in range(5)]
+        assert builds.count_queued(connection) == dict.fromkeys(("scan", "recording", "pictures"), 0)
+    assert first is not None
+    assert (first.id, first.kind) == (ids[2], "recording")
+    assert [build and ids.index(build.id) for build in taken] == [4, 1, 5, 0, 3]
+
+
+def test_what_has_waited_long_is_passed_by_no_kind(database: Database, venue: str) -> None:
+    with database.write() as connection:
+        long = builds.create_build(connection, venue, {}, "a" * 64, kind="pictures")
+        since = builds.now() - timedelta(seconds=builds.OPTIONS.patience_s + 1)
+        connection.execute(update(builds.builds).values(created_at=since))
+        scan = builds.create_build(connection, venue, {}, "a" * 64)
+        urgent = builds.create_build(connection, venue, {}, "a" * 64, priority=1)
+        taken = [builds.claim_build(connection) for _ in range(3)]
+    assert [build and build.id for build in taken] == [urgent, long, scan]
 
 
 def test_a_build_ends_once(database: Database, venue: str) -> None:

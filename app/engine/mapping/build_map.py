@@ -76,7 +76,8 @@ class BuiltMap:
 
 @dataclass(frozen=True, slots=True)
 class _Described:
-    frame: Frame
+    """What is computed of a frame; not the frame, whose files another worker of the build has elsewhere."""
+
     view: View
     descriptor: NDArray[np.float32] | None
     quality: ImageQuality
@@ -128,13 +129,14 @@ def build_map(
     artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
     if has_second_features(options) and source.has_depth:
-        rows = [described[row] for row in kept]
-        artifact = _with_second_features(artifact, source, rows, refined.camera, models, executor, progress)
+        placed_frames = [PlacedKeyframe(source.frames[row], poses[row]) for row in kept]
+        camera = refined.camera
+        artifact = _with_second_features(artifact, source, placed_frames, camera, models, executor, progress)
         clock.lap("second features")
     return BuiltMap(
         artifact=artifact,
         index=index,
-        keyframes=tuple(described[row].frame for row in kept),
+        keyframes=tuple(source.frames[row] for row in kept),
         world_from_scan=placed,
         discarded={**dict(source.discarded), **left_out},
         replaced=replaced,
@@ -146,14 +148,13 @@ def build_map(
 def _with_second_features(
     artifact: MapArtifact,
     source: FrameSource,
-    keyframes: Sequence[_Described],
+    keyframes: Sequence[PlacedKeyframe],
     camera: Camera,
     models: VisionModels,
     executor: Executor,
     progress: Progress,
 ) -> MapArtifact:
-    placed = [PlacedKeyframe(item.frame, item.view.world_from_camera) for item in keyframes]
-    second = second_features(source, placed, camera, models.extractor("xfeat"), executor, progress)
+    second = second_features(source, keyframes, camera, models.extractor("xfeat"), executor, progress)
     return replace(artifact, second=second)
 
 
@@ -202,7 +203,7 @@ def _describe(
     depth_m = sample_depth(source.depth_m(frame), features.keypoints_px)
     descriptor = models.global_descriptor.describe(rgb) if is_keyframe else None
     view = View(world_from_camera, features, depth_m)
-    return _Described(frame, view, descriptor, quality)
+    return _Described(view, descriptor, quality)
 
 
 def _usable(
@@ -311,7 +312,7 @@ def _pack(
         descriptor_sha256=model.sha256,
         descriptor_size=model.size,
         cameras=(refined.camera,),
-        keyframe_names=tuple(described[row].frame.name for row, _ in kept),
+        keyframe_names=tuple(source.frames[row].name for row, _ in kept),
         lens_sigmas=(refined.lens_sigma,),
         z_up=z_up,
         has_scale=source.has_scale,

@@ -73,10 +73,10 @@ def refined_scan(
         nearest = nearest_keyframe(views[row].world_from_camera, keyframe_poses)
         if nearest is not None:
             offered[keyframes[nearest]].append(points[row])
-    all_points = [
-        with_supporting_features(
-            points[row], offered[row], views[row].world_from_camera, camera, extractor.binary
-        )
-        for row in keyframes
-    ]
+
+    def complete(row: int) -> MapPoints:
+        own, pose = points[row], views[row].world_from_camera
+        return with_supporting_features(own, offered[row], pose, camera, extractor.binary)
+
+    all_points = list(map_in_order(executor, complete, keyframes, "add_features", progress))
     return RefinedScan(all_points, camera, 0.0 if lens is None else lens.sigma)

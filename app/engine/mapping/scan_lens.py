@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ import numpy as np
 from app.engine.mapping.sensor_sample import OPTIONS as SAMPLE_OPTIONS
 from app.engine.mapping.sensor_sample import every_nth
 from app.engine.maps.points import View, close_matches, nearby_views, points_from_depth
-from app.engine.progress import Progress, map_in_order
+from app.engine.progress import NoProgress, Progress, map_in_order
 from app.geometry.camera import Camera
-from app.geometry.lens import Lens, SharedPoints, fit_lens
+from app.geometry.lens import Lens, PairTerms, SharedPoints, fit_lens
 from app.limits import limit
 from app.vision.features import LocalFeatureExtractor
 
@@ -87,7 +87,12 @@ def learn_lens(
     pairs = [pair for of_keyframe in found for pair in of_keyframe]
     if len(pairs) < OPTIONS.min_pairs:
         return None
-    lens = fit_lens(pairs, camera)
+
+    def run(eliminate: Callable[[slice], list[PairTerms]], slices: list[slice]) -> list[list[PairTerms]]:
+        # Without reports: a step takes less time than a report to a database.
+        return list(map_in_order(executor, eliminate, slices, "check_lens", NoProgress()))
+
+    lens = fit_lens(pairs, camera, run)
     least_significant = OPTIONS.min_sigmas * lens.sigma
     if abs(lens.coefficient) > max(OPTIONS.min_coefficient, least_significant):
         return Lens(lens.coefficient, float(np.hypot(lens.sigma, OPTIONS.scan_error_sigma)))

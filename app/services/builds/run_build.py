@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 import time
 from collections.abc import Iterator
@@ -38,6 +39,8 @@ from app.vision.faces.blur import with_blurred_faces
 from app.vision.faces.detector import FaceDetector
 
 log = logging.getLogger("roomfix.builds")
+# In the scratch folder of a build: the files of its scan, and where among them the scan is, once all are there.
+SCAN, UNPACKED = "scan", "unpacked"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,15 +70,20 @@ def run_build(build: Build, resources: Resources, library: MapLibrary, progress:
 
 
 def make_map(
-    build: Build, resources: Resources, library: MapLibrary, progress: Progress, folder: Path
+    build: Build,
+    resources: Resources,
+    library: MapLibrary,
+    progress: Progress,
+    folder: Path,
+    root: Path | None = None,
 ) -> MadeMap:
-    """Return the map of a build's scan, which is unpacked to a folder; raises as `run_build`.
+    """Return the map of a build's scan, which is unpacked to a folder unless it is at `root`; raises as `run_build`.
 
     The executor of `resources` does all heavy work, whose results depend on the build and on what is stated to it.
     """
     started = time.perf_counter()
     options = parse_build_options(build.options)
-    root = _unpack(build, resources, folder, progress)
+    root = unpack(build, resources, folder, progress) if root is None else root
     progress.report("read", 0, 1)
     unpacked = time.perf_counter()
     present = _present_map(build, options, library, resources)
@@ -166,14 +174,30 @@ def _discarded_on_failure(build: Build, resources: Resources) -> Iterator[set[st
         raise
 
 
-def _unpack(build: Build, resources: Resources, folder: Path, progress: Progress) -> Path:
+def unpack(build: Build, resources: Resources, folder: Path, progress: Progress) -> Path:
+    """Unpack a build's scan to a folder, and note there that it is whole; return the scan's own folder."""
     archive = resources.blobs.local_path(build.archive_blob)
     limits = ArchiveLimits(max_total_bytes=resources.settings.max_unpacked_bytes)
 
     def report(done: int, total: int) -> None:
         progress.report("unpack", done, total)
 
-    return unpack_scan(archive, folder / "scan", limits, report)
+    root = unpack_scan(archive, folder / SCAN, limits, report)
+    noted = folder / f"{UNPACKED}.part"
+    noted.write_text(root.relative_to(folder).as_posix())
+    noted.replace(folder / UNPACKED)
+    return root
+
+
+def linked_scan(unpacked: Path, folder: Path) -> Path | None:
+    """Link the files of a scan that another worker has unpacked into a folder of our own, where they stay when that
+    worker removes its own; return the scan's folder, None while the scan isn't whole. Raises `OSError`."""
+    try:
+        root = (unpacked / UNPACKED).read_text()
+    except FileNotFoundError:
+        return None
+    shutil.copytree(unpacked / SCAN, folder / SCAN, copy_function=os.link)
+    return folder / root
 
 
 def _publish(

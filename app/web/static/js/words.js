@@ -60,6 +60,7 @@ const BUILD_STAGES = {
   check_sensor: "Checking the depth sensor",
   triangulate: "Triangulating points",
   refine: "Refining depth",
+  add_features: "Adding features of the frames between keyframes",
   distinguish: "Looking for places that look alike",
   "second features": "Describing keyframes a second time",
   "match pairs": "Matching keyframes with each other",
