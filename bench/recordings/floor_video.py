@@ -1,6 +1,6 @@
-"""A walk of four minutes through the upper floor, filmed, that begins at a printed marker, and phone pictures near it.
+"""A walk of four minutes through a floor, filmed, that begins at a printed marker, and phone pictures near it.
 
-`python -m bench.recordings.floor_video DIRECTORY` renders it; one that was stopped goes on where it was.
+`python -m bench.recordings.floor_video DIRECTORY [FLOOR]` renders it; one that was stopped goes on where it was.
 """
 
 from __future__ import annotations
@@ -35,18 +35,58 @@ MARKER_STEPS = 50
 TURN_STEPS = 20
 MARKER_SIDE_M = 0.17
 # On the west wall of the lobby, whose inner face is at x = 21.1; a little before it, over what hangs there.
-MARKER_AT = (21.15, 15.0, FLOOR_HEIGHT_M + 1.45)
+MARKER_XY = (21.15, 15.0)
+MARKER_HEIGHT_M = 1.45
 START = (22.5, 14.3)
 END_OF_MARKER = (22.5, 15.7)
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmedFloor:
+    """A storey and the walk through it; `seed` is that of the hand."""
+
+    name: str
+    floor: int
+    stops: str
+    seed: int
+
+    @property
+    def walk(self) -> tuple[Walk, ...]:
+        """The walk after the marker."""
+        return (Walk(self.floor, stops_of(self.stops)),)
+
+    @property
+    def marker_at(self) -> tuple[float, float, float]:
+        """The middle of the marker, world metres."""
+        return (*MARKER_XY, self.floor * FLOOR_HEIGHT_M + MARKER_HEIGHT_M)
+
+
 # From the lobby down both look-alike corridors and back, once round the west half, and back to the lobby.
-FLOOR_STOPS = (
-    "22.5,15.7 22.8,11.0 22.8,6.8 26.0,6.2 32.0,6.1 40.6,6.2,190 32.0,6.3 26.0,6.2 22.8,7.6 22.6,12.0 22.8,18.0 "
-    "26.0,20.0 32.0,19.9 40.6,20.0,190 32.0,20.1 26.0,20.0 22.8,18.4 22.6,12.0 19.0,12.0 13.0,9.0 13.0,6.6 "
-    "12.6,4.6,150 10.8,4.0 8.4,4.2 6.6,3.6 6.4,7.4 5.0,11.2,-120 5.0,14.0 4.6,22.0,150 8.8,21.5 11.2,21.5 12.4,20.0 "
-    "17.6,20.4,120 15.5,18.4 15.5,16.0 16.4,11.0 19.0,12.0 22.4,12.0 22.6,14.6"
+UPPER = FilmedFloor(
+    name="upper",
+    floor=1,
+    stops=(
+        "22.5,15.7 22.8,11.0 22.8,6.8 26.0,6.2 32.0,6.1 40.6,6.2,190 32.0,6.3 26.0,6.2 22.8,7.6 22.6,12.0 22.8,18.0 "
+        "26.0,20.0 32.0,19.9 40.6,20.0,190 32.0,20.1 26.0,20.0 22.8,18.4 22.6,12.0 19.0,12.0 13.0,9.0 13.0,6.6 "
+        "12.6,4.6,150 10.8,4.0 8.4,4.2 6.6,3.6 6.4,7.4 5.0,11.2,-120 5.0,14.0 4.6,22.0,150 8.8,21.5 11.2,21.5 "
+        "12.4,20.0 17.6,20.4,120 15.5,18.4 15.5,16.0 16.4,11.0 19.0,12.0 22.4,12.0 22.6,14.6"
+    ),
+    seed=2,
 )
-FLOOR_WALK: tuple[Walk, ...] = (Walk(1, stops_of(FLOOR_STOPS)),)
+# From the lobby down one of the corridors and back, round the exhibition and the rooms beside it, and back.
+GROUND = FilmedFloor(
+    name="ground",
+    floor=0,
+    stops=(
+        "22.5,15.7 22.8,18.0 26.0,20.0 32.0,20.1 40.6,20.0,-190 32.0,19.9 26.0,20.1 22.8,18.4 22.6,12.0 19.0,12.0 "
+        "15.6,12.6,160 14.6,9.4 14.5,6.8 13.6,5.2,200 11.2,6.0 9.0,4.4 6.2,4.8,-180 3.6,6.6 3.4,9.2 3.4,12.8,200 "
+        "5.6,15.6 7.2,16.4 7.0,19.4 5.0,22.2,-200 8.0,23.2 12.0,23.0 14.6,23.8,150 18.6,22.6 18.6,19.4 14.2,18.6 "
+        "14.2,15.4 18.8,11.6 22.4,12.0 22.8,7.6 26.0,6.2 32.0,6.1 32.0,9.0 31.6,10.2,150 32.0,8.6 32.0,6.2 "
+        "26.0,6.2 22.8,7.6 22.6,12.0 22.6,14.6"
+    ),
+    seed=3,
+)
+FLOORS = {each.name: each for each in (UPPER, GROUND)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +98,10 @@ class FloorVideo:
     queries: tuple[DemoQuery, ...]
 
 
-def video_poses() -> list[Pose]:
+def video_poses(filmed: FilmedFloor = UPPER) -> list[Pose]:
     """Return world_from_camera of each frame: past the marker, and along the walk."""
-    steps = STEPS * FRAMES
-    walk = scan_poses(FLOOR_WALK, steps - MARKER_STEPS - TURN_STEPS, seed=2)
+    steps, ground_m = STEPS * FRAMES, filmed.floor * FLOOR_HEIGHT_M
+    walk = scan_poses(filmed.walk, steps - MARKER_STEPS - TURN_STEPS, seed=filmed.seed)
     first = walk[0]
     rng = seeded("marker hand", steps)
     hand = gaussian_filter1d(rng.standard_normal((MARKER_STEPS + TURN_STEPS, 3)), 4, axis=0, mode="wrap")
@@ -76,19 +116,22 @@ def video_poses() -> list[Pose]:
         # The arm swings round the body, as in the turns of the walk.
         end = first.translation[:2] - np.array(END_OF_MARKER)
         heading = np.pi + part * turn + np.radians(2.0 * yaw)
-        place = np.array([x + part * end[0], y + part * end[1], FLOOR_HEIGHT_M + SCAN_HEIGHT_M + 0.02 * bob])
+        place = np.array([x + part * end[0], y + part * end[1], ground_m + SCAN_HEIGHT_M + 0.02 * bob])
         found.append(camera_pose(place, float(heading), float(np.radians(-4 + 3.0 * pitch)), 0.0))
     return [*found, *walk][::STEPS]
 
 
-def marker_sheet() -> MarkerSheet:
+def marker_sheet(filmed: FilmedFloor = UPPER) -> MarkerSheet:
     """Return the sheet on the lobby's wall; a viewer who looks west sees north to the right."""
     rotation = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
-    return MarkerSheet(number=0, side_m=MARKER_SIDE_M, world_from_sheet=Pose(rotation, np.array(MARKER_AT)))
+    return MarkerSheet(
+        number=0, side_m=MARKER_SIDE_M, world_from_sheet=Pose(rotation, np.array(filmed.marker_at))
+    )
 
 
 def render_floor_video(
     directory: Path,
+    filmed: FilmedFloor = UPPER,
     *,
     frames: int = FRAMES,
     queries: int = QUERIES,
@@ -97,7 +140,7 @@ def render_floor_video(
 ) -> FloorVideo:
     """Render the first `frames` into `directory/frames` and the pictures into `directory/queries`, or return when
     they are there; raises `InvalidInputError` when the directory holds something else."""
-    poses = video_poses()[:frames]
+    poses = video_poses(filmed)[:frames]
     folder = directory / "frames"
 
     def fill(partial: Path) -> None:
@@ -107,18 +150,23 @@ def render_floor_video(
                 world_from_camera=pose,
                 colour_path=partial / f"{k:06d}.jpg",
                 depth_path=None,
-                seed=("floor video", k),
+                seed=("floor video", k) if filmed is UPPER else (f"{filmed.name} video", k),
                 sensor=ColourSensor(),
                 quality=FAST,
-                sheet=marker_sheet(),
+                sheet=marker_sheet(filmed),
             )
             for k, pose in enumerate(poses)
         ]
         make_frames(partial, jobs, workers, progress)
 
-    make_directory(folder, {"video": "upper", "frames": frames, "version": SCENE_VERSION}, fill)
+    make_directory(folder, {"video": filmed.name, "frames": frames, "version": SCENE_VERSION}, fill)
     asked = render_queries_near(
-        poses, directory / "queries", queries, region="upper video", workers=workers, progress=progress
+        poses,
+        directory / "queries",
+        queries,
+        region=f"{filmed.name} video",
+        workers=workers,
+        progress=progress,
     )
     files = tuple(folder / f"{k:06d}.jpg" for k in range(frames))
     return FloorVideo(files, tuple(poses), tuple(asked))
@@ -126,5 +174,8 @@ def render_floor_video(
 
 if __name__ == "__main__":
     render_floor_video(
-        Path(sys.argv[1]), workers=1, progress=lambda done, total: print(f"{done} of {total}", flush=True)
+        Path(sys.argv[1]),
+        FLOORS[sys.argv[2]] if len(sys.argv) > 2 else UPPER,
+        workers=1,
+        progress=lambda done, total: print(f"{done} of {total}", flush=True),
     )

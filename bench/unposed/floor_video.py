@@ -59,17 +59,22 @@ class WatchedProgress:
 
 
 def evaluate_video(
-    folder: Annotated[Path, typer.Option(help="Where the rendered video is, or is made.")] = DEFAULT_DIR,
+    folder: Annotated[Path, typer.Option(help="Where the rendered videos are, or are made.")] = DEFAULT_DIR,
+    floor: Annotated[str, typer.Option(help="Which storey: upper, or ground.")] = "upper",
     seconds: Annotated[float, typer.Option(min=10, help="Length of the video that is sent.")] = 240.0,
     figures_title: FiguresTitle = None,
 ) -> None:
     """Build a map of a plain video of a rendered storey, a marker at its start, and locate phone pictures in it."""
-    from bench.recordings.floor_video import FPS, MARKER_SIDE_M, render_floor_video
+    from bench.recordings.floor_video import FLOORS, FPS, MARKER_SIDE_M, render_floor_video
 
+    if floor not in FLOORS:
+        raise typer.BadParameter(f"{floor!r} is none of {', '.join(FLOORS)}.", param_hint="--floor")
     cap_threads()
+    folder = folder / floor
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         video = render_floor_video(
             folder,
+            FLOORS[floor],
             frames=round(seconds * FPS),
             workers=1,
             progress=lambda done, total: progress.report("render", done, total),

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+import typer
+
 from app.geometry.se3 import Pose
 from bench.recordings.floor_video import FPS, FloorVideo, video_poses
 from bench.recordings.queries import PHONE_CAMERA, DemoQuery
 from bench.unposed.evaluate import true_pose_of
-from bench.unposed.floor_video import WatchedProgress, queries_of, scan_of
+from bench.unposed.floor_video import WatchedProgress, evaluate_video, queries_of, scan_of
 
 
 @dataclass
@@ -49,3 +52,9 @@ def test_reports_are_passed_on_and_the_longest_silence_has_its_stage() -> None:
     assert watched.longest_s > 0
     assert list(watched.stage_s) == ["start", "match_frames"]
     assert all(clock_s >= 0 and processor_s >= 0 for clock_s, processor_s in watched.stage_s.values())
+
+
+def test_a_storey_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(typer.BadParameter, match="attic"):
+        evaluate_video(folder=tmp_path / "video", floor="attic")
+    assert not any(tmp_path.iterdir())
