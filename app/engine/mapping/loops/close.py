@@ -37,7 +37,8 @@ class ClosureOptions:
 
     max_error_m: float = limit(
         0.3,
-        "Largest error of a loop's position, beside the drift that is looked for.",
+        "Largest error of a loop's position, and largest bend of the path by a correction, beside the drift that is "
+        "looked for.",
         chosen="By hand: places that look alike are further apart.",
     )
     max_error_rad: float = limit(0.1, "The same of the attitude.", chosen="By hand: six degrees.")
@@ -78,7 +79,8 @@ class ClosedLoops:
 
     `compared` pairs of frames gave `loops`, of which some were `held` back. `before_m` and `after_m` are the median
     errors in metres of those, before and after the others corrected the path; None where there are too few. `moved_m`
-    is by how far a frame moves at most.
+    is by how far a frame moves at most. `is_fold` says that a correction was not applied since it would lay parts that
+    look alike over each other.
     """
 
     scan: Scan
@@ -89,10 +91,17 @@ class ClosedLoops:
     after_m: float | None = None
     moved_m: float = 0.0
     is_applied: bool = False
+    is_fold: bool = False
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to say of a correction."""
+        if self.is_fold and self.before_m is not None:
+            return (
+                f"Parts of the scan look alike, {self.before_m:.2f} m apart (median), as floors or corridors of one "
+                "building do. They are kept apart, as the poses have them. If they are one place that was passed "
+                "twice, the tracker lost its way between: scan that part again.",
+            )
         if not self.is_applied or self.before_m is None or self.after_m is None:
             return ()
         return (
@@ -109,6 +118,7 @@ class ClosedLoops:
             "before_m": None if self.before_m is None else round(self.before_m, 4),
             "after_m": None if self.after_m is None else round(self.after_m, 4),
             "applied": self.is_applied,
+            "fold": self.is_fold,
             "moved_m": round(self.moved_m, 3),
         }
 
@@ -149,7 +159,10 @@ def close_loops(scan: Scan, models: VisionModels, executor: Executor, progress: 
     found = replace(found, before_m=before, after_m=after)
     if after > OPTIONS.max_left_ratio * before:
         return found
-    return _corrected(found, spread_over(poses, way, rows, optimized(path, [*loops, *ties])))
+    corrected = optimized(path, [*loops, *ties])
+    if bend_m(path, corrected, way[rows]) > OPTIONS.max_error_m:
+        return replace(found, is_fold=True)
+    return _corrected(found, spread_over(poses, way, rows, corrected))
 
 
 def _corrected(found: ClosedLoops, poses: Sequence[Pose]) -> ClosedLoops:
@@ -157,6 +170,26 @@ def _corrected(found: ClosedLoops, poses: Sequence[Pose]) -> ClosedLoops:
     moved = tuple(replace(frame, scan_from_camera=pose) for frame, pose in zip(frames, poses, strict=True))
     far = max(position_difference_m(a.scan_from_camera, b) for a, b in zip(frames, poses, strict=True))
     return replace(found, scan=replace(found.scan, frames=moved), moved_m=far, is_applied=True)
+
+
+def bend_m(path: Sequence[Pose], corrected: Sequence[Pose], way_m: Array) -> float:
+    """Return by how much more than drift a correction changes the motion between two places, at most.
+
+    Drift grows on the whole way. Where two parts of a scan look alike, as two floors of a building, all loops between
+    them agree on a motion that lays one over the other: the correction leaves both parts as they are and bends the
+    short way between them by metres.
+    """
+    most = 0.0
+    for row in range(len(path) - 1):
+        before, after = (_seen_from(poses, row) for poses in (path, corrected))
+        changed = np.linalg.norm(after - before, axis=1)
+        most = max(most, float((changed - drift_m(way_m[row + 1 :] - way_m[row])).max()))
+    return most
+
+
+def _seen_from(poses: Sequence[Pose], row: int) -> Array:
+    """Return the positions (n, 3) of the poses after a row in the axes of that row's pose."""
+    return poses[row].inverse().apply(np.stack([pose.translation for pose in poses[row + 1 :]]))
 
 
 def is_drift(loop: Loop, poses: Sequence[Pose], way_m: Array) -> bool:

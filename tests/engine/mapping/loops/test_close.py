@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from app.engine.mapping.inspection.loops import OPTIONS, sampled_loops
-from app.engine.mapping.loops.close import close_loops, held_back, spread_over
+from app.engine.mapping.loops import close
+from app.engine.mapping.loops.close import OPTIONS as CLOSURE
+from app.engine.mapping.loops.close import bend_m, close_loops, held_back, spread_over
 from app.engine.mapping.loops.optimize import Loop, loop_errors_m, optimized
 from app.engine.mapping.loops.places import choose_places, ways_m
 from app.engine.progress import NoProgress
@@ -135,6 +137,33 @@ def test_wrong_loops_among_right_ones_change_little() -> None:
     assert error_m(found, LONG) < 0.4 * error_m(path, LONG)
     assert float(np.median(loop_errors_m(found, loops_of(LONG)))) < 0.01
     assert position_difference_m(found[0], path[0]) < 1e-6
+
+
+def lifted(pose: Pose, height_m: float) -> Pose:
+    return Pose(pose.rotation, pose.translation + np.array([0.0, 0.0, height_m]))
+
+
+def test_a_path_that_would_be_bent_stays_as_it_is(scan: Scan, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = with_poses(scan, drifted(poses_of(scan), 0.03, 0.004))
+    monkeypatch.setattr(close, "bend_m", lambda *_: CLOSURE.max_error_m + 0.01)
+    with ThreadPoolExecutor(1) as executor:
+        found = close_loops(given, models(), executor, NoProgress())
+    assert found.scan is given
+    assert (found.is_fold, found.is_applied, found.moved_m) == (True, False, 0.0)
+    assert "look alike" in found.warnings[0]
+    assert found.as_dict()["fold"] is True
+
+
+def test_a_correction_that_lays_a_floor_over_another_is_no_drift() -> None:
+    # A round on one floor, a short stair, and a round on the next one, which looks the same.
+    half = len(LONG) // 2
+    up = np.concatenate([np.zeros(half - 5), np.linspace(0, 3.5, 10), np.full(half - 5, 3.5)])
+    path = [lifted(p, z) for p, z in zip(LONG, up, strict=True)]
+    alike = optimized(path, loops_of(LONG))
+    assert float(np.median(loop_errors_m(alike, loops_of(LONG)))) < 0.3
+    assert bend_m(path, alike, ways_m(path)) > 1.0
+    slowly = drifted(LONG, 0.02, 0.0005)
+    assert bend_m(slowly, optimized(slowly, loops_of(LONG)), ways_m(slowly)) < CLOSURE.max_error_m
 
 
 def test_loops_between_the_same_stretches_are_held_back_together() -> None:
