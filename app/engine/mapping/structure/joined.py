@@ -46,16 +46,6 @@ class RejoinOptions:
         "An adjustment stops where a step changes the sum of squared errors by a smaller ratio.",
         chosen="By hand: the errors don't fall by a thousandth of a pixel any more.",
     )
-    reported_steps: int = limit(
-        10,
-        "Steps of a bundle adjustment from one report of progress to the next.",
-        chosen="By hand: some seconds of a video of four minutes; each run of steps begins anew.",
-    )
-    trusted_ratio: float = limit(
-        10.0,
-        "What the trust region's radius is multiplied by from one such run to the next.",
-        chosen="By hand: it grows in good steps, and would fall back to where it began.",
-    )
 
 
 OPTIONS = RejoinOptions()
@@ -89,9 +79,9 @@ def rejoined(
     mapper = pycolmap.IncrementalMapper(cache)
     mapper.begin_reconstruction(model)
     _triangulate(mapper, options, model, progress)
-    _adjust(mapper, options, pycolmap, 1, progress)
+    _adjust(mapper, options, len(model.reg_image_ids()), 1, progress)
     _grow(mapper, _options(pycolmap, camera, is_calibrated=True), progress)
-    _adjust(mapper, options, pycolmap, OPTIONS.rounds, progress)
+    _adjust(mapper, options, len(model.reg_image_ids()), OPTIONS.rounds, progress)
     mapper.end_reconstruction(False)
     return part_of(model, camera)
 
@@ -121,34 +111,15 @@ def _triangulate(mapper: Any, options: Any, model: Any, progress: Progress) -> N
     mapper.complete_and_merge_tracks(options.get_triangulation())
 
 
-def _adjust(mapper: Any, options: Any, colmap: Any, rounds: int, progress: Progress) -> None:
-    """Adjust poses, points and camera, complete the tracks and leave out points that don't fit, some `rounds`."""
-    mapper.complete_and_merge_tracks(options.get_triangulation())
-    mapper.retriangulate(options.get_triangulation())
+def _adjust(mapper: Any, options: Any, images: int, rounds: int, progress: Progress) -> None:
     for _ in range(rounds):
-        mapper.observation_manager.filter_observations_with_negative_depth()
-        _solve(mapper.reconstruction, options.get_global_bundle_adjustment(), colmap, progress)
-        mapper.reconstruction.normalize()
-        mapper.complete_and_merge_tracks(options.get_triangulation())
-        mapper.filter_points(options.get_mapper())
-    mapper.filter_frames(options.get_mapper())
-
-
-def _solve(model: Any, options: Any, colmap: Any, progress: Progress) -> None:
-    """Adjust until it converges, in runs of few steps: what `progress` raises stops it between two."""
-    config = colmap.BundleAdjustmentConfig()
-    for image_id in model.reg_image_ids():
-        config.add_image(image_id)
-    config.fix_gauge(colmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    solver = options.ceres.solver_options
-    total, solver.max_num_iterations = solver.max_num_iterations, OPTIONS.reported_steps
-    for done in range(0, total, OPTIONS.reported_steps):
-        progress.report(STAGE, done, total)
-        summary = colmap.create_default_bundle_adjuster(options, config, model).solve()
-        if summary.termination_type != colmap.BundleAdjustmentTerminationType.NO_CONVERGENCE:
-            break
-        solver.initial_trust_region_radius = min(
-            OPTIONS.trusted_ratio * solver.initial_trust_region_radius, solver.max_trust_region_radius
+        progress.report(STAGE, images, images)
+        mapper.iterative_global_refinement(
+            1,
+            options.ba_global_max_refinement_change,
+            options.get_mapper(),
+            options.get_global_bundle_adjustment(),
+            options.get_triangulation(),
         )
 
 

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.engine.mapping.structure import joined
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.revisits import Revisits, find_revisits
 from app.engine.mapping.structure.sequence import reconstruct_sequence
 from app.engine.progress import NoProgress
-from app.errors import CancelledBuildError
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatures
 from tests.engine.mapping.structure.round_walk import (
@@ -178,45 +176,3 @@ def test_poses_that_are_nearly_right_are_adjusted_and_the_next_pictures_register
     assert part.error_px < 0.6
     steps = [np.linalg.norm(part.poses[k].translation - part.poses[k + 1].translation) for k in range(12)]
     assert np.std(steps) / np.mean(steps) < 0.03
-
-
-def test_an_adjustment_reports_and_is_stopped_between_its_steps(
-    wall: Array, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
-    monkeypatch.setattr(joined, "OPTIONS", joined.RejoinOptions(reported_steps=1))
-    matched, steps = sequence(wall, copies=False), []
-    start = {frame: drifted_pose(frame) for frame in range(20)}
-
-    class Stopping:
-        """Notes the steps of the adjustment, and stops it at the third."""
-
-        def report(self, stage: str, done: int, total: int) -> None:
-            steps.append((stage, done))
-            if done == 2:
-                raise CancelledBuildError("stopped")
-
-    few = MatchedPictures(
-        matched.features, {pair: rows for pair, rows in matched.matches.items() if max(pair) < 20}
-    )
-    with pytest.raises(CancelledBuildError):
-        rejoined(few, start, CAMERA, is_calibrated=True, scratch=None, progress=Stopping())
-    assert [done for stage, done in steps if stage == joined.STAGE] == [0, 0, 1, 2]
-
-
-def test_an_adjustment_of_many_runs_of_steps_ends(wall: Array, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The trust region of a run may not be wider than what the solver takes."""
-    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
-    monkeypatch.setattr(
-        joined,
-        "OPTIONS",
-        joined.RejoinOptions(reported_steps=1, trusted_ratio=1e7, min_cost_change_ratio=0.0),
-    )
-    matched = sequence(wall, copies=False)
-    few = MatchedPictures(
-        matched.features, {pair: rows for pair, rows in matched.matches.items() if max(pair) < 12}
-    )
-    start = {frame: drifted_pose(frame) for frame in range(12)}
-    part = rejoined(few, start, CAMERA, is_calibrated=True, scratch=None, progress=NoProgress())
-    assert part is not None
-    assert sorted(part.poses) == list(range(12))
