@@ -24,18 +24,18 @@ def models() -> VisionModels:
     return VisionModels()
 
 
-def map_of_views(views: Sequence[View]) -> tuple[MapArtifact, GlobalIndex]:
-    """Return a map with every view as a keyframe: its SIFT features where the view has a depth above 0."""
-    extractor, descriptor = models().extractor("sift"), models().global_descriptor
+def map_of_views(views: Sequence[View], features: str = "sift") -> tuple[MapArtifact, GlobalIndex]:
+    """Return a map with every view as a keyframe: its features where the view has a depth above 0."""
+    extractor, descriptor = models().extractor(features), models().global_descriptor
     points, descriptors = [], []
     for view in views:
-        features = extractor.extract(to_gray(view.rgb))
-        pixels = features.keypoints_px.astype(np.float64)
+        found = extractor.extract(to_gray(view.rgb))
+        pixels = found.keypoints_px.astype(np.float64)
         u, v = np.rint(pixels).astype(int).T
         depth_m = view.depth_m[v, u]
         known = depth_m > 0
         points.append(view.world_from_camera.apply(CAMERA.unproject(pixels[known], depth_m[known])))
-        descriptors.append(features.descriptors[known])
+        descriptors.append(found.descriptors[known])
     poses = [view.world_from_camera for view in views]
     bare = map_of(poses, points, descriptors)
     arrays = bare.arrays
@@ -44,7 +44,7 @@ def map_of_views(views: Sequence[View]) -> tuple[MapArtifact, GlobalIndex]:
     )
     described = np.stack([descriptor.describe(view.rgb) for view in views])
     metadata = MapMetadata(
-        features="sift",
+        features=features,
         descriptor_sha256=descriptor.sha256,
         descriptor_size=described.shape[1],
         cameras=(CAMERA,),
@@ -54,6 +54,6 @@ def map_of_views(views: Sequence[View]) -> tuple[MapArtifact, GlobalIndex]:
     return MapArtifact(metadata=metadata, arrays=arrays), GlobalIndex.from_descriptors(described)
 
 
-def localizer_of(views: Sequence[View]) -> Localizer:
+def localizer_of(views: Sequence[View], features: str = "sift") -> Localizer:
     """Return the localizer of the map of views."""
-    return Localizer.of(*map_of_views(views), models())
+    return Localizer.of(*map_of_views(views, features), models())

@@ -39,8 +39,10 @@ from app.vision.faces.blur import with_blurred_faces
 from app.vision.faces.detector import FaceDetector
 
 log = logging.getLogger("roomfix.builds")
-# In the scratch folder of a build: the files of its scan, and where among them the scan is, once all are there.
-SCAN, UNPACKED = "scan", "unpacked"
+# In the scratch folder of a build: the files of its scan.
+SCAN = "scan"
+# Beside them once all are there: the file that says where among them the scan is.
+UNPACKED = "unpacked"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,7 +53,7 @@ def test_a_phone_that_is_rolled_sees_its_picture_turned(
     tmp_path: Path, surfaces: list[Surface], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lobby = build_scene([each for each in surfaces if each.room == "0-lobby"])
-    monkeypatch.setattr(frames, "demo_scene", lambda: lobby)
+    monkeypatch.setattr(frames, "scene_of", lambda _: lobby)
     camera = Camera("PINHOLE", 96, 96, (80.0, 80.0, 47.5, 47.5))
     room = room_by_id("0-lobby")
     x0, y0, x1, y1 = room.interior

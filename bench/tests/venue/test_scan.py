@@ -10,19 +10,19 @@ from app.importers.frames import ScanOptions
 from bench.demo import render_queries, render_wing
 from bench.recordings.cache import MARKER
 from bench.render import frames
-from bench.render.scene import Scene
+from bench.render.scene import Building, Scene
 
 
 @pytest.fixture(autouse=True)
 def small_scene(gallery: Scene, monkeypatch):
-    monkeypatch.setattr(frames, "demo_scene", lambda: gallery)
+    monkeypatch.setattr(frames, "scene_of", lambda _: gallery)
 
 
 def forbid_rendering(monkeypatch):
-    def fail() -> Scene:
+    def fail(_: Building) -> Scene:
         raise AssertionError("rendered again")
 
-    monkeypatch.setattr(frames, "demo_scene", fail)
+    monkeypatch.setattr(frames, "scene_of", fail)
 
 
 def test_a_scan_is_written_once_in_tum_layout(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ def test_neighbours_are_a_fourth_as_far_apart_as_the_wings() -> None:
 def test_scan_and_pictures_are_rendered(
     tmp_path: Path, gallery: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frames, "demo_scene", lambda: gallery)
+    monkeypatch.setattr(frames, "scene_of", lambda _: gallery)
     scan, queries = render_video(tmp_path, frames=2, queries=1, workers=1)
     assert len(scan) == 2
     assert scan.colour_path(1).is_file()

@@ -227,6 +227,8 @@ class Build(TypedDict):
 
     build: str
     venue: str
+    kind: Literal["scan", "recording", "pictures"]
+    priority: int
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     stage: str | None
     done: int

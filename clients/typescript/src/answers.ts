@@ -190,6 +190,8 @@ export interface Session {
 export interface Build {
   build: string;
   venue: string;
+  kind: "scan" | "recording" | "pictures";
+  priority: number;
   state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
   stage: string | null;
   done: number;
