@@ -75,7 +75,7 @@ def evaluate_bare_rooms(
                 results.append(result)
     shown = Shown()
     shown.table(splits_table(results))
-    shown.write("bare-rooms", figures)
+    shown.write("evaluate-bare-rooms", figures)
 
 
 def bare_poses(frames: int, count: int, seed: int) -> list[Pose]:

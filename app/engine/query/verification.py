@@ -32,7 +32,7 @@ TWIN_PLACES = (
 
 PLAIN_PLACES = (
     "roomfix evaluate-bare-rooms --building 1 --furnished --panoramas 14, and corridors of building 3 that are not in "
-    "the map; docs/figures/bare-rooms.md."
+    "the map; docs/figures/evaluate-bare-rooms.md."
 )
 
 
