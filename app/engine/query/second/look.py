@@ -94,7 +94,8 @@ class SecondLookOptions:
     min_clear_cells: int = limit(
         10,
         "Fewest such cells of a picture with few unrepeated inliers (Limits.min_unrepeated_of_clear).",
-        chosen="roomfix evaluate-bare-rooms --building 1 --furnished --panoramas 14; docs/figures/evaluate-bare-rooms.md.",
+        chosen="roomfix evaluate-bare-rooms --building 1 --furnished --panoramas 14; "
+        "docs/figures/evaluate-bare-rooms.md.",
     )
     max_orientation_sigma_deg: float = limit(
         5.0,
