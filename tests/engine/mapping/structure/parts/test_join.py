@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.engine.mapping.structure.estimate import check_joined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.links import Tie, agreeing_ties
@@ -18,6 +19,7 @@ from app.engine.mapping.structure.parts.similarity import Similarity, average_si
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.sequence import Path3D, without_insides
 from app.engine.progress import NoProgress
+from app.errors import InvalidScanError
 from app.geometry.alignment import align_points
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.vision.features import LocalFeatures
@@ -160,6 +162,17 @@ def ties(scales: Iterable[float]) -> list[Tie]:
         Tie(row, true_pose(row), replace(MOVED, scale=3.0 * scale).move(true_pose(row)), 3.0 * scale)
         for row, scale in enumerate(scales)
     ]
+
+
+def test_a_path_of_joined_parts_must_hold_most_of_the_pictures(
+    wall: Array, seen: list[NDArray[np.intp]]
+) -> None:
+    part = part_of(range(14), wall, seen, MOVED)
+    check_joined(Path3D([part], None, joined=2), list(range(20)))
+    with pytest.raises(InvalidScanError, match=r"67% of them in 2 joined parts the path may be bent"):
+        check_joined(Path3D([part], None, joined=2), list(range(21)))
+    # One part that leaves as much out was not joined to anything.
+    check_joined(Path3D([part], None), list(range(21)))
 
 
 def test_a_part_that_broke_inside_lies_nowhere() -> None:
