@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,29 +12,11 @@ from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
 from app.services.submit_build import kind_of
 from app.settings import read_settings
-from bench.postgres import postgres
-from tests.jobs.test_leases import VENUE, WITHOUT_POSTGRES, Workers, site
-from tests.scenes import View, scan_files, zipped
+from tests.jobs.test_leases import VENUE, Workers, site
+from tests.scenes import zipped
 from tests.server import wait_for
 
 PHOTOS = {f"photo-{number}.jpg": b"not a picture" for number in range(3)}
-
-
-@pytest.fixture(scope="module")
-def scan(views: list[View]) -> bytes:
-    """A scan that is built in a moment."""
-    return zipped(scan_files(views[:4]))
-
-
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=WITHOUT_POSTGRES)])
-def workers(request: pytest.FixtureRequest, tmp_path: Path, scan: bytes) -> Iterator[Workers]:
-    """Workers on SQLite, and on PostgreSQL."""
-    if request.param == "sqlite":
-        with site(tmp_path, scan, None) as found:
-            yield found
-    else:
-        with postgres() as url, site(tmp_path, scan, url) as found:
-            yield found
 
 
 def queued(workers: Workers) -> dict[str, str]:

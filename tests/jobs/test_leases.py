@@ -16,10 +16,9 @@ from app.jobs import lease as lease_module
 from app.jobs.lease import LeaseOptions, LeaseWatch
 from app.jobs.worker_name import is_surely_dead, worker_name
 from app.storage.leases import Lease
-from bench.postgres import is_installed, postgres
+from bench.postgres import is_installed
 from tests.jobs.live_server import SLOW_WORKER
 from tests.jobs.test_kill import is_gone
-from tests.scenes import View, scan_files, zipped
 from tests.server import WAIT_S, Server, running, wait_for
 
 VENUE = "v"
@@ -83,23 +82,6 @@ def site(folder: Path, scan: bytes, database_url: str | None) -> Iterator[Worker
             yield workers
         finally:
             workers.end()
-
-
-@pytest.fixture(scope="module")
-def scan(views: list[View]) -> bytes:
-    """A scan that is built in a moment."""
-    return zipped(scan_files(views[:4]))
-
-
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=WITHOUT_POSTGRES)])
-def workers(request: pytest.FixtureRequest, tmp_path: Path, scan: bytes) -> Iterator[Workers]:
-    """Workers on SQLite, and on PostgreSQL."""
-    if request.param == "sqlite":
-        with site(tmp_path, scan, None) as found:
-            yield found
-    else:
-        with postgres() as url, site(tmp_path, scan, url) as found:
-            yield found
 
 
 def test_two_workers_share_the_queue_and_take_over_from_the_dead(workers: Workers) -> None:
