@@ -57,6 +57,13 @@ def track(
         int | None,
         typer.Option(min=1, help="With --no-map-after: frames from one use of the map to the next."),
     ] = None,
+    and_back: Annotated[
+        int,
+        typer.Option(
+            min=0, help="So often the phone goes there by every second frame, and back by those between."
+        ),
+    ] = 0,
+    own_views: Annotated[bool, typer.Option(help="Recognise what the session has seen itself.")] = True,
     options: Options = "{}",
     plot: Annotated[Path | None, typer.Option(help="Draw path and error into this file.")] = None,
     json_file: JsonFile = None,
@@ -68,7 +75,7 @@ def track(
     cap_threads()
     parsed = parse_build_options(json.loads(options))
     split = split_scan(dataset, database, frames, parsed.format, parsed.scan)
-    video = VideoSettings(no_map_after, relocalize_every)
+    video = VideoSettings(no_map_after, relocalize_every, and_back=and_back, own_views=own_views)
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         figures, tracked = track_video(split, parsed, video, open_models(Settings()), executor, progress)
     title = f"{dataset.resolve().name}, {figures.frames} frames, {describe(video)}"
@@ -82,11 +89,14 @@ def track(
 
 
 def describe(video: VideoSettings) -> str:
-    """Return in words when the map was used."""
+    """Return in words which way the phone went, and when the map was used."""
+    way = f", there and back {video.and_back} times" if video.and_back else ""
+    way += "" if video.own_views else ", own views not recognised"
     if video.map_frames is None:
-        return "with the map"
+        return f"with the map{way}"
     often = f", then every {video.relocalize_every}th" if video.relocalize_every else ""
-    return f"map on the first {video.map_frames} frames{often}" if video.map_frames > 1 else f"one fix{often}"
+    first = f"map on the first {video.map_frames} frames" if video.map_frames > 1 else "one fix"
+    return f"{first}{often}{way}"
 
 
 def _table(figures: TrackingFigures, title: str) -> Table:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracker import Tracker
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.importers.frames import Frame
 from app.vision.images import decode_image
 from bench.evaluation.dataset import Split
 from bench.evaluation.pose_errors import pose_error
@@ -32,11 +34,17 @@ from bench.evaluation.pose_errors import pose_error
 @dataclass(frozen=True, slots=True)
 class VideoSettings:
     """When the map may be used: always, or, with `map_frames`, on that number of first frames and then on every
-    `relocalize_every`-th, if that is given. Every `locate_every`-th frame is located by itself too, for its time."""
+    `relocalize_every`-th, if that is given. Every `locate_every`-th frame is located by itself too, for its time.
+
+    With `and_back` the phone goes by every second frame and comes back by those between, in turn as often as this says.
+    Without `own_views` the tracker does not recognise what it has seen itself.
+    """
 
     map_frames: int | None = None
     relocalize_every: int | None = None
     locate_every: int = 4
+    and_back: int = 0
+    own_views: bool = True
 
     def is_open(self, frame: int) -> bool:
         """Whether the map may be used on a frame."""
@@ -131,17 +139,20 @@ def track_video(
     localizer = Localizer.of(built.artifact, built.index, models)
     gate = _Gate(MapFixes(localizer))
     # A closed gate costs nothing, and an open one is to be used.
-    limited = TrackerSettings(relocalize_every=1, use_refresh=False)
-    tracker = Tracker(settings=TrackerSettings() if settings.map_frames is None else limited)
+    limited = TrackerSettings(relocalize_every=1, use_refresh=False, use_own_views=settings.own_views)
+    tracker = Tracker(
+        settings=TrackerSettings(use_own_views=settings.own_views) if settings.map_frames is None else limited
+    )
     camera, frames, locate_ms = scanned_camera(localizer.map.artifact.metadata, split.database.camera), [], []
-    for i, frame in enumerate(split.queries):
-        progress.report("track", i, len(split.queries))
+    video = there_and_back(split.queries, settings.and_back)
+    for i, (frame, time_s) in enumerate(video):
+        progress.report("track", i, len(video))
         data = split.database.color_bytes(frame)
         gate.is_open = settings.is_open(i)
         started = time.perf_counter()
         rgb = decode_image(data)
         decoded = time.perf_counter()
-        tracked = tracker.process(TrackingFrame.of(rgb, frame.timestamp_s, camera=camera), Surroundings(gate))
+        tracked = tracker.process(TrackingFrame.of(rgb, time_s, camera=camera), Surroundings(gate))
         milliseconds = 1e3 * (time.perf_counter() - started)
         truth = built.world_from_scan @ frame.scan_from_camera
         pose = None if tracked.placed is None else tracked.placed.frame_from_camera
@@ -163,8 +174,20 @@ def track_video(
             begun = time.perf_counter()
             localizer.localize(rgb, camera)
             locate_ms.append(1e3 * (time.perf_counter() - begun + decoded - started))
-    progress.report("track", len(split.queries), len(split.queries))
+    progress.report("track", len(video), len(video))
     return summarize_tracking(frames, locate_ms), frames
+
+
+def there_and_back(frames: Sequence[Frame], times: int) -> list[tuple[Frame, float]]:
+    """Return the frames of a video with their times, seconds; with `times` those of a phone that goes there by every
+    second frame and back by the others, so often: no picture but the turning points' comes twice in one loop."""
+    if not times:
+        return [(frame, frame.timestamp_s) for frame in frames]
+    loop = [*frames[::2], *reversed(frames[1::2])]
+    way = [*loop, *(frame for _ in range(times - 1) for frame in loop)]
+    start_s = way[0].timestamp_s
+    taken_s = np.cumsum([0.0, *(abs(b.timestamp_s - a.timestamp_s) for a, b in pairwise(way))])
+    return [(frame, start_s + float(at_s)) for frame, at_s in zip(way, taken_s, strict=True)]
 
 
 def summarize_tracking(frames: Sequence[TrackedFrame], locate_ms: Sequence[float]) -> TrackingFigures:

@@ -1,4 +1,4 @@
-"""Whether a fix can be believed, by where the camera was and by an earlier fix that waits for confirmation."""
+"""Whether a fix, or a step of odometry, can be believed by where the camera was, and a fix by an earlier one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.engine.query.placed import WORLD
-from app.engine.tracking.drift import MOTION, reach_m
+from app.engine.tracking.drift import MOTION, accuracy_after, reach_m
 from app.engine.tracking.fix import Fix
+from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.odometry.visual_odometry import OdometryStep
+from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.state import TrackingMemory
 from app.engine.tracking.surroundings import Surroundings
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
@@ -44,6 +47,30 @@ class BeliefOptions:
 
 
 BELIEF = BeliefOptions()
+
+
+def can_be_followed(
+    memory: TrackingMemory,
+    step: OdometryStep,
+    frame: TrackingFrame,
+    predicted: Pose,
+    settings: TrackerSettings,
+) -> bool:
+    """Whether a person's camera can have made odometry's step to a frame: by its speed, by what the phone itself says
+    of the motion (`predicted`), and by how uncertain the place has become."""
+    last = memory.frame_from_camera
+    assert last is not None  # noqa: S101 - a step follows a pose
+    elapsed_s = max(frame.time_s - memory.time_s, 0.0)
+    moved_m = position_difference_m(step.frame_from_camera, last)
+    if moved_m > MOTION.jerk_m + MOTION.max_speed_m_s * elapsed_s:
+        return False
+    if frame.motion is not None:
+        off_m = position_difference_m(step.frame_from_camera, predicted)
+        stride_m = float(np.linalg.norm(frame.motion.translation))
+        if off_m > settings.motion_slack_m + settings.motion_ratio * stride_m:
+            return False
+    # A scale that is not known well shows in the sigma, which grows with the path.
+    return accuracy_after(memory, step).position_m <= settings.max_sigma_m
 
 
 def is_inside(fix: Fix, surroundings: Surroundings) -> bool:

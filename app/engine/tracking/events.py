@@ -8,6 +8,7 @@ from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.odometry.visual_odometry import OdometryStep
+from app.engine.tracking.own_views import SeenAgain
 from app.geometry.camera import Camera
 
 
@@ -26,6 +27,16 @@ class Corrected:
     step: OdometryStep
     accuracy: Accuracy
     fix: Fix
+
+
+@dataclass(frozen=True, slots=True)
+class Returned:
+    """The frame shows a view of the session's own past again, which is more accurate than odometry is by now; without
+    a step odometry has lost the camera."""
+
+    step: OdometryStep | None
+    seen: SeenAgain
+    camera: Camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,4 +71,4 @@ class Unsearched:
     camera: Camera | None
 
 
-Event = Followed | Corrected | Found | Doubted | Unseen | Unsearched
+Event = Followed | Corrected | Returned | Found | Doubted | Unseen | Unsearched

@@ -15,11 +15,13 @@ class TrackerSettings:
     """How often a tracker asks for fixes, and how far odometry and fixes are believed.
 
     Without `use_refresh` the map around the pose is left alone, which is how odometry is measured; without
-    `use_relocation` the map isn't used at all after the first fix.
+    `use_relocation` the map isn't used at all after the first fix; without `use_own_views` a session does not recognise
+    what it has seen itself.
     """
 
     use_refresh: bool = True
     use_relocation: bool = True
+    use_own_views: bool = True
     refresh_every: int = limit(
         4, "Frames from one search for map points around the pose to the next.", chosen=BY_WALKS
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.query.verification import Reason
 from app.engine.tracking.fix import Fix
+from app.engine.tracking.own_views import SeenAgain
 from app.engine.tracking.state import State
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
@@ -17,7 +18,7 @@ class Tracked:
     """The outcome for one frame; `placed` is None exactly when `reason` says why.
 
     `unaided_m` is the path since the last fix, metres; `by_odometry` where odometry has the camera, for a fix that
-    corrects it.
+    corrects it, or for a view of the session's own past that is `seen_again`.
     """
 
     state: State
@@ -31,3 +32,4 @@ class Tracked:
     camera: Camera | None
     fix: Fix | None = None
     by_odometry: Pose | None = None
+    seen_again: SeenAgain | None = None

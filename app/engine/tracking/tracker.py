@@ -6,19 +6,36 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.engine.query.placed import WORLD, PlacedPose
+from app.engine.query.placed import WORLD, Accuracy, PlacedPose, Support
 from app.engine.query.verification import Reason
-from app.engine.tracking.belief import BELIEF, is_confirmed, is_inside, is_plausible, may_be_elsewhere
-from app.engine.tracking.drift import MOTION, accuracy_after, reach_m, unaided
-from app.engine.tracking.events import Corrected, Doubted, Event, Followed, Found, Unsearched, Unseen
+from app.engine.tracking.belief import (
+    BELIEF,
+    can_be_followed,
+    is_confirmed,
+    is_inside,
+    is_plausible,
+    may_be_elsewhere,
+)
+from app.engine.tracking.drift import accuracy_after, reach_m, unaided
+from app.engine.tracking.events import (
+    Corrected,
+    Doubted,
+    Event,
+    Followed,
+    Found,
+    Returned,
+    Unsearched,
+    Unseen,
+)
 from app.engine.tracking.fix import Fix, NoFix, confidence_of_sigma
 from app.engine.tracking.frame import TrackingFrame
+from app.engine.tracking.joining import at_scale_of_both
 from app.engine.tracking.odometry.visual_odometry import Odometry, OdometryStep
+from app.engine.tracking.own_views import OwnViews
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.state import State, TrackingMemory
 from app.engine.tracking.surroundings import Surroundings
 from app.engine.tracking.tracked import Tracked
-from app.engine.tracking.two_view_fix import TrackedPlace, at_common_scale
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
 from app.geometry.se3 import Pose, position_difference_m
@@ -36,12 +53,15 @@ class Tracker:
         self.camera: Camera | None = None
         self._settings = settings or TrackerSettings()
         self._odometry: Odometry | None = None
+        self._own_views = OwnViews()
         self._since_refresh = 0
         self._since_search = 0
         self._searched_s = -1e9
         self._why_lost: Reason = "no_match"
 
-    def process(self, frame: TrackingFrame, surroundings: Surroundings) -> Tracked:
+    def process(  # noqa: PLR0911 - one line for each event
+        self, frame: TrackingFrame, surroundings: Surroundings
+    ) -> Tracked:
         """Answer for a frame.
 
         Without a camera in the frame the one that an earlier frame's search found is used, or it is searched for.
@@ -53,6 +73,7 @@ class Tracker:
         | --- | --- | --- |
         | any | `Followed`: odometry is trusted, no fix corrects it | tracking |
         | any | `Corrected`: a fix agrees with odometry | tracking; lost when their scales contradict each other |
+        | any | `Returned`: a view of the session's own past corrects odometry | tracking |
         | initializing, tracking | `Found`: a fix alone, believed | tracking |
         | lost, or farther away | `Found`: a fix alone, believed | relocalized (an answer; then as tracking) |
         | any | `Doubted`: a fix where the camera can't have come | lost, the fix waits for confirmation |
@@ -69,6 +90,8 @@ class Tracker:
                 return self._go_on(event, frame)
             case Corrected():
                 return replace(self._join(event, frame), by_odometry=event.step.frame_from_camera)
+            case Returned():
+                return self._come_back(event, frame)
             case Found():
                 return self._take(event.fix, frame, "relocalized" if event.resumed else "tracking")
             case Doubted():
@@ -81,21 +104,22 @@ class Tracker:
 
     def forget(self, memory: TrackingMemory) -> None:
         """Go back to an earlier memory: the last frame never was."""
-        self.memory, self._odometry = memory, None
+        self.memory, self._odometry, self._own_views = memory, None, OwnViews()
 
     # What the frame shows.
 
     def _observe(self, frame: TrackingFrame, surroundings: Surroundings) -> Event:
         """Return what a frame turned out to be: odometry's step with or without a fix, else a fix alone."""
         camera = self._tracking_camera(frame)
-        predicted = self._predicted(frame.motion)
+        last = self.memory.frame_from_camera
+        predicted = last if last is None or frame.motion is None else last @ frame.motion
         step = self._followed(frame, camera, predicted, surroundings)
         if step is None or camera is None:
             return self._search(frame, camera, predicted, surroundings)
         accuracy = accuracy_after(self.memory, step)
         fix = self._due_fix(frame, camera, step, surroundings)
         if fix is None:
-            return Followed(step, camera)
+            return self._seen_again(frame, camera, step) or Followed(step, camera)
         self._since_search = 0
         off_m = position_difference_m(fix.frame_from_camera, step.frame_from_camera)
         sigma_m = float(np.hypot(accuracy.position_m, fix.accuracy.position_m))
@@ -108,18 +132,15 @@ class Tracker:
     def _tracking_camera(self, frame: TrackingFrame) -> Camera | None:
         if self.camera is None:
             return None
-        camera = frame.scaled(self.camera)
-        return camera if self._has_stated_lens() else Lens(*self.memory.lens).of(camera)
+        camera, lens = frame.scaled(self.camera), self._own_lens()
+        return camera if lens is None else lens.of(camera)
 
-    def _has_stated_lens(self) -> bool:
-        """Whether the camera's distortion is known: only a pinhole's lens is learned from its frames."""
-        return self.camera is None or self.camera.model != "PINHOLE"
+    def _own_lens(self) -> Lens | None:
+        """Return the lens that is learned from the frames, a pinhole's; None where the distortion is stated."""
+        is_stated = self.camera is None or self.camera.model != "PINHOLE"
+        return None if is_stated else Lens(*self.memory.lens)
 
-    def _predicted(self, motion: Pose | None) -> Pose | None:
-        last = self.memory.frame_from_camera
-        return last if last is None or motion is None else last @ motion
-
-    def _followed(  # noqa: PLR0911 - one line for each reason not to trust it
+    def _followed(
         self,
         frame: TrackingFrame,
         camera: Camera | None,
@@ -128,8 +149,7 @@ class Tracker:
     ) -> OdometryStep | None:
         """Return odometry's step to a frame if it can be trusted."""
         odometry, memory, settings = self._odometry, self.memory, self._settings
-        last = memory.frame_from_camera
-        if odometry is None or camera is None or predicted is None or last is None:
+        if odometry is None or camera is None or predicted is None:
             return None
         if odometry.size_px != frame.size_px or abs(frame.time_s - memory.time_s) > settings.max_gap_s:
             return None
@@ -138,18 +158,7 @@ class Tracker:
             return None
         if memory.frame_id == WORLD and not surroundings.is_inside(step.frame_from_camera):
             return None
-        moved_m = position_difference_m(step.frame_from_camera, last)
-        elapsed_s = max(frame.time_s - memory.time_s, 0.0)
-        if moved_m > MOTION.jerk_m + MOTION.max_speed_m_s * elapsed_s:
-            return None
-        if frame.motion is not None:
-            off_m = position_difference_m(step.frame_from_camera, predicted)
-            stride_m = float(np.linalg.norm(frame.motion.translation))
-            if off_m > settings.motion_slack_m + settings.motion_ratio * stride_m:
-                return None
-        # A scale that is not known well shows in the sigma, which grows with the path.
-        is_vague = accuracy_after(memory, step).position_m > settings.max_sigma_m
-        return None if is_vague else step
+        return step if can_be_followed(memory, step, frame, predicted, settings) else None
 
     def _due_fix(
         self, frame: TrackingFrame, camera: Camera, step: OdometryStep, surroundings: Surroundings
@@ -162,6 +171,15 @@ class Tracker:
         self._since_search = 0
         found = surroundings.source.locate(frame, camera, step.frame_from_camera)
         return found if isinstance(found, Fix) else None
+
+    def _seen_again(self, frame: TrackingFrame, camera: Camera, step: OdometryStep) -> Returned | None:
+        """Return what an earlier view of this session says of the place, when the frame shows one again."""
+        if not self._settings.use_own_views:
+            return None
+        near, accuracy = step.frame_from_camera, accuracy_after(self.memory, step)
+        within_m = self._settings.max_correction_m + 3.0 * accuracy.position_m
+        seen = self._own_views.find(frame.gray, camera, near, accuracy, within_m)
+        return None if seen is None else Returned(step, seen, camera)
 
     def _search_every(self) -> int:
         """Return after how many frames map or anchor are asked again: soon while the scale rests on an anchor."""
@@ -208,13 +226,13 @@ class Tracker:
             if near is not None:
                 return Found(near, memory.state == "lost")
         if is_closed or self._just_searched(frame.time_s):
-            return Unsearched(camera)
+            return self._remembered(frame, camera) or Unsearched(camera)
         self._searched_s = frame.time_s
         prior = predicted if away_s <= settings.max_prior_s else None
         any_floor = may_be_elsewhere(memory, frame.time_s, surroundings)
         found = surroundings.source.locate(frame, camera, prior, any_floor)
         if isinstance(found, NoFix):
-            return Unseen(found.reason, found.support, camera)
+            return self._remembered(frame, camera) or Unseen(found.reason, found.support, camera)
         if not is_inside(found, surroundings):
             return Unseen("outside_venue", found.support, camera)
         if predicted is None:
@@ -224,6 +242,15 @@ class Tracker:
         ):
             return Found(found, resumed=True)
         return Doubted(found, camera)
+
+    def _remembered(self, frame: TrackingFrame, camera: Camera | None) -> Returned | None:
+        """Return what an earlier view of this session says of a frame that nothing else says the place of."""
+        last, away_s = self.memory.frame_from_camera, abs(frame.time_s - self.memory.time_s)
+        if camera is None or last is None or away_s > self._settings.max_prior_s:
+            return None
+        within_m = reach_m(self.memory, frame.time_s)
+        seen = self._own_views.find_lost(frame.gray, camera, last, within_m)
+        return None if seen is None else Returned(None, seen, camera)
 
     def _near_last(
         self,
@@ -267,39 +294,46 @@ class Tracker:
             unaided_rad=unaided_rad,
             pending=None,
         )
+        if self._settings.use_own_views:
+            self._own_views.keep(frame.gray, event.camera, self.memory, accuracy, odometry.points)
+        return self._by_odometry(accuracy, step.support)
+
+    def _come_back(self, event: Returned, frame: TrackingFrame) -> Tracked:
+        """Answer with the pose by an earlier view of the session, and let odometry go on from it."""
+        seen, step, fix = event.seen, event.step, event.seen.as_fix(event.camera)
+        if self._odometry is None:
+            self._odometry = Odometry(frame, fix, self._own_lens())
+        else:
+            self._odometry.absorb(fix)
+        pose = self._learn(self._odometry, event.camera)
+        self._own_views.drop_after(seen.view)
+        self.memory = seen.memory_at(pose, self.memory, frame.time_s)
+        answer = self._by_odometry(seen.accuracy, seen.support)
+        if step is None:
+            return replace(answer, state="relocalized")
+        return replace(answer, by_odometry=step.frame_from_camera, seen_again=seen)
+
+    def _by_odometry(self, accuracy: Accuracy, support: Support) -> Tracked:
+        """Answer with the place that is remembered, to which odometry has led."""
         return Tracked(
             state="tracking",
-            placed=placed,
+            placed=self.memory.last,
             method="odometry",
             accuracy=accuracy,
             confidence=confidence_of_sigma(accuracy),
-            support=step.support,
-            unaided_m=unaided_m,
+            support=support,
+            unaided_m=self.memory.unaided_m,
             camera=self.camera,
         )
 
     def _join(self, event: Corrected, frame: TrackingFrame) -> Tracked:
         """Believe a fix near odometry's place; where the scales of both may be wrong, what they have in common."""
-        fix, odometry, scale_sigma = event.fix, self._odometry, self.memory.fix_scale_sigma
-        if odometry is None or fix.scale_sigma <= 0 or scale_sigma <= 0:
-            return self._take(fix, frame, "tracking")
-        ratio = odometry.distance_ratio(fix)
-        if ratio is None:
-            return self._take(fix, frame, "tracking")
-        own = PlacedPose(event.step.frame_from_camera, self.memory.frame_id)
-        place = TrackedPlace(own, event.accuracy, scale_sigma)
-        common = at_common_scale(fix, place, ratio)
-        if common is None:
-            return self._doubt(Doubted(fix, fix.camera), frame)
-        seen, (fix, factor) = fix.seen, common
-        sigma = odometry.adjust_with(fix, ratio)
-        if sigma is not None and seen is not None:
-            turn = fix.frame_from_camera.rotation @ own.frame_from_camera.rotation.T
-            beside = odometry.beside_monitor(seen.frame_from_camera.translation, turn)
-            fix = replace(fix, placed=replace(fix.placed, frame_from_camera=beside), scale_sigma=sigma)
-            factor = 1.0
-        odometry.rescale(factor, fix.frame_from_camera)
-        return self._take(fix, frame, "tracking", rescaled=True)
+        assert self._odometry is not None  # noqa: S101 - it made the step
+        joined = at_scale_of_both(self._odometry, event, self.memory)
+        if joined is None:
+            return self._doubt(Doubted(event.fix, event.fix.camera), frame)
+        fix, rescaled = joined
+        return self._take(fix, frame, "tracking", rescaled=rescaled)
 
     def _take(self, fix: Fix, frame: TrackingFrame, state: State, rescaled: bool = False) -> Tracked:
         """Believe a fix, and let odometry go on from it."""
@@ -307,11 +341,11 @@ class Tracker:
             self.camera = fix.camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
         if self._odometry is None or (fix.scale_sigma > 0.0 and not rescaled):
             # What odometry placed by itself has the scale of the last fix.
-            lens = None if self._has_stated_lens() else Lens(*self.memory.lens)
-            self._odometry = Odometry(frame, fix, lens)
+            self._odometry = Odometry(frame, fix, self._own_lens())
         elif not rescaled:
             self._odometry.absorb(fix)
         self._learn(self._odometry, fix.camera)
+        self._own_views = OwnViews()
         self._since_refresh = self._since_search = 0
         self.memory = TrackingMemory(
             state=state,

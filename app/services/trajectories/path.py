@@ -1,4 +1,4 @@
-"""The frames of a session since its last fix: what the next fix corrects of its trajectory."""
+"""The frames of a session since its last fix: what the next fix, or a loop of its own, corrects of its trajectory."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import floor_of, plan_point
+from app.engine.query.placed import Accuracy
 from app.engine.tracking.memory import pose_to_json
 from app.engine.tracking.tracked import Tracked
 from app.engine.tracking.trajectory import Anchored, corrected_path, largest_change_m
@@ -55,13 +56,35 @@ class PathSinceFix:
             self.first, self.frames = None, []
             return []
         if tracked.method == "odometry":
+            corrected = self._closed(tracked)
             if self.first is not None and len(self.frames) < OPTIONS.max_frames:
                 self.frames.append((point, pose))
-            return []
+            return corrected
         fix = Anchored(pose, tracked.accuracy)
         corrected = self._corrected(fix, tracked.by_odometry)
         self.first, self.frames = fix, []
         return corrected
+
+    def _closed(self, tracked: Tracked) -> list[tuple[SessionPoint, Pose]]:
+        """Return the points that a loop of the session's own corrects: those since the view that is seen again."""
+        seen, by_odometry = tracked.seen_again, tracked.by_odometry
+        if seen is None or by_odometry is None or tracked.placed is None:
+            return []
+        then = next((row for row, (point, _) in enumerate(self.frames) if point.time_s == seen.time_s), None)
+        if then is None or len(self.frames) == OPTIONS.max_frames:
+            # The view is of a path that was given up, or frames are missing between it and now.
+            return []
+        pose, since = self.frames[then][1], self.frames[then + 1 :]
+        # What the view's own pose is off by moves the whole loop.
+        first = Anchored(pose, Accuracy(0.0, 0.0))
+        last = Anchored(tracked.placed.frame_from_camera, seen.relative)
+        path = [pose, *(pose for _, pose in since), by_odometry]
+        corrected = corrected_path(path, first, last)[1:-1]
+        if largest_change_m(path[1:-1], corrected) <= OPTIONS.min_change_m:
+            return []
+        moved = [(point, pose) for (point, _), pose in zip(since, corrected, strict=True)]
+        self.frames[then + 1 :] = moved
+        return moved
 
     def _corrected(self, fix: Anchored, by_odometry: Pose | None) -> list[tuple[SessionPoint, Pose]]:
         if self.first is None or by_odometry is None or not self.frames:

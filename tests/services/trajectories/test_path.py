@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.engine.floors.floor import Floor
-from app.engine.query.placed import Accuracy, PlacedPose
+from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.memory import pose_from_json, pose_to_json
+from app.engine.tracking.own_views import OwnView, SeenAgain
+from app.engine.tracking.state import TrackingMemory
 from app.engine.tracking.tracked import Tracked
 from app.geometry.reprojection import perturbed
 from app.geometry.se3 import Pose
@@ -73,6 +76,56 @@ def test_a_fix_corrects_the_frames_since_the_one_before() -> None:
 
 def test_what_is_nearly_right_stays() -> None:
     assert walked(PathSinceFix(), drift_m=0.2 * OPTIONS.min_change_m) == []
+
+
+def loop_back_to(view: Pose, frame: int, now: Pose, aside: Pose) -> Tracked:
+    """Return the answer for a frame that shows again what an earlier one showed."""
+    memory = TrackingMemory(last=PlacedPose(view), time_s=float(frame))
+    none = np.zeros((0, 3))
+    kept = OwnView(
+        memory=memory,
+        pose=view,
+        accuracy=ACCURACY,
+        descriptors=np.zeros((0, 32), np.uint8),
+        points_in_frame=none,
+        sigma_m=np.zeros(0),
+    )
+    seen = SeenAgain(
+        view=kept,
+        pose=now,
+        relative=ACCURACY,
+        support=Support(40, 50),
+        points_px=np.zeros((0, 2)),
+        points_in_frame=none,
+        point_sigma_m=np.zeros(0),
+    )
+    return replace(tracked(now, "odometry", aside), seen_again=seen)
+
+
+def test_a_loop_corrects_the_frames_since_the_view_that_is_seen_again() -> None:
+    path, aside = PathSinceFix(), perturbed(WAY[1], [0, 0, 0, 0, 0.2, 0])
+    path.add(tracked(WAY[0], "rgbd"), point(1, WAY[0]))
+    for k in range(1, 5):
+        pose = perturbed(WAY[k], [0, 0, 0, 0, 0.05 * (k - 1), 0])
+        path.add(tracked(pose, "odometry"), point(k + 1, pose))
+    # Back at the second frame's place, 20 cm aside by odometry.
+    corrected = path.add(loop_back_to(WAY[1], 2, WAY[1], aside), point(6, WAY[1]))
+    assert [point.frame for point, _ in corrected] == [3, 4, 5]
+    assert path.frames[-2][1] is corrected[-1][1]
+    off_m = [abs(float(pose.translation[1])) for _, pose in corrected]
+    assert all(after < before for after, before in zip(off_m, (0.05, 0.1, 0.15), strict=True))
+    assert np.allclose(path.frames[0][1].translation, WAY[1].translation)
+    # The path since the last fix goes on: the next fix corrects all of it.
+    assert [point.frame for point, _ in path.frames] == [2, 3, 4, 5, 6]
+
+
+def test_a_loop_to_a_path_that_was_given_up_corrects_nothing() -> None:
+    path = PathSinceFix()
+    path.add(tracked(WAY[0], "rgbd"), point(1, WAY[0]))
+    path.add(tracked(None, "rgbd"), point(2, None))
+    path.add(tracked(WAY[1], "rgbd"), point(3, WAY[1]))
+    path.add(tracked(WAY[2], "odometry"), point(4, WAY[2]))
+    assert path.add(loop_back_to(WAY[0], 1, WAY[0], WAY[1]), point(5, WAY[0])) == []
 
 
 def test_nothing_is_corrected_across_frames_that_were_lost() -> None:

@@ -92,6 +92,11 @@ class Odometry:
         """The size of the frames that can be followed."""
         return self._gray.shape[1], self._gray.shape[0]
 
+    @property
+    def points(self) -> TrackedPoints:
+        """The points that are followed, as they are in the present frame."""
+        return self._points
+
     def absorb(self, fix: Fix) -> None:
         """Take the points of a fix of the present frame in place of those of earlier fixes.
 
