@@ -8,7 +8,7 @@ from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Reason
 from app.engine.tracking.fix import Fix
 from app.engine.tracking.odometry.visual_odometry import OdometryStep
-from app.engine.tracking.own_views import SeenAgain
+from app.engine.tracking.own_view import SeenAgain
 from app.geometry.camera import Camera
 
 

@@ -1,173 +1,22 @@
 """What a session has seen itself: views of its own path, by which a phone that comes back corrects odometry.
 
 A loop without a map or a camera: the present frame is matched with an earlier one, whose points odometry had placed
-when it had come less far. The pose that follows is as good as the earlier one was.
+when it had come less far.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-
-from app.engine.query.accuracy import accuracy_of, sigma_across
 from app.engine.query.localization import same_place
-from app.engine.query.placed import Accuracy, PlacedPose, Support
-from app.engine.query.verification import coverage
-from app.engine.tracking.fix import Fix, confidence_of_sigma
+from app.engine.query.placed import Accuracy
 from app.engine.tracking.odometry.points import TrackedPoints
+from app.engine.tracking.own_view import OPTIONS, OwnView, SeenAgain, features_of, seen_again, view_of
 from app.engine.tracking.state import TrackingMemory
-from app.geometry.camera import Camera, tangent_of_px
-from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
-from app.geometry.triangulation import homogeneous
-from app.limits import limit
 from app.vision.images import Gray
-
-Array = NDArray[np.float64]
-BY_LOOPS = "roomfix track --no-map-after 1 on freiburg1_rpy and desk_rs; docs/figures/track.md."
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OwnViewOptions:
-    """Which views of its own path a session keeps, and when one is recognised."""
-
-    spacing_m: float = limit(
-        0.5,
-        "Path from one view that is kept to the next.",
-        chosen="By hand: a view still shows much of the last.",
-    )
-    spacing_rad: float = limit(
-        0.35, "Turn from one view that is kept to the next.", chosen="By hand: a third of the field of view."
-    )
-    most_views: int = limit(
-        120, "Most views of a session.", chosen="By hand: 60 m of path, and 4 MB of memory."
-    )
-    look_every: int = limit(5, "Frames from one look for an earlier view to the next.", chosen=BY_LOOPS)
-    features: int = limit(700, "ORB features of a frame.", chosen="By hand: about 10 ms.")
-    same_spot_tangent: float = limit(
-        tangent_of_px(4.0),
-        "A feature within this radius of a followed point, over the focal length, is as far away as that.",
-        chosen="By hand: corners are found by both within a few pixels.",
-    )
-    min_points: int = limit(
-        40, "Fewest placed features of a view that is kept.", chosen="By hand: as min_inliers."
-    )
-    max_sigma_ratio: float = limit(
-        0.7,
-        "Position sigma of an earlier view over the present one above which coming back tells nothing new.",
-        chosen="By hand: half of the variance.",
-    )
-    lost_views_tried: int = limit(
-        6,
-        "Earlier views that a frame is matched with which could not be followed.",
-        chosen="By hand: for speed.",
-    )
-    lost_inlier_factor: float = limit(
-        1.5,
-        "Fewest inliers of such a frame, as a multiple of min_inliers.",
-        chosen="By hand: nothing else says that it is near its last place.",
-    )
-    views_tried: int = limit(3, "Earlier views that one frame is matched with.", chosen="By hand: for speed.")
-    reach_m: float = limit(
-        2.0,
-        "Distance of an earlier view's camera, beyond what odometry may be off, that is tried.",
-        chosen=BY_LOOPS,
-    )
-    min_cosine: float = limit(
-        0.82, "Least cosine between the axes of two views that show the same.", chosen="By hand: 35 degrees."
-    )
-    turn_m: float = limit(
-        2.0,
-        "Metres that a difference of 1 in that cosine counts for when views are ranked.",
-        chosen="By hand.",
-    )
-    max_ratio: float = limit(0.8, "Largest ratio of the two least distances.", chosen="By hand: a usual one.")
-    max_error_tangent: float = limit(
-        tangent_of_px(4.0),
-        "Inlier threshold: the reprojection error over the focal length.",
-        chosen=BY_LOOPS,
-    )
-    min_inliers: int = limit(25, "Fewest inliers.", chosen="By hand: twice what chance finds.")
-    min_inlier_ratio: float = limit(
-        0.5, "Least ratio of inliers to matches.", chosen="By hand: as a step of odometry."
-    )
-    min_coverage: float = limit(
-        0.12, "Least coverage of the inliers.", chosen="By hand: as a step of odometry."
-    )
-
-
-OPTIONS = OwnViewOptions()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OwnView:
-    """A view that was kept: what the session knew then, and its features (n, 32) with the places of what they show
-    (n, 3), each uncertain along its ray by `sigma_m` (n,)."""
-
-    memory: TrackingMemory
-    pose: Pose
-    accuracy: Accuracy
-    descriptors: NDArray[np.uint8]
-    points_in_frame: Array
-    sigma_m: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeenAgain:
-    """An earlier view that a frame shows again: the frame's pose by it, how accurate that is besides what the view's
-    own pose is off by, and the pixels (n, 2) and points (n, 3) that agree, these uncertain by `point_sigma_m` (n,)."""
-
-    view: OwnView
-    pose: Pose
-    relative: Accuracy
-    support: Support
-    points_px: Array
-    points_in_frame: Array
-    point_sigma_m: Array
-
-    @property
-    def time_s(self) -> float:
-        """When the earlier view was taken."""
-        return self.view.memory.time_s
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """One sigma of the pose in the frame that it is placed in."""
-        return Accuracy(
-            float(np.hypot(self.relative.position_m, self.view.accuracy.position_m)),
-            float(np.hypot(self.relative.orientation_deg, self.view.accuracy.orientation_deg)),
-        )
-
-    def as_fix(self, camera: Camera) -> Fix:
-        """Return what odometry goes on from; the scale is that of the earlier view."""
-        return Fix(
-            placed=PlacedPose(self.pose, self.view.memory.frame_id),
-            accuracy=self.accuracy,
-            support=self.support,
-            confidence=confidence_of_sigma(self.accuracy),
-            points_px=self.points_px,
-            points_in_frame=self.points_in_frame,
-            point_sigma_m=self.point_sigma_m,
-            camera=camera,
-            method="odometry",
-        )
-
-    def memory_at(self, pose: Pose, now: TrackingMemory, time_s: float) -> TrackingMemory:
-        """Return what a session remembers of a frame whose pose is given: the camera is where it was then, with the
-        drift that it had then."""
-        return replace(
-            self.view.memory,
-            state="tracking",
-            last=PlacedPose(pose, self.view.memory.frame_id),
-            time_s=time_s,
-            lens=now.lens,
-            pending=None,
-        )
 
 
 @dataclass(slots=True)
@@ -185,7 +34,7 @@ class OwnViews:
         pose = memory.frame_from_camera
         if pose is None or not self._is_new(pose, memory):
             return
-        view = _view_of(gray, camera, memory, accuracy, points)
+        view = view_of(gray, camera, memory, accuracy, points)
         if view is not None:
             self.views = [*self.views, view][-OPTIONS.most_views :]
 
@@ -202,14 +51,21 @@ class OwnViews:
         self.views = self.views[: next(i for i, kept in enumerate(self.views) if kept is view) + 1]
 
     def find(
-        self, gray: Gray, camera: Camera, near: Pose, accuracy: Accuracy, within_m: float
+        self,
+        gray: Gray,
+        camera: Camera,
+        near: Pose,
+        memory: TrackingMemory,
+        accuracy: Accuracy,
+        within_m: float,
     ) -> SeenAgain | None:
-        """Return an earlier view that a frame near a pose shows again, None where none is seen or none is more
-        accurate; the pose by it is at most `within_m` from `near`, whose accuracy is given."""
+        """Return an earlier view that a frame near a pose shows again at the end of a loop, None where none is seen or
+        none is more accurate; the pose by it is at most `within_m` from `near`, whose accuracy is given. `memory` is of
+        the frame before."""
         self.since_look += 1
         if self.since_look < OPTIONS.look_every:
             return None
-        tried = self._alike(near, accuracy, within_m)
+        tried = self._alike(near, memory, accuracy, within_m)
         if not tried:
             return None
         self.since_look = 0
@@ -232,11 +88,14 @@ class OwnViews:
             return None
         return best
 
-    def _alike(self, near: Pose, accuracy: Accuracy, within_m: float) -> list[OwnView]:
+    def _alike(
+        self, near: Pose, memory: TrackingMemory, accuracy: Accuracy, within_m: float
+    ) -> list[OwnView]:
         """Return the earlier views that may show the same and are more accurate, the likeliest first."""
         largest_m = OPTIONS.max_sigma_ratio * accuracy.position_m
         ranked = self._ranked(near, within_m + OPTIONS.reach_m, OPTIONS.min_cosine)
-        return [view for view in ranked if view.accuracy.position_m <= largest_m][: OPTIONS.views_tried]
+        better = [view for view in ranked if view.accuracy.position_m <= largest_m]
+        return [view for view in better if _is_loop(view, near, memory)][: OPTIONS.views_tried]
 
     def _ranked(self, near: Pose, within_m: float, min_cosine: float) -> list[OwnView]:
         """Return the views near a pose, those first that show the most of what it sees."""
@@ -249,91 +108,25 @@ class OwnViews:
         return [self.views[row] for _, row in sorted(ranked)]
 
 
+def _is_loop(view: OwnView, near: Pose, memory: TrackingMemory) -> bool:
+    """Whether the way since a view is much longer than how far the camera is from it."""
+    came_m, turned_rad = (
+        memory.unaided_m - view.memory.unaided_m,
+        memory.unaided_rad - view.memory.unaided_rad,
+    )
+    by_path = OPTIONS.loop_m + OPTIONS.loop_ratio * position_difference_m(view.pose, near)
+    by_turn = OPTIONS.loop_rad + OPTIONS.loop_ratio * attitude_difference_rad(view.pose, near)
+    return came_m >= by_path or turned_rad >= by_turn
+
+
 def _is_near(seen: SeenAgain, near: Pose, within_m: float) -> bool:
     return position_difference_m(seen.pose, near) <= within_m
 
 
 def _all_seen(views: Sequence[OwnView], gray: Gray, camera: Camera, near: Pose | None) -> list[SeenAgain]:
     """Return what a frame shows of some views."""
-    pixels, descriptors = _features(gray)
+    pixels, descriptors = features_of(gray)
     if len(pixels) < OPTIONS.min_inliers:
         return []
-    found = [_seen_again(view, pixels, descriptors, camera, near) for view in views]
+    found = [seen_again(view, pixels, descriptors, camera, near) for view in views]
     return [seen for seen in found if seen is not None]
-
-
-def _features(gray: Gray) -> tuple[Array, NDArray[np.uint8]]:
-    """Return the pixels (n, 2) and descriptors (n, 32) of a frame's ORB features."""
-    found, descriptors = cv2.ORB.create(nfeatures=OPTIONS.features, fastThreshold=8).detectAndCompute(
-        gray, None
-    )
-    if descriptors is None:
-        return np.zeros((0, 2)), np.zeros((0, 32), np.uint8)
-    return np.array([point.pt for point in found], dtype=np.float64), np.asarray(descriptors, np.uint8)
-
-
-def _view_of(
-    gray: Gray, camera: Camera, memory: TrackingMemory, accuracy: Accuracy, points: TrackedPoints
-) -> OwnView | None:
-    """Return a frame as a view, None where too few of its features are placed."""
-    pose, placed = memory.frame_from_camera, points.take(points.is_placed)
-    pixels, descriptors = _features(gray)
-    if pose is None or len(placed) < OPTIONS.min_points or len(pixels) < OPTIONS.min_points:
-        return None
-    apart_px, near = cKDTree(placed.pixels).query(pixels)
-    rows = np.flatnonzero(apart_px <= OPTIONS.same_spot_tangent * camera.focal_px)
-    if len(rows) < OPTIONS.min_points:
-        return None
-    same = placed.take(np.asarray(near, np.intp)[rows])
-    distances_m = np.linalg.norm(same.points_in_frame - pose.translation, axis=1)
-    rays = homogeneous(camera.normalize(pixels[rows])) @ pose.rotation.T
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return OwnView(
-        memory=memory,
-        pose=pose,
-        accuracy=accuracy,
-        descriptors=descriptors[rows],
-        points_in_frame=pose.translation + rays * distances_m[:, None],
-        sigma_m=np.hypot(same.inverse_sigma / same.inverse_m**2, same.across_m),
-    )
-
-
-def _seen_again(
-    view: OwnView, pixels: Array, descriptors: NDArray[np.uint8], camera: Camera, near: Pose | None
-) -> SeenAgain | None:
-    """Return what the features of a frame say of its pose by an earlier view, None unless enough of them agree."""
-    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(descriptors, view.descriptors, k=2)
-    good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < OPTIONS.max_ratio * p[1].distance]
-    if len(good) < OPTIONS.min_inliers:
-        return None
-    rows = np.array([match.queryIdx for match in good])
-    points = view.points_in_frame[[match.trainIdx for match in good]]
-    found = estimate_pose_lo_ransac(
-        pixels[rows],
-        points,
-        camera,
-        max_error_px=OPTIONS.max_error_tangent * camera.focal_px,
-        max_iterations=300,
-        min_iterations=20,
-        prior=near,
-    )
-    if found is None:
-        return None
-    agree, pose = found.inlier_mask, found.world_from_camera
-    count = int(np.count_nonzero(agree))
-    if count < max(OPTIONS.min_inliers, OPTIONS.min_inlier_ratio * len(good)):
-        return None
-    seen_px, seen_in_frame = pixels[rows][agree], points[agree]
-    if coverage(seen_px, (camera.width, camera.height)) < OPTIONS.min_coverage:
-        return None
-    sigma_m = view.sigma_m[[match.trainIdx for match in good]][agree]
-    across_m = sigma_across(sigma_m, seen_in_frame, view.pose.translation, pose.translation)
-    return SeenAgain(
-        view=view,
-        pose=pose,
-        relative=accuracy_of(seen_px, seen_in_frame, across_m, camera, pose),
-        support=Support(count, len(good)),
-        points_px=seen_px,
-        points_in_frame=seen_in_frame,
-        point_sigma_m=across_m,
-    )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.query.verification import Reason
 from app.engine.tracking.fix import Fix
-from app.engine.tracking.own_views import SeenAgain
+from app.engine.tracking.own_view import SeenAgain
 from app.engine.tracking.state import State
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose

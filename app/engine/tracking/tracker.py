@@ -178,7 +178,7 @@ class Tracker:
             return None
         near, accuracy = step.frame_from_camera, accuracy_after(self.memory, step)
         within_m = self._settings.max_correction_m + 3.0 * accuracy.position_m
-        seen = self._own_views.find(frame.gray, camera, near, accuracy, within_m)
+        seen = self._own_views.find(frame.gray, camera, near, self.memory, accuracy, within_m)
         return None if seen is None else Returned(step, seen, camera)
 
     def _search_every(self) -> int:
@@ -300,11 +300,11 @@ class Tracker:
 
     def _come_back(self, event: Returned, frame: TrackingFrame) -> Tracked:
         """Answer with the pose by an earlier view of the session, and let odometry go on from it."""
-        seen, step, fix = event.seen, event.step, event.seen.as_fix(event.camera)
+        seen, step = event.seen, event.step
         if self._odometry is None:
-            self._odometry = Odometry(frame, fix, self._own_lens())
+            self._odometry = Odometry(frame, seen.as_fix(event.camera), self._own_lens())
         else:
-            self._odometry.absorb(fix)
+            self._odometry.move_to(seen.pose)
         pose = self._learn(self._odometry, event.camera)
         self._own_views.drop_after(seen.view)
         self.memory = seen.memory_at(pose, self.memory, frame.time_s)

@@ -11,7 +11,8 @@ from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.fix import Fix, NoFix
 from app.engine.tracking.frame import TrackingFrame, find_corners
 from app.engine.tracking.odometry.points import TrackedPoints
-from app.engine.tracking.own_views import OPTIONS, OwnViews, SeenAgain
+from app.engine.tracking.own_view import OPTIONS, SeenAgain
+from app.engine.tracking.own_views import OwnViews
 from app.engine.tracking.settings import TrackerSettings
 from app.engine.tracking.state import TrackingMemory
 from app.engine.tracking.tracked import Tracked
@@ -61,11 +62,14 @@ def kept(view: View) -> OwnViews:
     return views
 
 
-def found(views: OwnViews, now: View, off_m: float = 0.2, accuracy: Accuracy = WORSE) -> SeenAgain | None:
-    """Return what a frame shows again when odometry has it so far aside."""
+def found(
+    views: OwnViews, now: View, off_m: float = 0.2, accuracy: Accuracy = WORSE, path_m: float = 9.0
+) -> SeenAgain | None:
+    """Return what a frame shows again when odometry has it so far aside after such a path."""
     pose = now.world_from_camera
     near = Pose(pose.rotation, pose.translation + np.array([off_m, 0.0, 0.0]))
-    return views.find(to_gray(now.rgb), CAMERA, near, accuracy, 0.25 + 3.0 * accuracy.position_m)
+    memory = TrackingMemory(unaided_m=path_m)
+    return views.find(to_gray(now.rgb), CAMERA, near, memory, accuracy, 0.25 + 3.0 * accuracy.position_m)
 
 
 def test_a_view_that_is_seen_again_says_where_the_camera_is(room: Room) -> None:
@@ -105,6 +109,15 @@ def test_a_view_that_is_no_more_accurate_is_not_looked_at(room: Room, accuracy: 
     views = kept(room.view(START))
     assert found(views, room.view(START), off_m=0.0, accuracy=accuracy) is None
     assert views.since_look > OPTIONS.look_every
+
+
+def test_a_way_that_does_not_come_back_is_no_loop(room: Room) -> None:
+    views = kept(room.view(START))
+    # The view was kept after 0.6 m; odometry has the camera 0.2 m away from it.
+    least_m = 0.6 + OPTIONS.loop_m + 0.2 * OPTIONS.loop_ratio
+    assert found(views, room.view(START), path_m=least_m - 0.01) is None
+    assert views.since_look > OPTIONS.look_every
+    assert found(views, room.view(START), path_m=least_m + 0.01) is not None
 
 
 def test_a_view_of_another_direction_is_not_looked_at(room: Room) -> None:

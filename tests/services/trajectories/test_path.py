@@ -12,7 +12,7 @@ import pytest
 from app.engine.floors.floor import Floor
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.memory import pose_from_json, pose_to_json
-from app.engine.tracking.own_views import OwnView, SeenAgain
+from app.engine.tracking.own_view import OwnView, SeenAgain
 from app.engine.tracking.state import TrackingMemory
 from app.engine.tracking.tracked import Tracked
 from app.geometry.reprojection import perturbed

@@ -112,6 +112,13 @@ class Odometry:
             self._anchors = fix.anchors
         self._since_keyframe = OPTIONS.keyframe_every
 
+    def move_to(self, pose: Pose) -> None:
+        """Put the present frame's camera where it is now known to be; all that odometry has placed moves along."""
+        correction = pose @ self._pose.inverse()
+        self._points, self._pose = self._points.moved(correction), pose
+        self._by_two_views = self._by_two_views.moved(correction)
+        self._window.move(correction)
+
     def _points_of(self, fix: Fix, rows: NDArray[np.intp]) -> TrackedPoints:
         ids, pixels, points = self._new_ids(len(rows)), fix.points_px[rows], fix.points_in_frame[rows]
         pose = fix.frame_from_camera
