@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.camera import Camera
-from app.geometry.reprojection import PIXEL_NOISE, perturbed
-from app.geometry.se3 import Pose
+from app.geometry.reprojection import PIXEL_NOISE
+from app.geometry.se3 import Pose, perturbed
 from app.limits import limit
 
 Array = NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from app.geometry.camera import Camera
-from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.pnp import estimate_poses_lo_ransac
 from app.geometry.pose_refinement import refine_pose
 from app.geometry.reprojection import PIXEL_NOISE, reprojection_errors_px
 from app.geometry.se3 import Pose
@@ -192,24 +193,31 @@ def _best_of(
 
     The image has `size` (width, height); `max_error` is the inlier limit over the focal length.
     """
-    best: tuple[int, Camera, Pose, NDArray[np.bool_]] | None = None
-    for focal_px in focals_px:
-        camera = pinhole(*size, float(focal_px))
-        found = estimate_pose_lo_ransac(
-            points_px,
-            points_in_world,
-            camera,
-            max_error_px=max_error * focal_px,
-            max_iterations=OPTIONS.rough_iterations,
-        )
-        if found is not None and (best is None or found.inlier_mask.sum() > best[0]):
-            best = int(found.inlier_mask.sum()), camera, found.world_from_camera, found.inlier_mask
-    return best
+    cameras = pinholes(*size, focals_px)
+    limits_px = [max_error * focal_px for focal_px in focals_px]
+    found = estimate_poses_lo_ransac(
+        points_px,
+        points_in_world,
+        list(zip(cameras, limits_px, strict=True)),
+        max_iterations=OPTIONS.rough_iterations,
+    )
+    tried = [
+        (int(each.inlier_mask.sum()), camera, each.world_from_camera, each.inlier_mask)
+        for camera, each in zip(cameras, found, strict=True)
+        if each is not None
+    ]
+    return max(tried, key=lambda each: each[0], default=None)
 
 
 def pinhole(width: int, height: int, focal_px: float) -> Camera:
     """Return the pinhole camera with a focal length and its principal point at the image's centre."""
-    return Camera("PINHOLE", width, height, (focal_px, focal_px, 0.5 * (width - 1), 0.5 * (height - 1)))
+    return pinholes(width, height, [focal_px])[0]
+
+
+def pinholes(width: int, height: int, focals_px: Iterable[float]) -> list[Camera]:
+    """Return the pinhole camera of each focal length, as `pinhole` does."""
+    centre = 0.5 * (width - 1), 0.5 * (height - 1)
+    return [Camera("PINHOLE", width, height, (float(f), float(f), *centre)) for f in focals_px]
 
 
 def search_camera(
@@ -278,15 +286,12 @@ def _refined(
             loss_scale_px=PIXEL_NOISE.loss_scale_px,
             max_steps=OPTIONS.pose_steps,
         )
+        errors = np.minimum(reprojection_errors_px(pixels, points, candidate, refined), OPTIONS.max_error_px)
         prior = 0.0 if sigma is None else 0.5 * ((log_focal - known) / sigma) ** 2
-        return _cost(pixels, points, candidate, refined) + prior
+        robust = float(np.log1p((errors / PIXEL_NOISE.loss_scale_px) ** 2).sum())
+        return OPTIONS.match_weight * robust + prior
 
     found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": OPTIONS.log_tolerance})
     if min(found.x - bounds[0], bounds[1] - found.x) < OPTIONS.border_log:
         return None
     return pinhole(camera.width, camera.height, float(np.exp(found.x)))
-
-
-def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose) -> float:
-    errors = np.minimum(reprojection_errors_px(pixels, points, camera, pose), OPTIONS.max_error_px)
-    return OPTIONS.match_weight * float(np.log1p((errors / PIXEL_NOISE.loss_scale_px) ** 2).sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -25,6 +26,7 @@ MIN_POINTS = 9
 class IntrinsicsOptions:
     """How stated intrinsics are compared with those that the matches fit best."""
 
+    max_points: int = limit(300, "Most inliers that the fit is made of.", chosen="By hand: for speed.")
     steps: int = limit(8, "Largest number of Gauss-Newton steps.", chosen="By hand: it converges in four.")
     min_step: float = limit(1e-5, "A smaller step ends the iteration.", chosen="By hand: far below a pixel.")
     prior_log_focal_sigma: float = limit(
@@ -68,11 +70,14 @@ class FreeIntrinsics:
 def free_intrinsics(
     points_px: Array, points_in_world: Array, camera: Camera, world_from_camera: Pose
 ) -> FreeIntrinsics | None:
-    """Return the intrinsics that the inliers of a pose fit best: pixels (n, 2), world points (n, 3).
+    """Return the intrinsics that the inliers of a pose fit best: pixels (n, 2), world points (n, 3), of which every
+    second, third, ... is taken where there are many.
 
     Gauss-Newton on the Cauchy losses of the reprojection errors over pose, focal length and principal point, from the
     stated camera and its pose; the lens is kept. None where they determine no camera.
     """
+    every = max(1, -(-len(points_px) // OPTIONS.max_points))
+    points_px, points_in_world = points_px[::every], points_in_world[::every]
     if len(points_px) < MIN_POINTS:
         return None
     longer = max(camera.width, camera.height)
@@ -158,3 +163,9 @@ def changed_camera(camera: Camera, change: ArrayLike) -> Camera:
     zoom = float(np.exp(change[0]))
     params = (fx * zoom, fy * zoom, cx + float(change[1]), cy + float(change[2]), *lens)
     return Camera(camera.model, camera.width, camera.height, params)
+
+
+def zoomed_cameras(camera: Camera, zooms: Sequence[float]) -> list[Camera]:
+    """Return the cameras whose focal lengths are those of a camera times each zoom."""
+    fx, fy, *rest = camera.params
+    return [Camera(camera.model, camera.width, camera.height, (fx * z, fy * z, *rest)) for z in zooms]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.focal import OPTIONS as FOCAL
-from app.geometry.reprojection import perturbed, project_from_world, reprojection_jacobian
-from app.geometry.se3 import Pose, rotation_from_vector
+from app.geometry.reprojection import project_from_world, reprojection_jacobian
+from app.geometry.se3 import Pose, perturbed, rotation_from_vector
 from app.limits import limit
 
 Array = NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +15,7 @@ from app.geometry.epnp import MIN_EPNP_POINTS, solve_epnp
 from app.geometry.estimators.chosen import ESTIMATORS
 from app.geometry.estimators.interface import MIN_POINTS, RansacBudget
 from app.geometry.pose_refinement import refine_pose
-from app.geometry.reprojection import PIXEL_NOISE, agreeing_points
+from app.geometry.reprojection import PIXEL_NOISE, View, reprojection_errors_of_views, reprojection_errors_px
 from app.geometry.se3 import Pose
 from app.geometry.validation import finite_pairs
 from app.limits import limit
@@ -93,24 +94,63 @@ def estimate_pose_lo_ransac(
     Raises `InvalidInputError` for numbers that are not finite. Source: LO-RANSAC by `ESTIMATORS`; minimizes C
     eq. 5.1.2.
     """
+    return estimate_poses_lo_ransac(
+        points_px,
+        points_in_world,
+        [(camera, max_error_px)],
+        max_iterations=max_iterations,
+        min_iterations=min_iterations,
+        loss_scale_px=loss_scale_px,
+        seed=seed,
+        prior=prior,
+        sorted_by_quality=sorted_by_quality,
+    )[0]
+
+
+def estimate_poses_lo_ransac(
+    points_px: ArrayLike,
+    points_in_world: ArrayLike,
+    cameras: Sequence[tuple[Camera, float]],
+    *,
+    max_iterations: int = OPTIONS.lo_ransac_iterations,
+    min_iterations: int = OPTIONS.min_lo_ransac_iterations,
+    loss_scale_px: float = PIXEL_NOISE.loss_scale_px,
+    seed: int = 0,
+    prior: Pose | None = None,
+    sorted_by_quality: bool = False,
+) -> list[PnpEstimate | None]:
+    """Return the pose by each of several cameras that may have taken one picture, each with its inlier limit in pixels,
+    as `estimate_pose_lo_ransac` returns it by one."""
+    searches = [
+        (
+            camera,
+            RansacBudget(
+                max_error_px=max_error_px,
+                max_iterations=max_iterations,
+                min_iterations=min(min_iterations, max_iterations),
+                seed=seed,
+                sorted_by_quality=sorted_by_quality,
+            ),
+        )
+        for camera, max_error_px in cameras
+    ]
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
     if len(pixels) < MIN_POINTS:
-        return None
-    budget = RansacBudget(
-        max_error_px=max_error_px,
-        max_iterations=max_iterations,
-        min_iterations=min(min_iterations, max_iterations),
-        seed=seed,
-        sorted_by_quality=sorted_by_quality,
-    )
-    found = ESTIMATORS.absolute_pose(pixels, points, camera, budget, loss_scale_px=loss_scale_px, prior=prior)
-    if found is None:
-        return None
-    pose = found.world_from_camera
-    inliers, rms_px = agreeing_points(pixels, points, camera, pose, max_error_px)
-    if np.count_nonzero(inliers) < MIN_POINTS:
-        return None
-    return PnpEstimate(pose, inliers, rms_px, found.iterations)
+        return [None] * len(cameras)
+    found = ESTIMATORS.absolute_poses(pixels, points, searches, loss_scale_px=loss_scale_px, prior=prior)
+    views: list[View] = []
+    for (camera, _), each in zip(cameras, found, strict=True):
+        views.append((camera, None if each is None else each.world_from_camera))
+    estimates: list[PnpEstimate | None] = []
+    errors = reprojection_errors_of_views(pixels, points, views)
+    for (_, max_error_px), each, errors_px in zip(cameras, found, errors, strict=True):
+        inliers = errors_px <= max_error_px
+        if each is None or np.count_nonzero(inliers) < MIN_POINTS:
+            estimates.append(None)
+            continue
+        rms_px = float(np.sqrt(np.mean(errors_px[inliers] ** 2)))
+        estimates.append(PnpEstimate(each.world_from_camera, inliers, rms_px, each.iterations))
+    return estimates
 
 
 def estimate_pose_epnp_lm(
@@ -138,8 +178,11 @@ def estimate_pose_epnp_lm(
         pose = refine_pose(pixels[inliers], points[inliers], camera, rough, loss="trivial")
     except DegenerateGeometryError:
         return None
-    agree, rms_px = agreeing_points(pixels, points, camera, pose, max_error_px)
-    return PnpEstimate(pose, agree, rms_px, 0) if np.count_nonzero(agree) >= MIN_POINTS else None
+    errors_px = reprojection_errors_px(pixels, points, camera, pose)
+    agree = errors_px <= max_error_px
+    if np.count_nonzero(agree) < MIN_POINTS:
+        return None
+    return PnpEstimate(pose, agree, float(np.sqrt(np.mean(errors_px[agree] ** 2))), 0)
 
 
 def _ransac_inliers(

@@ -11,13 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.camera import Camera
-from app.geometry.reprojection import (
-    PIXEL_NOISE,
-    perturbed,
-    reprojection_errors_px,
-    reprojection_jacobian,
-)
-from app.geometry.se3 import Pose
+from app.geometry.reprojection import PIXEL_NOISE, ReprojectionCost, reprojection_errors_px
+from app.geometry.se3 import Pose, perturbed
 from app.geometry.validation import finite_pairs
 from app.limits import limit
 
@@ -88,22 +83,22 @@ def refine_pose(
     three points in front of the camera, `InvalidInputError` for numbers that are not finite or weights below zero.
     """
     pixels, points = finite_pairs(points_px, 2, "pixels", points_in_world, 3, "world points")
-    factors = _checked_weights(weights, len(pixels))
+    factors = np.ones(len(pixels)) if weights is None else _checked_weights(weights, len(pixels))
     errors = reprojection_errors_px(pixels, points, camera, world_from_camera)
     if np.count_nonzero(np.isfinite(errors) & (factors > 0)) < 3:
         raise DegenerateGeometryError("A pose needs at least three points in front of the camera.")
-    scale_px = loss_scale_px if loss == "cauchy" else np.inf
-    return minimized(
-        world_from_camera,
-        lambda pose: _cost(pixels, points, camera, pose, factors, scale_px),
-        lambda pose: _normal_equations(pixels, points, camera, pose, factors, scale_px),
-        max_steps,
+    cost = ReprojectionCost(
+        points_px=pixels,
+        points_in_world=points,
+        camera=camera,
+        weights=factors,
+        scale_px=loss_scale_px if loss == "cauchy" else np.inf,
+        max_error_px=OPTIONS.behind_camera_px,
     )
+    return minimized(world_from_camera, cost.at, cost.normal_equations, max_steps)
 
 
-def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
-    if weights is None:
-        return np.ones(count)
+def _checked_weights(weights: ArrayLike, count: int) -> Array:
     factors = np.asarray(weights, dtype=np.float64)
     if factors.shape != (count,) or not np.isfinite(factors).all() or (factors < 0).any():
         raise InvalidInputError(f"Weights must be {count} finite numbers that are not negative.")
@@ -141,23 +136,3 @@ def minimized(
         damping = max(damping * 0.1, OPTIONS.min_damping)
         gradient, hessian = normal_equations(pose)
     return pose
-
-
-def _cost(pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float) -> float:
-    errors = np.minimum(reprojection_errors_px(pixels, points, camera, pose), OPTIONS.behind_camera_px)
-    if np.isinf(scale_px):
-        return float(weights @ errors**2)
-    return float(weights @ (scale_px**2 * np.log1p((errors / scale_px) ** 2)))
-
-
-def _normal_equations(
-    pixels: Array, points: Array, camera: Camera, pose: Pose, weights: Array, scale_px: float
-) -> tuple[Array, Array]:
-    projected, jacobian, _ = reprojection_jacobian(points, camera, pose)
-    residuals = projected - pixels
-    seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-    residuals, jacobian = residuals[seen], jacobian[seen]
-    # The derivative of the loss by the squared error: the weight in a reweighted least-squares step.
-    robust = weights[seen] / (1.0 + np.sum(residuals**2, axis=1) / scale_px**2)
-    weighted = (jacobian * robust[:, None, None]).reshape(-1, 6)
-    return weighted.T @ residuals.reshape(-1), weighted.T @ jacobian.reshape(-1, 6)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.camera import Camera
-from app.geometry.se3 import Pose, rotation_from_vector
+from app.geometry.se3 import Pose
 from app.limits import limit
 
 Array = NDArray[np.float64]
+# A camera and its `world_from_camera`, None where it is not known.
+View = tuple[Camera, Pose | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,24 +54,27 @@ def reprojection_errors_px(
     The error of a point that is not in view is infinite. These are the norms in the sums of A eq. 11 and C eq.
     5.1.2.
     """
-    offsets = project_from_world(points_in_world, camera, world_from_camera) - np.asarray(points_px)
-    distances = np.hypot(offsets[:, 0], offsets[:, 1])
-    return np.asarray(np.where(np.isnan(distances), np.inf, distances))
+    (errors,) = reprojection_errors_of_views(points_px, points_in_world, [(camera, world_from_camera)])
+    return np.asarray(errors)
 
 
-def agreeing_points(
-    points_px: ArrayLike,
-    points_in_world: ArrayLike,
-    camera: Camera,
-    world_from_camera: Pose,
-    max_error_px: float,
-) -> tuple[NDArray[np.bool_], float]:
-    """Return which world points (n, 3) are projected within `max_error_px` of their pixels (n, 2), and the root mean
-    square of the errors of these in pixels, NaN without any."""
-    errors_px = reprojection_errors_px(points_px, points_in_world, camera, world_from_camera)
-    agree = errors_px <= max_error_px
-    rms_px = float(np.sqrt(np.mean(errors_px[agree] ** 2))) if agree.any() else float("nan")
-    return agree, rms_px
+def reprojection_errors_of_views(
+    points_px: ArrayLike, points_in_world: ArrayLike, views: Sequence[View]
+) -> Array:
+    """Return the reprojection errors (k, n) of the same points by each of k views, as `reprojection_errors_px` does by
+    one; infinite without a pose."""
+    errors = np.full((len(views), len(np.asarray(points_px))), np.inf)
+    known = [
+        (row, camera, _in_camera(points_in_world, pose))
+        for row, (camera, pose) in enumerate(views)
+        if pose is not None
+    ]
+    projected = [camera.project(points) for _, camera, points in known]
+    for (row, *_), pixels in zip(known, projected, strict=True):
+        offsets = pixels - np.asarray(points_px)
+        distances = np.hypot(offsets[:, 0], offsets[:, 1])
+        errors[row] = np.where(np.isnan(distances), np.inf, distances)
+    return errors
 
 
 def reprojection_jacobian(
@@ -88,8 +94,39 @@ def reprojection_jacobian(
     return pixels, np.concatenate([by_rotation, -by_world_point], axis=2), by_world_point
 
 
-def perturbed(world_from_camera: Pose, step: ArrayLike) -> Pose:
-    """Return the pose rotated about its centre by step[:3] (rad, world axes) and moved by step[3:] (m)."""
-    delta = np.asarray(step, dtype=np.float64)
-    rotation = rotation_from_vector(delta[:3]) @ world_from_camera.rotation
-    return Pose(rotation, world_from_camera.translation + delta[3:])
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReprojectionCost:
+    """What a pose of a camera costs: the sum over pixels (n, 2) and world points (n, 3) of `weights` (n,) times the
+    Cauchy loss of the squared error, whose scale is `scale_px`; with an infinite scale the squared error itself.
+
+    An error counts as `max_error_px` at most, and that of a point that is not in view as much.
+    """
+
+    points_px: Array
+    points_in_world: Array
+    camera: Camera
+    weights: Array
+    scale_px: float
+    max_error_px: float
+
+    def at(self, world_from_camera: Pose) -> float:
+        """Return the cost of a pose (C eq. 5.1.2)."""
+        errors = np.minimum(
+            reprojection_errors_px(self.points_px, self.points_in_world, self.camera, world_from_camera),
+            self.max_error_px,
+        )
+        if np.isinf(self.scale_px):
+            return float(self.weights @ errors**2)
+        return float(self.weights @ (self.scale_px**2 * np.log1p((errors / self.scale_px) ** 2)))
+
+    def normal_equations(self, world_from_camera: Pose) -> tuple[Array, Array]:
+        """Return the gradient (6,) and the approximate Hessian (6, 6) of half the cost by the perturbation of
+        `perturbed`."""
+        projected, jacobian, _ = reprojection_jacobian(self.points_in_world, self.camera, world_from_camera)
+        residuals = projected - self.points_px
+        seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+        residuals, jacobian = residuals[seen], jacobian[seen]
+        # The derivative of the loss by the squared error: the weight in a reweighted least-squares step.
+        robust = self.weights[seen] / (1.0 + np.sum(residuals**2, axis=1) / self.scale_px**2)
+        weighted = (jacobian * robust[:, None, None]).reshape(-1, 6)
+        return weighted.T @ residuals.reshape(-1), weighted.T @ jacobian.reshape(-1, 6)

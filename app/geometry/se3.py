@@ -187,6 +187,13 @@ class Pose:
         return np.asarray(np.asarray(points_in_source, dtype=np.float64) @ self.rotation.T + self.translation)
 
 
+def perturbed(world_from_camera: Pose, step: ArrayLike) -> Pose:
+    """Return the pose rotated about its centre by step[:3] (rad, world axes) and moved by step[3:] (m)."""
+    delta = np.asarray(step, dtype=np.float64)
+    rotation = rotation_from_vector(delta[:3]) @ world_from_camera.rotation
+    return Pose(rotation, world_from_camera.translation + delta[3:])
+
+
 def position_difference_m(a: Pose, b: Pose) -> float:
     """Return the distance in metres between the origins of two `world_from_camera` poses."""
     return float(np.linalg.norm(a.translation - b.translation))

@@ -25,6 +25,11 @@ TARGETS = (
     Target("app/engine/query/verification.py", (ALONE, f"{QUERY}/test_verification.py")),
     Target("app/engine/query/contradiction.py", (ALONE, f"{QUERY}/test_contradiction.py")),
     Target("app/engine/query/accuracy.py", (ALONE, f"{QUERY}/test_accuracy.py")),
+    Target(
+        "app/engine/query/hypothesis.py",
+        (ALONE, f"{QUERY}/test_hypothesis.py"),
+        ("ViewOptions", "seen_from_one_side"),
+    ),
     Target("app/engine/query/camera.py", (ALONE, f"{QUERY}/test_query_camera.py")),
     Target("app/engine/tracking/belief.py", (ALONE, f"{TRACKING}/test_belief.py")),
     Target("app/engine/tracking/drift.py", (ALONE, f"{TRACKING}/test_search.py"), ("reach_m",)),

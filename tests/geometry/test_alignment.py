@@ -18,12 +18,7 @@ from app.geometry.lines import (
     point_least_squares_to_lines,
     point_nearest_to_lines,
 )
-from app.geometry.reprojection import perturbed
-from app.geometry.se3 import (
-    attitude_difference_rad,
-    position_difference_m,
-    rotation_angle_deg,
-)
+from app.geometry.se3 import attitude_difference_rad, perturbed, position_difference_m, rotation_angle_deg
 from tests.synthetic import random_pose
 
 

@@ -10,8 +10,8 @@ import pytest
 from app.geometry.bundle import Bundle, adjust_bundle, lens_in_bundle
 from app.geometry.camera import Camera
 from app.geometry.lens import Lens
-from app.geometry.reprojection import perturbed, project_from_world
-from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.geometry.reprojection import project_from_world
+from app.geometry.se3 import Pose, attitude_difference_rad, perturbed, position_difference_m
 
 CAMERAS = [
     Camera("PINHOLE", 640, 480, (525.0, 525.0, 319.5, 239.5)),

@@ -6,8 +6,8 @@ import pytest
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.covariance import pose_accuracy, pose_covariance, sigma_px_from_residuals
 from app.geometry.pose_refinement import refine_pose
-from app.geometry.reprojection import perturbed, project_from_world, reprojection_jacobian
-from app.geometry.se3 import Pose, vector_from_rotation
+from app.geometry.reprojection import project_from_world, reprojection_jacobian
+from app.geometry.se3 import Pose, perturbed, vector_from_rotation
 from tests.synthetic import MODELS, make_scene
 
 

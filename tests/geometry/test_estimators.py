@@ -15,8 +15,8 @@ from app.geometry.estimators.chosen import choose_estimators
 from app.geometry.estimators.interface import RansacBudget
 from app.geometry.estimators.opencv_estimators import OpenCvEstimators
 from app.geometry.estimators.upright_solver import upright_relative_poses
-from app.geometry.reprojection import perturbed, reprojection_errors_px
-from app.geometry.se3 import Pose, position_difference_m, rotation_angle_deg, rotation_from_vector
+from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.se3 import Pose, perturbed, position_difference_m, rotation_angle_deg, rotation_from_vector
 from app.geometry.triangulation import unit_rays
 from tests.synthetic import CAMERAS, MODELS, make_scene, make_two_views, random_pixels
 
@@ -27,8 +27,8 @@ BUDGET = RansacBudget(max_error_px=8.0, max_iterations=5000, min_iterations=100,
 def absolute_pose(scene, budget=BUDGET, *, points=None, prior=None):
     """Return the `world_from_camera` of a scene by OpenCV, or None."""
     world = scene.points_in_world if points is None else points
-    found = OpenCvEstimators().absolute_pose(
-        scene.points_px, world, scene.camera, budget, loss_scale_px=2.0, prior=prior
+    (found,) = OpenCvEstimators().absolute_poses(
+        scene.points_px, world, [(scene.camera, budget)], loss_scale_px=2.0, prior=prior
     )
     return None if found is None else found.world_from_camera
 

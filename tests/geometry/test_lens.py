@@ -15,8 +15,7 @@ from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.lens import LENS_SIGMA, Focal, Lens, SharedPoints, fit_lens, refine_lens
 from app.geometry.pose_refinement import refine_pose
-from app.geometry.reprojection import perturbed
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, perturbed
 from tests.synthetic import CAMERAS, random_pixels, random_pose
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.epnp import barycentric_weights, control_points, points_from_control, solve_epnp
 from app.geometry.pnp import estimate_pose_epnp_lm, estimate_pose_lo_ransac
 from app.geometry.pose_refinement import refine_pose
-from app.geometry.reprojection import perturbed, reprojection_errors_px
-from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.se3 import Pose, attitude_difference_rad, perturbed, position_difference_m
 from tests.synthetic import MODELS, make_scene
 
 ESTIMATORS = [estimate_pose_lo_ransac, estimate_pose_epnp_lm]

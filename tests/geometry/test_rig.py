@@ -12,11 +12,17 @@ from app.geometry.camera import Camera
 from app.geometry.covariance import pose_covariance
 from app.geometry.estimators.interface import RansacBudget
 from app.geometry.estimators.opencv_estimators import OpenCvEstimators
-from app.geometry.reprojection import perturbed, project_from_world
+from app.geometry.reprojection import project_from_world
 from app.geometry.rigs.pose import estimate_rig_pose, rig_covariance
 from app.geometry.rigs.refinement import refine_rig_pose, refine_with_uncertain_motion
 from app.geometry.rigs.view import RigView
-from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m, rotation_from_vector
+from app.geometry.se3 import (
+    Pose,
+    attitude_difference_rad,
+    perturbed,
+    position_difference_m,
+    rotation_from_vector,
+)
 from tests.synthetic import CAMERAS, random_pose
 
 LIMIT = 6.0 / 525.0

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from app.engine.anchors.map_depth import SeenPoints, points_seen
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
-from app.engine.query.accuracy import accuracy_in_map, seen_from_one_side
-from app.engine.query.attempt.pose import pose_in_map
+from app.engine.query.accuracy import accuracy_in_map
+from app.engine.query.attempt.pose import poses_in_map
+from app.engine.query.hypothesis import seen_from_one_side
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.query import Query
 from app.engine.query.verification import Limits, evidence_of, judge
@@ -177,7 +178,7 @@ def _estimate(
     artifact: MapArtifact, matches: Matches, camera: Camera, prior: Pose | None
 ) -> PnpEstimate | None:
     iterations = OPTIONS.first_iterations if prior is None else OPTIONS.more_iterations
-    return pose_in_map(artifact, matches, camera, MAX_REPROJECTION_ERROR_TANGENT, iterations, prior)
+    return poses_in_map(artifact, matches, [camera], MAX_REPROJECTION_ERROR_TANGENT, iterations, prior)[0]
 
 
 def _judged(opened: OpenMap, camera: Camera, matches: Matches, found: PnpEstimate) -> MonitorPose | str:

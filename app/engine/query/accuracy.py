@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,21 +12,6 @@ from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy, pose_covariance
 from app.geometry.se3 import Pose
-from app.limits import limit
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewOptions:
-    """From how far aside a feature is still recognised."""
-
-    max_turn_cosine: float = limit(
-        0.17,
-        "Cosine of the largest angle between two rays to a point at which its feature is still matched.",
-        chosen="By hand: 80 degrees, beyond which a wall shows nothing and a mirror image begins.",
-    )
-
-
-VIEW = ViewOptions()
 
 
 def accuracy_in_map(
@@ -87,19 +70,6 @@ def sigma_across(
     the part of it across the camera's own ray.
     """
     return np.asarray(sigma_m * _sines(points - keyframe_centres, points - centre))
-
-
-def seen_from_one_side(
-    points: NDArray[np.float64],
-    keyframe_centres: NDArray[np.float32] | NDArray[np.float64],
-    centre: NDArray[np.float64],
-    min_cosine: float = VIEW.max_turn_cosine,
-) -> NDArray[np.bool_]:
-    """Return which points (n, 3) a camera at `centre` (3,) sees from the side that their keyframes, at (n, 3), saw
-    them from, or one keyframe at (3,): by default within `max_turn_cosine`, beyond which no feature is matched."""
-    a, b = points - keyframe_centres, points - centre
-    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    return np.asarray(np.einsum("ij,ij->i", a, b) > min_cosine * lengths)
 
 
 def _sines(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
-from app.engine.query.accuracy import seen_from_one_side
+from app.engine.query.hypothesis import seen_from_one_side
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.limits import limit

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,10 +11,11 @@ import numpy as np
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
+from app.engine.query.zooms import agreement, limit_px_of, most_agreeing_zoom
 from app.geometry.camera import Camera
 from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
-from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
 from app.limits import limit
 
@@ -22,21 +23,18 @@ ON_ZOOMED = (
     "roomfix evaluate-cameras on RedKitchen, desk_rs and freiburg1_rpy; docs/figures/evaluate-cameras.md."
 )
 Search = Callable[[Matches], Camera | None]
-# Zooms that are tried where few of the matches agree: steps that leave less than 13 % between them.
-ZOOMS = (0.57, 0.71, 0.89, 1.12, 1.4, 1.75, 2.2)
 
 
-class Estimate(Protocol):
-    """Returns the pose of a camera that most matches agree on, None when too few do."""
+class Poses(Protocol):
+    """Finds the poses that most of a picture's matches agree on."""
 
-    def __call__(
-        self,
-        matches: Matches,
-        camera: Camera,
-        prior: Pose | None = None,
-        max_iterations: int | None = None,
-    ) -> Hypothesis | None:
-        """Return the pose with its inliers; `prior` is tried first."""
+    def estimate(self, matches: Matches, camera: Camera, prior: Pose | None = None) -> Hypothesis | None:
+        """Return the pose of a camera with its inliers, None when too few agree; `prior` is tried first."""
+
+    def poses(
+        self, matches: Matches, cameras: Sequence[Camera], max_iterations: int
+    ) -> list[PnpEstimate | None]:
+        """Return the pose by each of several cameras, None where too few agree."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +44,6 @@ class IntrinsicsCheckOptions:
     min_features: int = limit(
         12, "Fewest inliers that a camera is checked with.", chosen="By hand: nine unknowns need five points."
     )
-    max_matches: int = limit(300, "Most matches that a camera is checked with.", chosen="By hand: for speed.")
     doubt_log: float = limit(
         0.025, "Change of the focal length's logarithm from which on a camera is doubted.", chosen=ON_ZOOMED
     )
@@ -130,17 +127,6 @@ class IntrinsicsCheckOptions:
         "other, but are few.",
         chosen="By hand: half the matches of right cameras agree on ordinary pictures.",
     )
-    screen_iterations: int = limit(
-        150,
-        "Samples of RANSAC for each zoom that is tried.",
-        chosen="By hand: four right matches of ten are drawn together in a few dozen samples.",
-    )
-    screen_matches: int = limit(300, "Most matches that zooms are tried with.", chosen="By hand: for speed.")
-    screen_ratio: float = limit(
-        1.15,
-        "Inliers with a zoom, over those without, from which on refining starts there.",
-        chosen="By hand: between no gain and that of a zoom that is 12 % off.",
-    )
     sigma_factor: float = limit(
         1.75,
         "Factor on the focal length's sigma by the matches: it is the sigma of inliers of the stated camera, which are "
@@ -186,33 +172,36 @@ class CheckedCamera:
     is_refined: bool = False
 
 
-def check_intrinsics(best: Hypothesis, camera: Camera, estimate: Estimate, search: Search) -> CheckedCamera:
+def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Search) -> CheckedCamera:
     """Return the stated camera, or a refined one where the matches fit it far better.
 
     A camera that the matches confirm is taken as stated. Where they leave it open, or contradict it without showing
-    which other camera it is, the pose is uncertain by what the other camera would change of it. `estimate` returns the
-    pose of matches, `search` the pinhole of any focal length that most of them agree with.
+    which other camera it is, the pose is uncertain by what the other camera would change of it. `search` returns the
+    pinhole of any focal length that most matches agree with.
     """
-    fit = _fit(best, camera)
+    is_stretched = bool(square_pixels(camera))
+    fit, inliers = None, best.inliers
+    if best.inlier_features >= OPTIONS.min_features:
+        fit = free_intrinsics(inliers.points_px, inliers.points_in_world, camera, best.pose)
     if fit is None:
         return CheckedCamera(camera=camera, best=best, max_confidence=OPTIONS.unverified_confidence)
-    is_stretched = bool(square_pixels(camera))
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
-    zoomed = _screened(best, camera, estimate)
+    agree = best.estimate.inlier_mask
+    few_agree = np.count_nonzero(agree) < OPTIONS.screened_share * len(agree)
+    zoomed = most_agreeing_zoom(best, camera, poses.poses) if few_agree else None
     may_be_other = is_doubted or not is_verified or is_stretched or zoomed is not None
-    refined = _refined(best, camera, fit, estimate, search, zoomed) if may_be_other else None
+    refined = _refined(best, camera, fit, poses, search, zoomed) if may_be_other else None
     if refined is not None:
         return refined
     is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
     is_confirmed = not is_doubted and is_near and fit.focal_sigma <= OPTIONS.confirmed_sigma
     # A check by one focal length doesn't show pixels that are not square.
+    is_sure = is_verified and not (is_doubted or is_stretched or zoomed is not None or _is_flat(best))
     return CheckedCamera(
         camera=camera,
         best=best,
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted),
-        max_confidence=OPTIONS.unverified_confidence
-        if is_doubted or is_stretched or zoomed is not None or _is_flat(best)
-        else _max_confidence(fit),
+        max_confidence=1.0 if is_sure else OPTIONS.unverified_confidence,
         is_contradicted=is_doubted,
     )
 
@@ -230,10 +219,10 @@ def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Ac
     The camera that fits best is uncertain itself, by the focal length's sigma. Where that is large, or the stated
     camera doubted, the confidence says it.
     """
-    apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
-    turn_deg = rotation_angle_deg(apart.rotation)
     may_be_sure = fit.focal_sigma <= OPTIONS.unverified_sigma and not is_doubted
     unknown = _by_focal_sigma(best, OPTIONS.sigma_factor * fit.focal_sigma if may_be_sure else 0.0)
+    apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
+    turn_deg = rotation_angle_deg(apart.rotation)
     return Accuracy(
         max(factor * float(np.linalg.norm(apart.translation)), unknown.position_m),
         max(factor * turn_deg, unknown.orientation_deg),
@@ -246,65 +235,12 @@ def _by_focal_sigma(best: Hypothesis, focal_sigma: float) -> Accuracy:
     return Accuracy(focal_sigma * float(np.median(distances)), float(np.degrees(focal_sigma)) / 2)
 
 
-def _fit(best: Hypothesis, camera: Camera) -> FreeIntrinsics | None:
-    if best.inlier_features < OPTIONS.min_features:
-        return None
-    pixels, points = best.inliers.points_px, best.inliers.points_in_world
-    step = -(-len(pixels) // OPTIONS.max_matches)
-    return free_intrinsics(pixels[::step], points[::step], camera, best.pose)
-
-
 def _is_doubted(fit: FreeIntrinsics, camera: Camera) -> bool:
     sure = max(OPTIONS.sure_doubt_log, OPTIONS.sure_doubt_sigmas * fit.focal_sigma)
     zoom = min(max(OPTIONS.doubt_log, OPTIONS.doubt_sigmas * fit.focal_sigma), sure)
     shift_px = OPTIONS.doubt_offset_share * max(camera.width, camera.height)
     shifts_px = np.maximum(shift_px, OPTIONS.doubt_sigmas * fit.offset_sigmas_px)
     return abs(fit.log_focal) > zoom or bool(np.any(np.abs(fit.offset_px) > shifts_px))
-
-
-def _screened(best: Hypothesis, camera: Camera, estimate: Estimate) -> Camera | None:
-    """Return the camera of the zoom that most matches agree with, None where that is about the stated one.
-
-    A wrong focal length can leave a few inliers of one part of the picture that show nothing of it; that most matches
-    are no inliers does.
-    """
-    agree = best.estimate.inlier_mask
-    if np.count_nonzero(agree) >= OPTIONS.screened_share * len(agree):
-        return None
-    step = -(-len(agree) // OPTIONS.screen_matches)
-    some = best.matches.take(np.arange(0, len(agree), step))
-
-    limit_px = _limit_px(best, camera)
-
-    def count(tried: Camera) -> int:
-        found = estimate(some, tried, max_iterations=OPTIONS.screen_iterations)
-        return 0 if found is None else _agreement(some, tried, found.pose, limit_px)[0]
-
-    zoomed = [changed_camera(camera, [float(np.log(zoom)), 0.0, 0.0]) for zoom in ZOOMS]
-    counts = [count(tried) for tried in zoomed]
-    most = int(np.argmax(counts))
-    if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * count(camera):
-        return None
-    return zoomed[most]
-
-
-def _limit_px(best: Hypothesis, camera: Camera) -> float:
-    """Return about the reprojection error up to which matches agree with the stated camera."""
-    inliers = best.inliers
-    return float(
-        np.max(reprojection_errors_px(inliers.points_px, inliers.points_in_world, camera, best.pose))
-    )
-
-
-def _agreement(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> tuple[int, float]:
-    """Return how many features agree with a camera and its pose, and the cost of all matches: the sum of the squared
-    errors over their limit, each at most 1 (MSAC).
-
-    The limit is one in pixels for all cameras: an angle would let more matches agree with each longer focal length.
-    """
-    errors_px = reprojection_errors_px(matches.points_px, matches.points_in_world, camera, pose)
-    cost = float(np.minimum((errors_px / limit_px) ** 2, 1.0).sum())
-    return matches.take(errors_px <= limit_px).feature_count, cost
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,14 +256,14 @@ def _refined(
     best: Hypothesis,
     camera: Camera,
     fit: FreeIntrinsics,
-    estimate: Estimate,
+    poses: Poses,
     search: Search,
     zoomed: Camera | None,
 ) -> CheckedCamera | None:
     """Return a camera with far more inliers than the stated one, None where refining leads to none."""
     starts = _starts(best, camera, fit, search, zoomed)
-    limit_px = _limit_px(best, camera)
-    tried = [_refined_from(start, pose, best, camera, estimate, limit_px) for start, pose in starts]
+    limit_px = limit_px_of(best, camera)
+    tried = [_refined_from(start, pose, best, camera, poses, limit_px) for start, pose in starts]
     ends = [end for end in tried if end is not None]
     if not ends:
         return None
@@ -343,7 +279,7 @@ def _refined_from(
     prior: Pose | None,
     best: Hypothesis,
     stated: Camera,
-    estimate: Estimate,
+    poses: Poses,
     limit_px: float,
 ) -> _Refined | None:
     """Return the camera that refining from `start` leads to; each round fits the camera to the inliers of the last."""
@@ -351,13 +287,15 @@ def _refined_from(
     for _ in range(OPTIONS.rounds):
         if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
             break
-        hypothesis = estimate(best.matches, tried, prior)
+        hypothesis = poses.estimate(best.matches, tried, prior)
         if hypothesis is None:
             break
-        agreeing, cost = _agreement(best.matches, tried, hypothesis.pose, limit_px)
+        agreeing, cost = agreement(best.matches, tried, hypothesis.pose, limit_px)
         if found is not None and agreeing <= OPTIONS.round_gain_ratio * found.agreeing:
             break
-        next_fit = _fit(hypothesis, tried)
+        next_fit, inliers = None, hypothesis.inliers
+        if hypothesis.inlier_features >= OPTIONS.min_features:
+            next_fit = free_intrinsics(inliers.points_px, inliers.points_in_world, tried, hypothesis.pose)
         checked = CheckedCamera(
             camera=tried,
             best=hypothesis,
@@ -370,11 +308,6 @@ def _refined_from(
             break
         tried, prior = next_fit.camera, next_fit.pose
     return found
-
-
-def _max_confidence(fit: FreeIntrinsics | None) -> float:
-    verified = fit is not None and fit.focal_sigma <= OPTIONS.unverified_sigma
-    return 1.0 if verified else OPTIONS.unverified_confidence
 
 
 def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:

@@ -108,6 +108,8 @@ class QueryMatcher:
         self._fundamental_filter = fundamental_filter
         self._excluded = excluded_keyframes(opened.artifact, query.allowed)
         self._matches: dict[int, Matches] = {}
+        # The keyframes that were matched so far.
+        self.matched: Set[int] = self._matches.keys()
         started = clock_s()
         features = self._extractor.extract(query.gray)
         self.feature_count = len(features)
@@ -116,11 +118,6 @@ class QueryMatcher:
         # The pixels (n, 2) and unit descriptors (n, d) of the query's features.
         self.features = self._keypoints_px.astype(np.float64), self._unit
         query.spent_s["describe"] += clock_s() - started
-
-    @property
-    def matched(self) -> Set[int]:
-        """The keyframes that were matched so far."""
-        return self._matches.keys()
 
     def match(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with the keyframes among these that were not matched before."""

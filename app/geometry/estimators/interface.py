@@ -48,17 +48,17 @@ class Estimators(Protocol):
 
     name: str
 
-    def absolute_pose(
+    def absolute_poses(
         self,
         pixels: Array,
         points: Array,
-        camera: Camera,
-        budget: RansacBudget,
+        searches: Sequence[tuple[Camera, RansacBudget]],
         *,
         loss_scale_px: float,
         prior: Pose | None,
-    ) -> AbsolutePose | None:
-        """Return the pose with the most inliers among pixels (n, 2) and world points (n, 3), n >= 4, or None.
+    ) -> list[AbsolutePose | None]:
+        """Return, for each of several cameras, the pose with the most inliers among pixels (n, 2) and world points
+        (n, 3), n >= 4, or None.
 
         It is refined on its inliers by the Cauchy loss with `loss_scale_px`. `prior` is a `world_from_camera` that
         is tried besides the samples.

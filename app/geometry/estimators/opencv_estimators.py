@@ -63,31 +63,19 @@ class OpenCvEstimators:
 
     name = "OpenCV"
 
-    def absolute_pose(
+    def absolute_poses(
         self,
         pixels: Array,
         points: Array,
-        camera: Camera,
-        budget: RansacBudget,
+        searches: Sequence[tuple[Camera, RansacBudget]],
         *,
         loss_scale_px: float,
         prior: Pose | None,
-    ) -> AbsolutePose | None:
-        best, least_cost, tried = None, np.inf, list[Pose]()
-        for start in (*_sampled_poses(pixels, points, camera, budget), prior):
-            if start is None or any(_is_same(start, each) for each in tried):
-                continue
-            tried.append(start)
-            found = _on_its_inliers(pixels, points, camera, start, budget.max_error_px)
-            if found is None:
-                continue
-            errors = reprojection_errors_px(pixels, points, camera, found)
-            cost = float(np.minimum((errors / budget.max_error_px) ** 2, 1.0).sum())
-            if cost < least_cost:
-                best, least_cost = found, cost
-        if best is None:
-            return None
-        return _robust(pixels, points, camera, best, budget.max_error_px, loss_scale_px)
+    ) -> list[AbsolutePose | None]:
+        return [
+            _absolute_pose(pixels, points, camera, budget, loss_scale_px, prior)
+            for camera, budget in searches
+        ]
 
     def rig_pose(
         self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float
@@ -135,6 +123,32 @@ def usac_params(budget: RansacBudget) -> cv2.UsacParams:
     params.final_polisher = cv2.LSQ_POLISHER
     params.sampler = cv2.SAMPLING_PROSAC if budget.sorted_by_quality else cv2.SAMPLING_UNIFORM
     return params
+
+
+def _absolute_pose(
+    pixels: Array,
+    points: Array,
+    camera: Camera,
+    budget: RansacBudget,
+    loss_scale_px: float,
+    prior: Pose | None,
+) -> AbsolutePose | None:
+    """Return the best of the poses that samples and the prior lead to, None where none is determined."""
+    best, least_cost, tried = None, np.inf, list[Pose]()
+    for start in (*_sampled_poses(pixels, points, camera, budget), prior):
+        if start is None or any(_is_same(start, each) for each in tried):
+            continue
+        tried.append(start)
+        found = _on_its_inliers(pixels, points, camera, start, budget.max_error_px)
+        if found is None:
+            continue
+        errors = reprojection_errors_px(pixels, points, camera, found)
+        cost = float(np.minimum((errors / budget.max_error_px) ** 2, 1.0).sum())
+        if cost < least_cost:
+            best, least_cost = found, cost
+    if best is None:
+        return None
+    return _robust(pixels, points, camera, best, budget.max_error_px, loss_scale_px)
 
 
 def _sampled_pose(pixels: Array, points: Array, camera: Camera, budget: RansacBudget) -> Pose | None:

@@ -42,31 +42,29 @@ class PoseLibEstimators:
 
     name = "PoseLib"
 
-    def absolute_pose(
+    def absolute_poses(
         self,
         pixels: Array,
         points: Array,
-        camera: Camera,
-        budget: RansacBudget,
+        searches: Sequence[tuple[Camera, RansacBudget]],
         *,
         loss_scale_px: float,
         prior: Pose | None,
-    ) -> AbsolutePose | None:
-        ransac = {
-            "max_reproj_error": budget.max_error_px,
-            "max_iterations": budget.max_iterations,
-            "min_iterations": budget.min_iterations,
-            "progressive_sampling": budget.sorted_by_quality,
-            "seed": budget.seed,
-        }
+    ) -> list[AbsolutePose | None]:
         bundle = {"loss_type": "CAUCHY", "loss_scale": loss_scale_px, "max_iterations": OPTIONS.steps}
         start = None if prior is None else _poselib_pose(prior)
-        found, info = poselib.estimate_absolute_pose(
-            pixels, points, _poselib_camera(camera), ransac, bundle, start
-        )
-        if info["num_inliers"] < MIN_POINTS:
-            return None
-        return AbsolutePose(Pose(found.R, found.t).inverse(), int(info["iterations"]))
+        found = [
+            poselib.estimate_absolute_pose(
+                pixels, points, _poselib_camera(camera), _ransac_options(budget), bundle, start
+            )
+            for camera, budget in searches
+        ]
+        return [
+            None
+            if info["num_inliers"] < MIN_POINTS
+            else AbsolutePose(Pose(pose.R, pose.t).inverse(), int(info["iterations"]))
+            for pose, info in found
+        ]
 
     def rig_pose(
         self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float
@@ -116,6 +114,16 @@ class PoseLibEstimators:
             return np.zeros(0), np.zeros((0, 3))
         halves = np.array([pose.q for pose in found])
         return 2.0 * np.arctan2(halves[:, 2], halves[:, 0]), np.array([pose.t for pose in found])
+
+
+def _ransac_options(budget: RansacBudget) -> dict[str, float | bool]:
+    return {
+        "max_reproj_error": budget.max_error_px,
+        "max_iterations": budget.max_iterations,
+        "min_iterations": budget.min_iterations,
+        "progressive_sampling": budget.sorted_by_quality,
+        "seed": budget.seed,
+    }
 
 
 def _poselib_camera(camera: Camera) -> poselib.Camera:

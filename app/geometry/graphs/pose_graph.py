@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import spsolve
 
-from app.geometry.reprojection import perturbed
-from app.geometry.se3 import Pose, skew, vector_from_rotation
+from app.geometry.se3 import Pose, perturbed, skew, vector_from_rotation
 
 Array = NDArray[np.float64]
 # Rows and columns within a block.

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry.pose_refinement import OPTIONS, minimized
-from app.geometry.reprojection import PIXEL_NOISE, perturbed, reprojection_jacobian
+from app.geometry.reprojection import PIXEL_NOISE, reprojection_jacobian
 from app.geometry.rigs.view import RigView
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, perturbed
 from app.limits import limit
 
 Array = NDArray[np.float64]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import parse_camera_hint
 from app.geometry.focal import pinhole
@@ -9,12 +12,14 @@ from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
 from app.services.wiring import wire_services
 from app.settings import Settings
+from bench.commands.trace_query import table_of
 from bench.evaluation.call_path import path_of, trace
+from bench.figures.shown import report_table
 from tests.scenes import CAMERA_TEXT, View
 from tests.server import Server
 
-# It makes 64: a step that is torn in two makes one more, one that is called back from several places many.
-MOST_RETURNS = 70
+# It makes 61: a step that is torn in two makes one more, one that is called back from several places many.
+MOST_RETURNS = 62
 
 
 def test_runs_of_calls_are_stays_and_coming_back_is_a_return() -> None:
@@ -44,3 +49,16 @@ def test_a_query_seldom_comes_back_to_a_module_that_it_left(museum: Server, quer
         resources.close()
     assert path.modules > 40
     assert path.returns <= MOST_RETURNS, "\n".join(path.stays)
+
+
+def test_a_table_has_the_returns_of_another_commit_beside(tmp_path: Path) -> None:
+    found = {"a.jpg": path_of(["x", "y", "x"]), "new.jpg": path_of(["x"])}
+    before = tmp_path / "before.json"
+    before.write_text(json.dumps({"commit": "abc1234", "returns": {"a.jpg": 7}}))
+    for file, beside in ((None, [[], []]), (before, [["7"], [""]])):
+        table = report_table(table_of(found, file))
+        counts = [["a.jpg", "2", "3", "1"], ["new.jpg", "1", "1", "0"]]
+        assert [list(row) for row in table.rows] == [
+            own + more for own, more in zip(counts, beside, strict=True)
+        ]
+    assert table.columns[-1] == "returns at `abc1234`"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import OPTIONS, CheckedCamera, check_intrinsics
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
-from app.geometry.pnp import estimate_pose_lo_ransac
+from app.geometry.pnp import PnpEstimate, estimate_poses_lo_ransac
 from app.geometry.se3 import Pose
 from tests.scenes import CAMERA
 
@@ -44,32 +45,39 @@ def matches_of(*seen: tuple[NDArray, NDArray]) -> Matches:
     )
 
 
-def estimate(
-    matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
-) -> Hypothesis | None:
-    limit_px = LIMIT_PX * camera.focal_px / CAMERA.focal_px
-    iterations = 2000 if max_iterations is None else max_iterations
-    found = estimate_pose_lo_ransac(
-        matches.points_px,
-        matches.points_in_world,
-        camera,
-        max_error_px=limit_px,
-        max_iterations=iterations,
-        min_iterations=iterations,
-        prior=prior,
-    )
-    return None if found is None else Hypothesis.of(found, matches)
+class ByLoRansac:
+    """Poses by as many samples as are allowed."""
+
+    def poses(
+        self,
+        matches: Matches,
+        cameras: Sequence[Camera],
+        max_iterations: int,
+        prior: Pose | None = None,
+    ) -> list[PnpEstimate | None]:
+        return estimate_poses_lo_ransac(
+            matches.points_px,
+            matches.points_in_world,
+            [(camera, LIMIT_PX * camera.focal_px / CAMERA.focal_px) for camera in cameras],
+            max_iterations=max_iterations,
+            min_iterations=max_iterations,
+            prior=prior,
+        )
+
+    def estimate(self, matches: Matches, camera: Camera, prior: Pose | None = None) -> Hypothesis | None:
+        (found,) = self.poses(matches, [camera], 2000, prior)
+        return None if found is None else Hypothesis.of(found, matches)
 
 
 def checked(matches: Matches, camera: Camera = CAMERA, agreeing: int | None = None) -> CheckedCamera:
     """Return what is made of the pose that the first `agreeing` matches support, all by default."""
     first = matches.take(np.arange(len(matches)) < (agreeing or len(matches)))
-    found = estimate(first, camera)
+    found = ByLoRansac().estimate(first, camera)
     assert found is not None
     mask = np.zeros(len(matches), bool)
     mask[: len(first)] = found.estimate.inlier_mask
     best = Hypothesis.of(replace(found.estimate, inlier_mask=mask), matches)
-    return check_intrinsics(best, camera, estimate, lambda _: None)
+    return check_intrinsics(best, camera, ByLoRansac(), lambda _: None)
 
 
 def zoomed(zoom: float) -> Camera:

@@ -10,8 +10,13 @@ import pytest
 from app.engine.query.placed import Accuracy
 from app.engine.tracking.trajectory import Anchored, corrected_path, largest_change_m
 from app.geometry.graphs.pose_graph import relative_error
-from app.geometry.reprojection import perturbed
-from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m, rotation_from_vector
+from app.geometry.se3 import (
+    Pose,
+    attitude_difference_rad,
+    perturbed,
+    position_difference_m,
+    rotation_from_vector,
+)
 from tests.scenes import pose_at
 
 SURE = Accuracy(0.01, 0.1)

@@ -15,8 +15,7 @@ from app.engine.tracking.memory import pose_from_json, pose_to_json
 from app.engine.tracking.own_view import OwnView, SeenAgain
 from app.engine.tracking.state import TrackingMemory
 from app.engine.tracking.tracked import Tracked
-from app.geometry.reprojection import perturbed
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, perturbed
 from app.services.resources import Resources
 from app.services.trajectories.path import OPTIONS, PathSinceFix, moved_points, recent_points
 from app.settings import Settings

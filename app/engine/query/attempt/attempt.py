@@ -35,10 +35,10 @@ def attempt(search: PoseSearch, matcher: Matcher, matches: Matches) -> Localizat
         return nothing(query, matches, camera)
     checked = CheckedCamera(camera=camera, best=best)
     if isinstance(known, Camera) and settings.check_intrinsics:
-        checked = check_intrinsics(best, camera, search.estimate, partial(search.find_camera, query=query))
-    best, rival = against_rival(search, matcher, checked.best, checked.camera)
+        checked = check_intrinsics(best, camera, search, partial(search.find_camera, query=query))
+    contest = against_rival(search, matcher, checked.best, checked.camera)
     sigmas = focal_sigma_of(known, checked.camera), 0.0 if lens is None else lens.sigma
-    return conclude(search, matcher, best, rival, checked, sigmas)
+    return conclude(search, matcher, contest, checked, sigmas)
 
 
 def nothing(query: Query, matches: Matches, camera: Camera | None) -> Localization:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
-from app.engine.query.accuracy import seen_from_one_side
 from app.engine.query.camera import fit_query_camera
-from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.hypothesis import Hypothesis, seen_from_one_side
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.query import Query
 from app.engine.query.second.look import SecondMatcher
@@ -20,39 +20,40 @@ from app.geometry.camera import Camera
 from app.geometry.estimators.interface import MIN_POINTS
 from app.geometry.focal import ApproximateCamera, find_camera
 from app.geometry.lens import Lens
-from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_pose_lo_ransac
+from app.geometry.pnp import PnpEstimate, estimate_pose_epnp_lm, estimate_poses_lo_ransac
 from app.geometry.se3 import Pose
 
 Matcher = QueryMatcher | SecondMatcher
 
 
-def pose_in_map(
+def poses_in_map(
     artifact: MapArtifact,
     matches: Matches,
-    camera: Camera,
+    cameras: Sequence[Camera],
     max_error: float,
     max_iterations: int,
     prior: Pose | None = None,
-) -> PnpEstimate | None:
-    """Return the pose that most matches agree on, None when too few do.
+) -> list[PnpEstimate | None]:
+    """Return the pose that most matches agree on by each of several cameras, None where too few do.
 
     `max_error` is the inlier limit as an angle (tangent). A wall in a mirror is the wall seen from behind: a point
     counts only when seen from the side that its keyframe saw it from.
     """
-    found = estimate_pose_lo_ransac(
+    found = estimate_poses_lo_ransac(
         matches.points_px,
         matches.points_in_world,
-        camera,
-        max_error_px=max_error * camera.focal_px,
+        [(camera, max_error * camera.focal_px) for camera in cameras],
         max_iterations=max_iterations,
         prior=prior,
     )
-    if found is None:
-        return None
     centres = artifact.arrays.positions[matches.keyframes]
-    front = seen_from_one_side(matches.points_in_world, centres, found.world_from_camera.translation)
-    inliers = found.inlier_mask & front
-    return replace(found, inlier_mask=inliers) if np.count_nonzero(inliers) >= MIN_POINTS else None
+    poses: list[PnpEstimate | None] = []
+    for each in found:
+        if each is not None:
+            front = seen_from_one_side(matches.points_in_world, centres, each.world_from_camera.translation)
+            each = replace(each, inlier_mask=each.inlier_mask & front)  # noqa: PLW2901 - the same pose
+        poses.append(each if each is not None and np.count_nonzero(each.inlier_mask) >= MIN_POINTS else None)
+    return poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,21 +64,23 @@ class PoseSearch:
     settings: LocalizerSettings
     limits: Limits
 
-    def estimate(
-        self, matches: Matches, camera: Camera, prior: Pose | None = None, max_iterations: int | None = None
-    ) -> Hypothesis | None:
-        """Return the pose of a camera that most matches agree on, None when too few do."""
-        settings = self.settings
-        if settings.estimator == "epnp_lm":
-            threshold_px = settings.max_error_tangent * camera.focal_px
-            found = estimate_pose_epnp_lm(
-                matches.points_px, matches.points_in_world, camera, max_error_px=threshold_px
-            )
-        else:
-            iterations = settings.max_iterations if max_iterations is None else max_iterations
-            limits = settings.max_error_tangent, iterations
-            found = pose_in_map(self.map.artifact, matches, camera, *limits, prior)
+    def estimate(self, matches: Matches, camera: Camera, prior: Pose | None = None) -> Hypothesis | None:
+        """Return the pose of a camera that most matches agree on, None when too few do; `prior` is tried first."""
+        (found,) = self.poses(matches, [camera], self.settings.max_iterations, prior)
         return None if found is None else Hypothesis.of(found, matches)
+
+    def poses(
+        self, matches: Matches, cameras: Sequence[Camera], max_iterations: int, prior: Pose | None = None
+    ) -> list[PnpEstimate | None]:
+        """Return the pose by each of several cameras that most matches agree on, None where too few do."""
+        tangent = self.settings.max_error_tangent
+        if self.settings.estimator == "lo_ransac":
+            return poses_in_map(self.map.artifact, matches, cameras, tangent, max_iterations, prior)
+        pixels, points = matches.points_px, matches.points_in_world
+        return [
+            estimate_pose_epnp_lm(pixels, points, camera, max_error_px=tangent * camera.focal_px)
+            for camera in cameras
+        ]
 
     def best(
         self, matcher: Matcher, matches: Matches, camera: Camera, rival: Hypothesis | None = None

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 from app.engine.query.accuracy import accuracy_in_map
 from app.engine.query.attempt.pose import Matcher, PoseSearch
-from app.engine.query.contradiction import contradicted_in_map
+from app.engine.query.attempt.rival import Contest
+from app.engine.query.contradiction import OPTIONS as CONTRADICTION
+from app.engine.query.contradiction import cells_of
 from app.engine.query.hints import view_hints
-from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import CheckedCamera
-from app.engine.query.localization import Localization, leading, votes_of
+from app.engine.query.localization import Localization
 from app.engine.query.second.look import SecondMatcher
 from app.engine.query.verification import confidence_of, evidence_of, judge
 
@@ -18,8 +19,7 @@ from app.engine.query.verification import confidence_of, evidence_of, judge
 def conclude(
     search: PoseSearch,
     matcher: Matcher,
-    best: Hypothesis,
-    rival: Hypothesis | None,
+    contest: Contest,
     checked: CheckedCamera,
     sigmas: tuple[float, float],
 ) -> Localization:
@@ -28,17 +28,19 @@ def conclude(
     `sigmas` are those of the camera's focal length (relative) and of its lens coefficient. What contradicts the pose is
     searched for only where nothing else does.
     """
-    opened, query, inliers, camera = search.map, matcher.query, best.inliers, checked.camera
+    best, rival, inliers = contest.best, contest.rival, contest.best.inliers
+    opened, query, camera = search.map, matcher.query, checked.camera
     metadata = opened.artifact.metadata
     own = accuracy_in_map(opened.artifact, inliers, camera, best.pose, *sigmas)
     accuracy = own.with_more(checked.systematic).with_map_error(metadata)
     if checked.is_contradicted:
         own = own.with_more(checked.systematic)
     sigma_m = own.with_map_error(metadata).position_m
-    votes = votes_of(best.matches, inliers)
-    voted = leading(votes)
     distance_m = opened.retrieval.distance_m(best.pose)
-    similarity = opened.retrieval.similarity_elsewhere(voted, search.settings.look_alikes, query.allowed)
+    similarity = opened.retrieval.similarity_elsewhere(
+        contest.leading, search.settings.look_alikes, query.allowed
+    )
+    visible = opened.retrieval.covisible(best.pose, CONTRADICTION.keyframes, set(), query.allowed)
     unrepeated = matcher.unrepeated_count(inliers)
     agreement = matcher.agreement(best.pose, camera) if isinstance(matcher, SecondMatcher) else None
     evidence = replace(
@@ -50,17 +52,16 @@ def conclude(
     )
     reason = judge(evidence, sigma_m, search.limits)
     if reason is None:
-        share = contradicted_in_map(
-            opened, best.pose, camera, matcher.features, inliers.points_px, query.allowed
-        )
-        evidence = replace(evidence, contradicted=share)
+        seen, binary = (matcher.features, inliers.points_px), opened.extractor.binary
+        cells = cells_of(opened.artifact, visible, best.pose, camera, *seen, binary)
+        evidence = replace(evidence, contradicted=cells.contradicted_share)
         reason = judge(evidence, sigma_m, search.limits)
     found = Localization(
         evidence=evidence,
         world_from_camera=best.pose,
         accuracy=accuracy,
         confidence=min(confidence_of(evidence), checked.max_confidence),
-        keyframes=votes,
+        keyframes=contest.votes,
         camera=camera,
         timings_ms=query.timings_ms,
         candidate=best.pose,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Set
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,6 +137,8 @@ class SecondMatcher:
         descriptors = np.asarray(found.descriptors[:count], np.float32)
         self._own = PictureFeatures(found.keypoints_px[:count], descriptors, query.size_px)
         self._matches: dict[int, Matches] = {}
+        # The keyframes that were matched so far.
+        self.matched: Set[int] = self._matches.keys()
         # By keyframe: the row of the map's feature that each feature of the query matches.
         self._map_rows: dict[int, dict[int, int]] = {}
         self._axis_weights = PLACE.axis_weights(opened.artifact.metadata.z_up)
@@ -147,16 +149,11 @@ class SecondMatcher:
         """The pixels (n, 2) and unit descriptors (n, d) of the query's features of the map's own kind."""
         return self._first.features
 
-    @property
-    def matched(self) -> Set[int]:
-        """The keyframes that were matched so far."""
-        return self._matches.keys()
-
     def match(self, keyframes: Iterable[int]) -> Matches:
         """Return the merged matches with the keyframes among these that were not matched before."""
         new = [keyframe for keyframe in dict.fromkeys(keyframes) if keyframe not in self._matches]
         started = clock_s()
-        self._matches.update((keyframe, self._match(keyframe)) for keyframe in new)
+        self._matches.update(zip(new, self._match(new), strict=True))
         self.query.spent_s["match"] += clock_s() - started
         return Matches.merge([self._matches[keyframe] for keyframe in new])
 
@@ -184,32 +181,53 @@ class SecondMatcher:
         """Return how far the picture looks as a pose says."""
         return agreement_in_map(self._map, world_from_camera, camera, self._picture, self.query.allowed)
 
-    def _are_distinct(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which things at world points (n, 3) resemble nothing elsewhere by the map's own features of them."""
-        elsewhere = self._map.surroundings.distance_elsewhere(points, self._excluded)
-        return np.asarray(elsewhere >= OPTIONS.min_distance_elsewhere)
+    def _match(self, keyframes: Sequence[int]) -> list[Matches]:
+        """Return the matches with each keyframe.
 
-    def _match(self, keyframe: int) -> Matches:
+        Whether a match is distinct is judged by the map's own features of the thing that it shows: they resemble
+        nothing elsewhere.
+        """
         artifact = self._map.artifact
         second = artifact.second
-        if second is None:
-            return Matches.none()
-        span = second.span(keyframe)
-        camera = artifact.camera(keyframe)
-        theirs = PictureFeatures(
-            second.keypoints_px[span], second.descriptors[span], (camera.width, camera.height)
-        )
-        a, b, probability = self._network.match(self._own, theirs)
-        self._map_rows[keyframe] = dict(zip(a.tolist(), (span.start + b).tolist(), strict=True))
-        return Matches(
-            points_px=self._own.keypoints_px[a].astype(np.float64),
-            points_in_world=second.points_in_world[span][b].astype(np.float64),
-            sigma_m=second.point_sigma_m[span][b].astype(np.float64),
-            query_rows=a,
-            keyframes=np.full(len(a), keyframe, dtype=np.intp),
-            distances=(1.0 - probability).astype(np.float32),
-            distinct=self._are_distinct(second.points_in_world[span][b].astype(np.float64)),
-        )
+        if second is None or not keyframes:
+            return [Matches.none() for _ in keyframes]
+        spans = [second.span(keyframe) for keyframe in keyframes]
+        cameras = [artifact.camera(keyframe) for keyframe in keyframes]
+        found = [
+            self._network.match(
+                self._own,
+                PictureFeatures(
+                    second.keypoints_px[span], second.descriptors[span], (camera.width, camera.height)
+                ),
+            )
+            for span, camera in zip(spans, cameras, strict=True)
+        ]
+        rows = [span.start + b for span, (_, b, _) in zip(spans, found, strict=True)]
+        points = second.points_in_world[np.concatenate(rows)].astype(np.float64)
+        elsewhere = self._map.surroundings.distance_elsewhere(points, self._excluded)
+        ends = np.cumsum([len(each) for each in rows])[:-1]
+        matches = []
+        for keyframe, own, (a, _, probability), in_world, distinct in zip(
+            keyframes,
+            rows,
+            found,
+            np.split(points, ends),
+            np.split(elsewhere >= OPTIONS.min_distance_elsewhere, ends),
+            strict=True,
+        ):
+            self._map_rows[keyframe] = dict(zip(a.tolist(), own.tolist(), strict=True))
+            matches.append(
+                Matches(
+                    points_px=self._own.keypoints_px[a].astype(np.float64),
+                    points_in_world=in_world,
+                    sigma_m=second.point_sigma_m[own].astype(np.float64),
+                    query_rows=a,
+                    keyframes=np.full(len(a), keyframe, dtype=np.intp),
+                    distances=(1.0 - probability).astype(np.float32),
+                    distinct=distinct,
+                )
+            )
+        return matches
 
 
 def resembles_elsewhere(

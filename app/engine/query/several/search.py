@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.engine.maps.open_map import OpenMap
-from app.engine.query.accuracy import seen_from_one_side
+from app.engine.query.hypothesis import seen_from_one_side
 from app.engine.query.localization import leading, same_place, votes_of
 from app.engine.query.matches import Matches, QueryMatcher
 from app.engine.query.placed import Accuracy

@@ -198,7 +198,7 @@ def _checked(
     if not localizer.settings.check_intrinsics:
         return CheckedCamera(camera=camera, best=hypothesis)
     find = partial(localizer.search.find_camera, query=frames[most].matcher.query)
-    return check_intrinsics(hypothesis, camera, localizer.search.estimate, find)
+    return check_intrinsics(hypothesis, camera, localizer.search, find)
 
 
 def _accuracy(search: RigSearch, best: RigHypothesis, lens_sigma: float) -> Accuracy:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.query.accuracy import seen_from_one_side, sigma_across
+from app.engine.query.accuracy import sigma_across
+from app.engine.query.hypothesis import seen_from_one_side
 from app.engine.query.vdm.keyframe_matches import KeyframeMatches
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
