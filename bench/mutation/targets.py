@@ -61,6 +61,6 @@ TARGETS = (
     ),
     Target(
         "app/services/builds/run_build.py",
-        (f"{SERVICES}/test_made_map.py", f"{SERVICES}/test_run_build.py"),
+        (f"{SERVICES}/builds", f"{SERVICES}/test_run_build.py"),
     ),
 )
