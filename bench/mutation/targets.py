@@ -61,6 +61,10 @@ TARGETS = (
     ),
     Target(
         "app/services/builds/run_build.py",
-        (f"{SERVICES}/builds", f"{SERVICES}/test_run_build.py"),
+        (
+            f"{SERVICES}/builds/test_build_steps.py",
+            f"{SERVICES}/builds/test_published_map.py",
+            f"{SERVICES}/test_run_build.py",
+        ),
     ),
 )
