@@ -64,14 +64,15 @@ def test_what_is_not_in_the_map_is_not_located(
 
 
 def test_a_room_that_is_there_twice_is_ambiguous(
-    museum: Server, scan_zip: bytes, queries: list[View]
+    museum: Server, views: list[View], queries: list[View]
 ) -> None:
+    scan = zipped(scan_files(views[:8]))
     venue = museum.add_venue("vdm-twins")
     moved = np.eye(4)
     moved[0, 3] = 30.0
     again = {"mode": "extend", "world_from_scan": moved.tolist(), "force": True}
-    museum.add_maps(venue, (scan_zip, {"gravity": [0, 0, -1]}), (scan_zip, again))
-    for query in queries:
+    museum.add_maps(venue, (scan, {"gravity": [0, 0, -1]}), (scan, again))
+    for query in queries[:2]:
         result = museum.locate(query.jpeg(), venue=venue, method="vdm")
         assert (result["located"], result["reason"]) == (False, "ambiguous")
     x, y, z = (float(value) for value in queries[0].world_from_camera.translation)

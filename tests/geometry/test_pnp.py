@@ -5,9 +5,14 @@ import pytest
 
 from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.epnp import barycentric_weights, control_points, points_from_control, solve_epnp
-from app.geometry.pnp import estimate_pose_epnp_lm, estimate_pose_lo_ransac
+from app.geometry.intrinsics_check import zoomed_cameras
+from app.geometry.pnp import (
+    estimate_pose_epnp_lm,
+    estimate_pose_lo_ransac,
+    estimate_poses_lo_ransac,
+)
 from app.geometry.pose_refinement import refine_pose
-from app.geometry.reprojection import reprojection_errors_px
+from app.geometry.reprojection import reprojection_errors_of_views, reprojection_errors_px
 from app.geometry.se3 import Pose, attitude_difference_rad, perturbed, position_difference_m
 from tests.synthetic import MODELS, make_scene
 
@@ -256,3 +261,41 @@ def test_epnp_refuses_a_line_and_too_few_points():
         solve_epnp(scene.points_px, along, scene.camera)
     with pytest.raises(DegenerateGeometryError, match="five"):
         solve_epnp(scene.points_px[:4], scene.points_in_world[:4], scene.camera)
+
+
+@pytest.mark.parametrize("prior", [False, True])
+def test_several_cameras_get_what_each_gets_alone(prior):
+    scene = make_scene(np.random.default_rng(4), n=200, noise_px=1.0, outlier_ratio=0.5)
+    cameras = list(zip(zoomed_cameras(scene.camera, (1.0, 1.4)), (8.0, 11.2), strict=True))
+    # One whose limit no match keeps has none.
+    cameras.insert(1, (scene.camera, 1e-9))
+    start = scene.world_from_camera if prior else None
+    found = estimate_poses_lo_ransac(scene.points_px, scene.points_in_world, cameras, prior=start)
+    assert found[1] is None
+    assert_near(found[0], scene, 0.03, 0.6)
+    for together, (camera, limit_px) in zip(found, cameras, strict=True):
+        alone = estimate_pose_lo_ransac(
+            scene.points_px, scene.points_in_world, camera, max_error_px=limit_px, prior=start
+        )
+        assert (together is None) == (alone is None)
+        if together is not None:
+            assert np.array_equal(together.world_from_camera.matrix, alone.world_from_camera.matrix)
+            assert np.array_equal(together.inlier_mask, alone.inlier_mask)
+            assert (together.reprojection_rms_px, together.iterations) == (
+                alone.reprojection_rms_px,
+                alone.iterations,
+            )
+    assert estimate_poses_lo_ransac(scene.points_px, scene.points_in_world, []) == []
+    assert estimate_poses_lo_ransac(np.zeros((3, 2)), np.zeros((3, 3)), cameras) == [None] * 3
+
+
+def test_errors_of_several_views_are_those_of_each_and_infinite_without_a_pose():
+    scene = make_scene(np.random.default_rng(5), n=30)
+    aside = perturbed(scene.world_from_camera, [0.0, 0.01, 0.0, 0.1, 0.0, 0.0])
+    views = [(scene.camera, scene.world_from_camera), (scene.camera, None), (scene.camera, aside)]
+    errors = reprojection_errors_of_views(scene.points_px, scene.points_in_world, views)
+    assert errors.shape == (3, 30)
+    assert np.isinf(errors[1]).all()
+    for row, pose in ((0, scene.world_from_camera), (2, aside)):
+        own = reprojection_errors_px(scene.points_px, scene.points_in_world, scene.camera, pose)
+        assert np.array_equal(errors[row], own)

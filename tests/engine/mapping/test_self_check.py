@@ -121,7 +121,7 @@ def test_too_few_located_frames_refuse_a_map_and_warn_of_a_confirmed_one(
     executor: Executor,
     tmp_path: Path,
 ) -> None:
-    views = [foreign_room.view(pose) for pose in walk()]
+    views = [foreign_room.view(pose) for pose in walk(4)]
     folder = write(scan_files(views), tmp_path)
     strange = open_scan(folder, "tum", parse_build_options(dict(SCAN_OPTIONS)).scan)
     with pytest.raises(InvalidScanError, match="locates only 0 of"):
