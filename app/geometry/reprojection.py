@@ -54,8 +54,9 @@ def reprojection_errors_px(
     The error of a point that is not in view is infinite. These are the norms in the sums of A eq. 11 and C eq.
     5.1.2.
     """
-    (errors,) = reprojection_errors_of_views(points_px, points_in_world, [(camera, world_from_camera)])
-    return np.asarray(errors)
+    offsets = project_from_world(points_in_world, camera, world_from_camera) - np.asarray(points_px)
+    distances = np.hypot(offsets[:, 0], offsets[:, 1])
+    return np.asarray(np.where(np.isnan(distances), np.inf, distances))
 
 
 def reprojection_errors_of_views(
