@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidScanError
-from app.geometry.camera import MODEL_PARAMETERS, Camera
-from app.geometry.camera_hint import CameraHint, hint_of
+from app.errors import InvalidInputError, InvalidScanError
+from app.geometry.camera import MODEL_PARAMETERS
+from app.geometry.camera_hint import SIMPLE_MODELS, CameraHint, parse_camera_hint
 from app.limits import limit
 
 MIB = 1024 * 1024
@@ -139,41 +139,55 @@ class CameraFile:
 def read_camera_file(directory: Path) -> CameraFile | None:
     """Return the contents of `camera.txt`, None where there is none.
 
-    Its one row is `MODEL width height params...` (COLMAP's names and order) or `fx fy cx cy [k1 k2 p1 p2
-    [k3]]`; a comment may state `depth_scale = N`, units per metre. Raises `InvalidScanError` for anything
-    else.
+    Its one row is `MODEL width height params...` (COLMAP's names and order) or `fx fy cx cy [k1 k2 p1 p2 [k3]]`, or it
+    holds the rows of a 3x3 calibration matrix; a comment may state `depth_scale = N`, units per metre. Raises
+    `InvalidScanError` for anything else.
     """
     path = optional_file(directory, "camera.txt")
     if path is None:
         return None
     text = read_text(path)
     lines = list(rows(text))
-    if len(lines) != 1:
-        raise InvalidScanError(
-            f"camera.txt must hold one row, `MODEL width height params...`, not {len(lines)}."
-        )
     scale = _DEPTH_SCALE.search(text)
     depth_scale = numbers([scale.group(1)], "camera.txt: depth_scale")[0] if scale else None
     if depth_scale is not None and not 0 < depth_scale < np.inf:
         raise InvalidScanError("camera.txt: depth_scale must be above 0, in units per metre.")
-    return CameraFile(_camera_of_cells(lines[0].cells()), depth_scale)
+    if len(lines) == 1:
+        return CameraFile(_camera_of_cells(lines[0].cells()), depth_scale)
+    return CameraFile(_camera_of_matrix([line.cells() for line in lines]), depth_scale)
+
+
+def _camera_of_matrix(cells: list[list[str]]) -> CameraHint:
+    """Return the camera of the rows of a calibration matrix, 3x3 or its 3x4 or 4x4 form."""
+    if len(cells) not in (3, 4) or {len(row) for row in cells} not in ({3}, {4}):
+        raise InvalidScanError(
+            f"camera.txt must hold one row, `MODEL width height params...`, or a 3x3 matrix, not {len(cells)} rows."
+        )
+    return _stated([numbers(row, "camera.txt")[:3] for row in cells[:3]])
+
+
+def _stated(value: object) -> CameraHint:
+    """Return the camera that a value states as one of a request would."""
+    try:
+        hint = parse_camera_hint(value, "camera.txt")
+    except InvalidInputError as error:
+        raise InvalidScanError(f"camera.txt: {str(error).removeprefix('camera.txt ')}") from None
+    assert hint is not None  # noqa: S101 - of a value
+    return hint
 
 
 def _camera_of_cells(cells: list[str]) -> CameraHint:
-    if cells[0] not in MODEL_PARAMETERS:
-        if re.match(r"[A-Za-z_]+$", cells[0]):
-            known = ", ".join(MODEL_PARAMETERS)
-            raise InvalidScanError(f"camera.txt: model {cells[0]!r} is not known; use one of {known}.")
+    if not re.match(r"[A-Za-z_]+$", cells[0]):
         return CameraHint(values=tuple(numbers(cells, "camera.txt")))
+    known = (*MODEL_PARAMETERS, *SIMPLE_MODELS)
+    if cells[0] not in known:
+        raise InvalidScanError(f"camera.txt: model {cells[0]!r} is not known; use one of {', '.join(known)}.")
     values = numbers(cells[1:], "camera.txt")
     if len(values) < 3 or any(not v.is_integer() for v in values[:2]):
         raise InvalidScanError(
             "camera.txt: after the model come width and height in whole pixels, then params."
         )
-    try:
-        return hint_of(Camera(cells[0], int(values[0]), int(values[1]), tuple(values[2:])))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"camera.txt: {error}") from None
+    return _stated({"model": cells[0], "width": values[0], "height": values[1], "params": values[2:]})
 
 
 def read_gravity(directory: Path) -> tuple[float, float, float] | None:

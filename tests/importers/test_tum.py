@@ -182,9 +182,25 @@ def test_camera_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "params"),
+    [
+        ("60 0 31.5\n0 61 23.5\n0 0 1\n", (60, 61, 31.5, 23.5)),
+        ("# K\n60, 0, 31.5, 0\n0, 61, 23.5, 0\n0, 0, 1, 0\n0, 0, 0, 1\n", (60, 61, 31.5, 23.5)),
+        ("SIMPLE_PINHOLE 64 48 60 31.5 23.5", (60, 60, 31.5, 23.5)),
+    ],
+)
+def test_a_camera_file_as_other_tools_write_it(tmp_path: Path, text: str, params: tuple[float, ...]) -> None:
+    write_tum(tmp_path, camera=text)
+    assert tum(tmp_path).camera.params == params
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "one row"),
+        ("60 0 31.5\n0 61 23.5\n0 0 2\n", "as a 3x3 matrix must be"),
+        ("60 0 31.5\n0 61\n0 0 1\n", "one row"),
+        ("60 0 31.5\nzero 61 23.5\n0 0 1\n", "must be numbers"),
         ("PINHOLE 64 48 60 60 31 23\nPINHOLE 64 48 60 60 31 23", "one row"),
         ("RADTAN 64 48 60 60 31 23", "model 'RADTAN' is not known"),
         ("PINHOLE 64 48 60", "PINHOLE takes 4 parameters"),

@@ -102,7 +102,7 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
     depth_scale = depth[0] if clear else _preferred(depth, measured)
     position_scale = unit[0] if unit else scales.position_scale * found.ratio
     told = (
-        f"Depth triangulated by the poses is {found.ratio:.3g} times the sensor's: "
+        f"Depth triangulated by the poses is {_factor(found.ratio)} times the sensor's: "
         f"the depth is {_times(found.ratio, 'small', 'large')} for the poses, or the positions are "
         f"{_times(found.ratio, 'large', 'small')} for the depth."
     )
@@ -129,8 +129,8 @@ def judge_scale(found: DepthRatio, scales: Scales) -> Finding | None:
 def _mixed(found: DepthRatio) -> Finding:
     return Finding(
         code="mixed_scale",
-        sentence=f"The scale changes within the scan: depth triangulated by the poses is {found.ratio:.3g} times the "
-        f"sensor's, but differs by over a third in {100 * found.apart_share:.0f} % of the places that were "
+        sentence=f"The scale changes within the scan: depth triangulated by the poses is {_factor(found.ratio)} "
+        f"times the sensor's, but differs by over a third in {100 * found.apart_share:.0f} % of the places that were "
         "compared. Are some of the positions or of the depth images in other units?",
         figures={"depth_ratio": round(found.ratio, 4), "apart_share": round(found.apart_share, 3)},
     )
@@ -172,7 +172,13 @@ def _likely(found: DepthRatio, scales: Scales, depth_known: bool, unit_known: bo
 
 
 def _times(ratio: float, above: str, below: str) -> str:
-    return f"{ratio:.3g} times too {above}" if ratio > 1 else f"{1 / ratio:.3g} times too {below}"
+    factor, way = (ratio, above) if ratio > 1 else (1 / ratio, below)
+    return f"{_factor(factor)} times too {way}"
+
+
+def _factor(factor: float) -> str:
+    """Return a factor with three digits that count, as people write it: 1000, not 1e+03."""
+    return f"{float(f'{factor:.3g}'):.10g}"
 
 
 def _in_unit(unit: list[float]) -> str:
