@@ -19,7 +19,7 @@ from bench.recordings.monitor_views import PrintView, sample_view
 from bench.recordings.queries import PHONE_CAMERA, phone_sensor
 from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.noise import seeded
-from bench.render.scene import SCENE_VERSION, demo_scene
+from bench.render.scene import DEMONSTRATION, SCENE_VERSION, Building, demo_scene
 from bench.render.sensor import ColourSensor
 from bench.venue.layout import ROOMS, Room
 
@@ -134,12 +134,56 @@ def render_rolled_phones(
     return rolled
 
 
-def _jobs(directory: Path, pair: MonitorPair, seed: int, phone_camera: Camera) -> list[FrameJob]:
+def render_again(
+    directory: Path,
+    pairs: Sequence[MonitorPair],
+    *,
+    seed: int = 1,
+    workers: int = 1,
+    phone_camera: Camera = PHONE_CAMERA,
+    building: Building = DEMONSTRATION,
+    progress: Progress | None = None,
+) -> list[MonitorPair]:
+    """Render pairs once more with the same poses: with another phone, or in another light.
+
+    Both cameras keep their white balance: the light's colour is that of the pictures. Returns the pairs with the new
+    pictures; renders nothing when the directory holds them.
+    """
+    again = [
+        replace(pair, monitor=directory / pair.monitor.name, phone=directory / pair.phone.name)
+        for pair in pairs
+    ]
+    recipe = {
+        "pairs again": [pair.name for pair in pairs],
+        "of": pairs[0].monitor.parent.name if pairs else "",
+        "seed": seed,
+        "version": [SCENE_VERSION, PROTOCOL_VERSION],
+        "camera": [phone_camera.model, phone_camera.width, phone_camera.height, *phone_camera.params],
+        **building.recipe,
+    }
+
+    def fill(partial: Path) -> None:
+        gains = building.daylight.gains
+        jobs = [job for pair in again for job in _jobs(partial, pair, seed, phone_camera, gains)]
+        make_frames(partial, jobs, workers, progress, building)
+
+    if not is_complete(directory, recipe):
+        make_directory(directory, recipe, fill)
+    return again
+
+
+def _jobs(
+    directory: Path,
+    pair: MonitorPair,
+    seed: int,
+    phone_camera: Camera,
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> list[FrameJob]:
     rng = seeded("monitor pairs", seed, pair.name)
     fixed = ColourSensor(
-        read_noise=2.2, shot_noise=0.2, vignetting=0.2, exposure=float(rng.uniform(0.8, 1.1))
+        read_noise=2.2, shot_noise=0.2, vignetting=0.2, exposure=float(rng.uniform(0.8, 1.1)), gains=gains
     )
-    held = phone_sensor(rng)
+    held = replace(phone_sensor(rng), gains=gains)
     number = int(pair.name.split("_")[1])
     return [
         FrameJob(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.render.daylight import LAMPS_ALONE, Daylight, window_light
 from bench.render.noise import seeded
 from bench.render.surfaces import Surface
 from bench.venue.building import lamp_places
@@ -25,6 +26,8 @@ NEAREST_LAMPS = 4
 CORNER_RAYS = 6
 CORNER_REACH_M = 0.7
 STAIN = 0.035
+# The texture of what is behind the windows.
+OUTDOORS = "outdoors"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +49,20 @@ class _Nodes:
     surface: NDArray[np.int64]
 
 
-def bake(surfaces: list[Surface], normals: NDArray[np.float64], embree: Any) -> LightMap:
+def bake(
+    surfaces: list[Surface], normals: NDArray[np.float64], embree: Any, daylight: Daylight = LAMPS_ALONE
+) -> LightMap:
     """Return the light on surfaces whose unit normals (n, 3) face the viewer, with shadows from an embree
     scene."""
     counts = np.array([_node_counts(s) for s in surfaces])
     nodes = _place_nodes(surfaces, normals, counts)
-    light = _lamp_light(nodes, surfaces, embree) + AMBIENT * _openness(nodes, embree)
+    light = daylight.lamps * _lamp_light(nodes, surfaces, embree)
+    light += daylight.ambient * AMBIENT * _openness(nodes, embree)
+    light += window_light(nodes.points, nodes.normals, surfaces, nodes.surface, embree, daylight)
     light = np.minimum(light, BRIGHTEST)
     bright = np.array([s.is_bright for s in surfaces])
-    light[bright[nodes.surface]] = 1.0
+    shine = np.array([daylight.outdoors if s.texture.kind == OUTDOORS else 1.0 for s in surfaces])
+    light[bright[nodes.surface]] = shine[nodes.surface[bright[nodes.surface]]]
     return _pack(surfaces, counts, light)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from app.errors import RoomfixError
 from bench.render.atlas import build_atlas
+from bench.render.daylight import LAMPS_ALONE, Daylight
 from bench.render.lighting import bake
 from bench.render.noise import building
 from bench.render.surfaces import Surface
@@ -107,7 +108,7 @@ def embree_scene(corner: Floats, right: Floats, down: Floats) -> Any:
     return scene
 
 
-def build_scene(surfaces: list[Surface]) -> Scene:
+def build_scene(surfaces: list[Surface], daylight: Daylight = LAMPS_ALONE) -> Scene:
     """Return the scene of surfaces, with textures drawn and light baked."""
     corner, right, down = (
         np.array([getattr(s, name) for s in surfaces]) for name in ("corner", "right", "down")
@@ -116,7 +117,7 @@ def build_scene(surfaces: list[Surface]) -> Scene:
     normals = np.cross(down, right)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     embree = embree_scene(corner, right, down)
-    light = bake(surfaces, normals, embree)
+    light = bake(surfaces, normals, embree, daylight)
     atlas = build_atlas(sorted({s.texture for s in surfaces}, key=repr))
     texture = np.array([atlas.index[s.texture] for s in surfaces], np.int32)
     per_m = atlas.texels_per_m[texture][:, None]
@@ -153,19 +154,22 @@ def demo_scene() -> Scene:
 class Building:
     """What is rendered. Each `number` has the demonstration's rooms and furniture, but other pictures, textures and
     stains, and corridors that look alike too; the demonstration has 0. A building that `is_bare` has white walls
-    (`bench.venue.bare`), and furniture only where it `is_furnished`; others always have it.
+    (`bench.venue.bare`), and furniture only where it `is_furnished`; others always have it. `daylight` is the time of
+    day; by default the lamps alone give light.
     """
 
     number: int = 0
     is_bare: bool = False
     is_furnished: bool = False
+    daylight: Daylight = LAMPS_ALONE
 
     @property
     def recipe(self) -> dict[str, Any]:
         """What is written beside pictures of it; nothing for the demonstration."""
         number = {"building": self.number} if self.number else {}
         bare = {"bare": True} if self.is_bare else {}
-        return {**number, **bare, **({"furnished": True} if self.is_furnished else {})}
+        furnished = {"furnished": True} if self.is_furnished else {}
+        return {**number, **bare, **furnished, **self.daylight.recipe}
 
 
 DEMONSTRATION = Building()
@@ -177,8 +181,8 @@ def scene_of(made: Building) -> Scene:
         return demo_scene()
     with building(made.number):
         if not made.is_bare:
-            return build_scene(shell() + decoration())
-        return build_scene(bare_rooms() + (furniture() if made.is_furnished else []))
+            return build_scene(shell() + decoration(), made.daylight)
+        return build_scene(bare_rooms() + (furniture() if made.is_furnished else []), made.daylight)
 
 
 @lru_cache(maxsize=1)

@@ -33,7 +33,7 @@ EDGE_JUMP = 0.04
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColourSensor:
     """A colour camera: noise deviations in grey levels, corner darkening 0 to 1, exposure factor, blur in
-    pixels."""
+    pixels, and factors of red, green and blue where the white balance doesn't suit the light."""
 
     read_noise: float = 1.0
     shot_noise: float = 0.14
@@ -41,6 +41,7 @@ class ColourSensor:
     exposure: float = 1.0
     blur_px: float = 0.0
     blur_angle_deg: float = 0.0
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def colour_picture(rng: np.random.Generator, rgb: Colours, camera: Camera, sensor: ColourSensor) -> Colours:
@@ -51,6 +52,7 @@ def colour_picture(rng: np.random.Generator, rgb: Colours, camera: Camera, senso
             cv2.filter2D(image, -1, _streak(sensor.blur_px, sensor.blur_angle_deg)), np.float32
         )
     image *= sensor.exposure * _vignette(camera, sensor.vignetting)[..., None]
+    image *= np.array(sensor.gains, np.float32)
     deviation = np.sqrt(sensor.read_noise**2 + sensor.shot_noise**2 * np.maximum(image, 0))
     image += deviation * rng.standard_normal(image.shape, dtype=np.float32)
     return np.asarray(np.clip(image + 0.5, 0, 255), dtype=np.uint8)
