@@ -35,6 +35,7 @@ from bench.evaluation.pose_errors import QueryOutcome
 from bench.evaluation.queries import Query, open_queries
 from bench.figures.shown import FiguresTitle, Shown
 from bench.keyframes.bursts import count_bursts
+from bench.keyframes.neighbours import pair_contents, parse_pair
 from bench.keyframes.rules import (
     RuleFigures,
     SweepRow,
@@ -68,6 +69,13 @@ Sweep = Annotated[
     bool,
     typer.Option("--sweep", help="Tables over alpha and beta, and what suits; with --queries, how well."),
 ]
+Pairs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--pair",
+        help="Numbers of two frames, first,second: their features, matches and similarity; repeat it.",
+    ),
+]
 Bursts = Annotated[bool, typer.Option("--bursts", help="Keyframes from blurred, repeated stretches.")]
 
 
@@ -89,6 +97,7 @@ def keyframes(
     pipelines: ByPipelines = False,
     sweep: Sweep = False,
     bursts: Bursts = False,
+    pair: Pairs = None,
     options: Options = "{}",
     plot: Annotated[Path | None, typer.Option(help="Draw cumulative errors into this file.")] = None,
     json_file: JsonFile = None,
@@ -109,11 +118,13 @@ def keyframes(
     settings, figures, measured = Settings(), dict[str, Any](), list[RuleFigures]()
     with ThreadPoolExecutor(settings.workers) as executor, progress_bars() as progress:
         bench = _Bench(part, base, asked, open_models(settings), executor, progress)
+        if pair:
+            figures["pairs"] = bench.pairs([parse_pair(text, len(part.frames)) for text in pair])
         if sweep or bursts:
             figures.update(bench.contents(parse_keyframe_rule({"rule": "content", **content}), sweep, bursts))
         if pipelines:
             measured = bench.pipelines(named)
-        elif asked or not (sweep or bursts):
+        elif asked or not (sweep or bursts or pair):
             if sweep:
                 named["suggested"] = parse_keyframe_rule(figures["suggested"])
             measured = bench.rules(named, sparse)
@@ -182,6 +193,16 @@ class _Bench:
                     )
                 )  # fmt: skip
         return found
+
+    def pairs(self, pairs: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
+        extractor = self._models.extractor(self._options.features)
+        found = pair_contents(self._scan, pairs, extractor, self._executor, self._progress)
+        table = Table("frames", "features of the first", "of the second", "matches", "similarity")
+        for each in found:
+            counts = each.first_features, each.second_features, each.matches
+            table.add_row(f"{each.first}, {each.second}", *map(str, counts), f"{each.similarity:.3f}")
+        self.shown.table(table)
+        return [asdict(each) for each in found]
 
     def _measure(self, name: str, options: BuildOptions) -> RuleFigures:
         return measure_rule(

@@ -99,6 +99,17 @@ def test_the_papers_tables_and_what_suits_the_scene(scan: Path, tmp_path: Path) 
     assert counts["played twice"] == counts["as scanned"]
 
 
+def test_single_pairs_have_their_features_matches_and_similarity(scan: Path, tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    text = run("keyframes", scan, "--pair", "3,3", "--pair", "0,1", "--options", OPTIONS, "--json", figures)
+    same, next_to = json.loads(figures.read_text())["pairs"]
+    assert same["first_features"] == same["second_features"] > 50
+    # A picture is as similar to itself as the ratio test lets it be.
+    assert same["matches"] > 0.9 * same["first_features"]
+    assert 0 < next_to["matches"] < next_to["first_features"]
+    assert f"{2 * next_to['matches'] / (next_to['first_features'] + next_to['second_features']):.3f}" in text
+
+
 def test_pipelines_are_compared_on_the_same_queries(scan: Path, pictures: Path, tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
     run(
@@ -134,6 +145,8 @@ def test_evaluate_takes_the_papers_pipelines(scan: Path, pipeline: str, tmp_path
         (["--queries", "50:60"], "leaves no query"),
         (["--queries", "/tmp"], "queries.json"),
         (["--beta", "0.9"], "beta"),
+        (["--pair", "3"], "first,second"),
+        (["--pair", "0,99"], "beyond"),
         (["--options", "{"], "not JSON"),
     ],
 )
