@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from rich.table import Table
 from app.commands.console import progress_bars
 from app.engine.mapping.options import parse_build_options
 from app.errors import InvalidInputError
+from app.importers.frames import Frame
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
 from bench.commands.evaluate import Database, Dataset, JsonFile, Options
@@ -21,7 +23,17 @@ from bench.figures.shown import FiguresTitle, Shown
 from bench.reports.plot_style import PLOT_SUFFIXES
 from bench.tracking.plot import draw_tracking
 from bench.tracking.sequences import TrackedFrame, TrackingFigures, VideoSettings, track_video
+from bench.tracking.trajectories import HEAD, compare_tracked, compare_trajectory, read_trajectory
 
+Trajectories = Annotated[
+    list[Path] | None,
+    typer.Option(
+        exists=True,
+        dir_okay=False,
+        help="A trajectory that another program made of the same frames, in TUM's format (ORB-SLAM3, RTAB-Map): its "
+        "errors beside ours; repeat it for several.",
+    ),
+]
 TITLES = {
     "tracked_percent": "tracked %",
     "median_cm": "median cm",
@@ -64,6 +76,7 @@ def track(
         ),
     ] = 0,
     own_views: Annotated[bool, typer.Option(help="Recognise what the session has seen itself.")] = True,
+    trajectory: Trajectories = None,
     options: Options = "{}",
     plot: Annotated[Path | None, typer.Option(help="Draw path and error into this file.")] = None,
     json_file: JsonFile = None,
@@ -81,6 +94,8 @@ def track(
     title = f"{dataset.resolve().name}, {figures.frames} frames, {describe(video)}"
     shown = Shown()
     shown.table(_table(figures, title))
+    if trajectory:
+        shown.table(_trajectories(trajectory, split.queries, tracked))
     shown.write("track", figures_title)
     if plot is not None:
         draw_tracking(tracked, title, plot)
@@ -97,6 +112,14 @@ def describe(video: VideoSettings) -> str:
     often = f", then every {video.relocalize_every}th" if video.relocalize_every else ""
     first = f"map on the first {video.map_frames} frames" if video.map_frames > 1 else "one fix"
     return f"{first}{often}{way}"
+
+
+def _trajectories(paths: Sequence[Path], frames: Sequence[Frame], tracked: Sequence[TrackedFrame]) -> Table:
+    table = Table(*HEAD, title="Places, aligned with the true path")
+    others = [row for path in paths for row in compare_trajectory(path.name, read_trajectory(path), frames)]
+    for row in [*compare_tracked("Roomfix", tracked), *others]:
+        table.add_row(*row.cells())
+    return table
 
 
 def _table(figures: TrackingFigures, title: str) -> Table:

@@ -1,0 +1,1 @@
+"""Tracking beside the truth and beside other programs."""
