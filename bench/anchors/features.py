@@ -14,7 +14,7 @@ from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.epipolar import essential_from_pose, in_front_of_both
 from app.geometry.sampson import sampson_errors
 from app.geometry.se3 import Pose
-from app.vision.features import LocalFeatureExtractor
+from app.vision.features import LocalFeatureExtractor, LocalFeatures
 from app.vision.images import Gray
 from app.vision.local_features import create_extractor
 from app.vision.matching import match_unit_vectors, to_unit_vectors
@@ -50,6 +50,20 @@ class PosedPictures:
     second_from_first: Pose
 
 
+@dataclass(frozen=True, slots=True)
+class MethodMatches:
+    """One method's matches of two pictures: their pixels (n, 2) in each, and which are right (n,)."""
+
+    first_px: NDArray[np.float32]
+    second_px: NDArray[np.float32]
+    right: NDArray[np.bool_]
+
+
+def matches_of(method: LocalFeatureExtractor, pair: PosedPictures) -> MethodMatches:
+    """Return the matches of two pictures."""
+    return _matched(method, pair, method.extract(pair.first), method.extract(pair.second))
+
+
 def match_quality(method: LocalFeatureExtractor, pictures: Sequence[PosedPictures]) -> MatchQuality:
     """Return how well a method matches pictures."""
     shares, counts, spent = [], [], 0.0
@@ -57,9 +71,7 @@ def match_quality(method: LocalFeatureExtractor, pictures: Sequence[PosedPicture
         started = time.perf_counter()
         a, b = method.extract(pair.first), method.extract(pair.second)
         spent += time.perf_counter() - started
-        units = to_unit_vectors(a.descriptors, method.binary), to_unit_vectors(b.descriptors, method.binary)
-        rows, others, _ = match_unit_vectors(*units, method.ratio, method.binary)
-        right = _right(pair, a.keypoints_px[rows], b.keypoints_px[others])
+        right = _matched(method, pair, a, b).right
         shares.append(float(right.mean()) if len(right) else 0.0)
         counts.append(int(right.sum()))
     return MatchQuality(
@@ -68,6 +80,15 @@ def match_quality(method: LocalFeatureExtractor, pictures: Sequence[PosedPicture
         round(float(np.mean(counts)), 1),
         round(1e3 * spent / (2 * len(pictures)), 1),
     )
+
+
+def _matched(
+    method: LocalFeatureExtractor, pair: PosedPictures, a: LocalFeatures, b: LocalFeatures
+) -> MethodMatches:
+    units = to_unit_vectors(a.descriptors, method.binary), to_unit_vectors(b.descriptors, method.binary)
+    rows, others, _ = match_unit_vectors(*units, method.ratio, method.binary)
+    first_px, second_px = a.keypoints_px[rows], b.keypoints_px[others]
+    return MethodMatches(first_px, second_px, _right(pair, first_px, second_px))
 
 
 def _right(

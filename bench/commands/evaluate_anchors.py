@@ -25,6 +25,7 @@ from app.storage.floors import list_floors
 from app.vision.images import Rgb
 from bench.anchors.features import compared_methods, match_quality
 from bench.anchors.maps import evaluate_in_map, summarize_corners
+from bench.anchors.match_pictures import draw_matches
 from bench.anchors.pairs import (
     CONDITIONS,
     SUMMARY_HEAD,
@@ -112,7 +113,7 @@ def evaluate_anchors(
         opened = open_scan(scan, None, _scan_options(options))
         pairs = sample_pairs(opened, direction(gravity), count, seed)
         if compare_features:
-            figures["matches"] = _matches(opened, seed, shown)
+            figures["matches"] = _matches(opened, seed, shown, out)
         title, turned = scan.name, [tilted(pair, ROLL_DEG) for pair in pairs[:hard]]
     else:
         assert demo is not None  # noqa: S101 - checked above
@@ -317,14 +318,18 @@ def _timings(
     return asdict(times)
 
 
-def _matches(scan: Scan, seed: int, shown: Shown) -> dict[str, dict[str, Any]]:
-    """Print and return the right matches of each feature method by the angle between the optical axes."""
+def _matches(scan: Scan, seed: int, shown: Shown, out: Path | None) -> dict[str, dict[str, Any]]:
+    """Print and return the right matches of each feature method by the angle between the optical axes; with `out` the
+    first pair of each range is drawn."""
     table = Table("axes apart (deg)", "features", "right %", "right matches", "extract ms")
     found: dict[str, dict[str, Any]] = {}
     for low, high in pairwise(ANGLES_DEG):
         pictures = posed_pictures(scan, low, high, MATCH_PAIRS, seed)
         if len(pictures) < MATCH_PAIRS // 2:
             continue
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+            draw_matches(compared_methods(), pictures[0], out / f"matches-{low}-{high}.png")
         for method in compared_methods():
             quality = match_quality(method, pictures)
             found.setdefault(f"{low}-{high}", {})[quality.features] = asdict(quality)
