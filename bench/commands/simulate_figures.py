@@ -25,12 +25,19 @@ from bench.simulation.summary import (
     figures_of,
 )
 from bench.simulation.walks import Outcome
+from bench.venue.places import place_of
+
+ByPlace = Annotated[
+    bool,
+    typer.Option("--by-place", help="Of the demonstration building: by the kind of place walked to, too."),
+]
 
 
 def simulate_figures(
     logs: Annotated[list[Path], typer.Argument(help="Files that `roomfix simulate --log` wrote.")],
     report: Annotated[Path | None, typer.Option(help="Write tables and plots into this folder.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    by_place: ByPlace = False,
     figures_title: FiguresTitle = None,
 ) -> None:
     """Show the figures of logged walks together."""
@@ -43,7 +50,10 @@ def simulate_figures(
     if not outcomes:
         raise InvalidInputError("No walk has ended yet: there are no figures.")
     figures = [row for setting, found in outcomes.items() for row in figures_of(setting, found)]
-    show_figures(figures, outcomes, report, json_file).write("simulate", figures_title)
+    shown = show_figures(figures, outcomes, report, json_file)
+    if by_place:
+        shown.table(_place_table(outcomes))
+    shown.write("simulate", figures_title)
 
 
 def show_figures(
@@ -62,6 +72,24 @@ def show_figures(
         values = {"figures": [row.as_dict() for row in figures], "trips": trips}
         json_file.write_text(json.dumps(values, indent=1), encoding="utf-8")
     return shown
+
+
+def _place_table(outcomes: Mapping[Setting, Sequence[Outcome]]) -> Table:
+    columns = ("", "walked to", "runs", "successful %", "95 % interval", "mean error m")
+    table = Table(*columns, title="by the kind of place that was the destination")
+    for setting, found in outcomes.items():
+        groups: dict[str, list[Outcome]] = {}
+        for one in found:
+            # A destination is named by floor and room.
+            groups.setdefault(place_of(one.destination.partition(":")[2]), []).append(one)
+        for place, some in sorted(groups.items()):
+            row = figures_of(setting, some)[-1]
+            mean = "-" if row.mean_error_m is None else f"{row.mean_error_m:g}"
+            low, high = row.interval_percent
+            table.add_row(
+                setting.label, place, str(row.runs), f"{row.success_percent:g}", f"{low:g} to {high:g}", mean
+            )
+    return table
 
 
 def _table(figures: Sequence[Figures]) -> Table:

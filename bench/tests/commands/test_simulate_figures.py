@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -46,6 +46,22 @@ def test_the_figures_of_several_logs_are_shown_together(tmp_path: Path) -> None:
         (None, 2, 50.0),
     ]
     assert (tmp_path / "r").is_dir()
+
+
+def test_walks_are_told_by_the_kind_of_place_walked_to(tmp_path: Path) -> None:
+    log, file = tmp_path / "a.jsonl", tmp_path / "f.json"
+    ends = {"0:0-hall": "arrived", "1:1-hall": "lost", "0:door-0-room-3-0-room-4-0": "arrived"}
+    for number, (destination, end) in enumerate(ends.items()):
+        walk = {"relocation": "on", "fps": 4.0, "light": 1.0, "trip": number}
+        WalkLog(log).add(walk, replace(outcome(number, end), destination=destination))
+    found = RUN.invoke(app, ["simulate-figures", str(log), "--by-place", "--json", str(file)])
+    assert found.exit_code == 0, found.output
+    rows = {
+        cells[2]: cells[3:5]
+        for line in found.output.splitlines()
+        if len(cells := [cell.strip() for cell in line.split("│")]) == 8
+    }
+    assert (rows["halls"], rows["offices"]) == (["2", "50"], ["1", "100"])
 
 
 def test_a_log_that_is_not_there_is_said(tmp_path: Path) -> None:
