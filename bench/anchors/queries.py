@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -35,6 +36,22 @@ class QueryTimes:
 
 
 @dataclass(frozen=True, slots=True)
+class QueryLap:
+    """One query's milliseconds by stage, and those that the processor worked for it."""
+
+    stages_ms: Mapping[str, float]
+    processor_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class QueryLaps:
+    """The times of queries, without the first one, which opens what the others find open, and how many were located."""
+
+    located: int
+    laps: tuple[QueryLap, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class FirstChoices:
     """Of how many phones a right anchor comes first: by visual words, and after looking at matches."""
 
@@ -61,6 +78,18 @@ def choose_first(evaluator: PairEvaluator, pairs: Sequence[AnchorPair], anchors:
 
 
 def time_queries(resources: Resources, describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> QueryTimes:
+    """Return the medians of `measure_laps`."""
+    measured = measure_laps(resources, describer, pairs)
+    laps = [lap.stages_ms for lap in measured.laps]
+    stages = {name: round(float(np.median([lap.get(name, 0.0) for lap in laps])), 1) for name in laps[0]}
+    total = float(np.median([sum(lap.values()) for lap in laps]))
+    shares = [lap.get("akaze", 0.0) / sum(lap.values()) for lap in laps]
+    return QueryTimes(
+        len(pairs), measured.located, stages, round(total, 1), round(float(np.median(shares)), 3)
+    )
+
+
+def measure_laps(resources: Resources, describer: AnchorDescriber, pairs: Sequence[AnchorPair]) -> QueryLaps:
     """Put all pairs' anchors into one venue, push their frames, and locate each phone, through the service."""
     service = AnchorService(resources, MapLibrary(resources), describer)
     with resources.database.write() as connection:
@@ -74,19 +103,15 @@ def time_queries(resources: Resources, describer: AnchorDescriber, pairs: Sequen
         service.put(pair.name, replace(pair.spec, venue_id=VENUE))
         service.push(pair.name, _jpeg(pair.monitor()))
     locator = AnchorLocator(resources, describer)
-    laps: list[dict[str, float]] = []
+    laps: list[QueryLap] = []
     located = 0
     for pair in pairs:
         rgb = decode_image(_jpeg(pair.phone()))
+        started = time.process_time()
         found = locator.locate(VENUE, None, rgb, pair.phone_camera, pair.gravity_in_phone.tolist())
         located += found.plan_from_phone is not None
-        laps.append(found.timings_ms)
-    # The first one opens what the others find open.
-    laps = laps[1:]
-    stages = {name: round(float(np.median([lap.get(name, 0.0) for lap in laps])), 1) for name in laps[0]}
-    total = float(np.median([sum(lap.values()) for lap in laps]))
-    shares = [lap.get("akaze", 0.0) / sum(lap.values()) for lap in laps]
-    return QueryTimes(len(pairs), located, stages, round(total, 1), round(float(np.median(shares)), 3))
+        laps.append(QueryLap(found.timings_ms, 1e3 * (time.process_time() - started)))
+    return QueryLaps(located, tuple(laps[1:]))
 
 
 def _jpeg(rgb: Rgb) -> bytes:

@@ -8,10 +8,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.anchors.features import AnchorDescriber
 from app.engine.mapping.frame_images import frame_rgb
 from app.geometry.se3 import Pose, rotation_between
 from app.importers.frames import Frame, Scan
 from app.vision.images import Rgb
+from app.vision.local_features import Akaze
 from bench.anchors.pairs import AnchorOutcome, AnchorPair, PairEvaluator
 from bench.anchors.starts import MIN_KNOWN_DISTANCE_M, Start, StartedFrame, StartSettings
 from bench.baselines.thesis_anchor import MonitorView, describe_phone, locate_by_thesis, most_similar
@@ -21,6 +23,8 @@ from bench.tracking.sequences import tracked_scale
 Array = NDArray[np.float64]
 # The thesis states no uncertainty of its answers.
 NOT_STATED = float("nan")
+# The thesis's pictures have up to 1920 x 1080 pixels.
+LARGEST_SIDE_PX = 1920
 
 
 class AnchorPipeline(StrEnum):
@@ -28,6 +32,13 @@ class AnchorPipeline(StrEnum):
 
     DEFAULT = "default"
     THESIS = "thesis"
+
+
+def thesis_describer() -> AnchorDescriber:
+    """Return what extracts A-KAZE as the thesis does: from all pixels of a picture, and with no limit of features."""
+    describer = AnchorDescriber()
+    describer.akaze = Akaze(LARGEST_SIDE_PX)
+    return describer
 
 
 class ThesisEvaluator(PairEvaluator):

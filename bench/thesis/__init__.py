@@ -1,0 +1,1 @@
+"""The monitoring-camera thesis's experiments in the rendered building (C chapter 6)."""
