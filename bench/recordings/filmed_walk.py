@@ -26,8 +26,8 @@ FPS = 60.0
 SECONDS = 5.0
 SPEED_M_S = 0.8
 # Through the ground floor's hall, towards the pictures on its north wall.
-START_M = np.array([16.6, 9.4])
-HEADING_DEG = 90.0
+START_M = np.array([16.7, 9.4])
+HEADING_DEG = 80.0
 # A hand moves the phone by this much, and turns it; over about the time of a step.
 BOB_M = 0.015
 SWAY_DEG = 1.0
