@@ -23,7 +23,7 @@ from bench.render.sensor import DEPTH_SCALE, ColourSensor
 Floats = NDArray[np.float64]
 
 FPS = 60.0
-SECONDS = 5.0
+SECONDS = 4.0
 SPEED_M_S = 0.8
 # Through the ground floor's hall, towards the pictures on its north wall.
 START_M = np.array([16.7, 9.4])

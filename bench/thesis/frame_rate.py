@@ -13,19 +13,19 @@ from app.engine.anchors.features import AnchorDescriber
 from app.engine.progress import Progress
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
-from bench.anchors.demo_anchors import HD_PHONE
 from bench.anchors.pairs import PairEvaluator
 from bench.anchors.starts import Start, StartSettings, evaluate_starts
 from bench.anchors.thesis import AnchorPipeline, run_thesis_session
 from bench.recordings.filmed_walk import FPS, render_filmed_walk
+from bench.recordings.scan import SCAN_CAMERA
 
 DOWN = np.array([0.0, 0.0, -1.0])
 # Every frame, and every second one.
 STEPS = (1, 2)
-SESSIONS = 6
+SESSIONS = 4
 # How long a monitoring camera sees the phone, and how long a session is in all.
 ANCHORED_S = 0.5
-SESSION_S = 2.5
+SESSION_S = 2.0
 POIS = 2
 
 
@@ -51,7 +51,7 @@ def measure_frame_rates(
 ) -> dict[tuple[float, str], RateFigures]:
     """Return the figures by frames a second and pipeline; the walk is rendered below the directory."""
     walk = render_filmed_walk(
-        directory / "filmed-walk", HD_PHONE, workers=workers,
+        directory / "filmed-walk", SCAN_CAMERA, workers=workers,
         progress=lambda done, total: progress.report("render", done, total),
     )  # fmt: skip
     scan = open_scan(walk.scan.directory, None, ScanOptions())
@@ -92,7 +92,7 @@ def frame_rate_table(rates: dict[tuple[float, str], RateFigures]) -> Table:
     table = Table(
         "frames / s", "pipeline", "sessions", "went on", "path m", "mean m", "variance m2", "90 % m", "at the end m",
         title=f"Odometry after the last fix of {ANCHORED_S:g} s with a monitoring camera, up to "
-        f"{SESSION_S - ANCHORED_S:g} s, 1280 x 720",
+        f"{SESSION_S - ANCHORED_S:g} s, 640 x 480",
     )  # fmt: skip
     for (rate, pipeline), of in rates.items():
         values = (of.path_m, of.mean_m, of.variance_m2, of.p90_m, of.last_m)
