@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidInputError
+from app.errors import DegenerateGeometryError, InvalidInputError
 from app.geometry.alignment import align_points
 from app.importers.frames import Frame
 from app.importers.rows.trajectory_rows import parse_trajectory
@@ -66,7 +66,8 @@ def read_trajectory(path: Path) -> Array:
 def compare_trajectory(name: str, trajectory: Array, frames: Sequence[Frame]) -> list[PathErrors]:
     """Return the errors of a trajectory (n, 4) against the true poses of a video's frames, its scale left and fitted.
 
-    Raises `InvalidInputError` when fewer than three frames have a pose at their time.
+    Returns none where they can't be aligned: all places are on one line. Raises `InvalidInputError` when fewer than
+    three frames have a pose at their time.
     """
     truth = np.array([frame.scan_from_camera.translation for frame in frames])
     times = np.array([frame.timestamp_s for frame in frames], dtype=float)
@@ -101,7 +102,11 @@ def compare_tracked(name: str, frames: Sequence[TrackedFrame]) -> list[PathError
 def _aligned(name: str, places: Array, truth: Array, frames: int) -> list[PathErrors]:
     found = []
     for with_scale in (False, True):
-        fitted = align_points(places, truth, with_scale=with_scale)
+        try:
+            fitted = align_points(places, truth, with_scale=with_scale)
+        except DegenerateGeometryError:
+            # A path along one line, or a trajectory that stays at one place, can't be laid over another.
+            return []
         moved = fitted.scale * places @ fitted.target_from_source.rotation.T
         errors = np.linalg.norm(moved + fitted.target_from_source.translation - truth, axis=1)
         found.append(

@@ -69,6 +69,13 @@ def test_times_of_another_video_are_no_trajectory(tmp_path: Path, video: list[An
         compare_trajectory("poses", read_trajectory(path), video)
 
 
+def test_a_path_along_one_line_is_not_aligned(tmp_path: Path) -> None:
+    straight = [Seen(100.0 + k, np.array([0.1 * k, 0.0, 0.0])) for k in range(9)]
+    path = tmp_path / "poses.txt"
+    path.write_text("\n".join(f"{100 + k} {0.2 * k} 0 0 0 0 0 1" for k in range(9)))
+    assert compare_trajectory("poses", read_trajectory(path), straight) == []
+
+
 def test_a_file_without_times_is_none(tmp_path: Path) -> None:
     path = tmp_path / "kitti.txt"
     path.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 5)
