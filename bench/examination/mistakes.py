@@ -11,7 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.engine.mapping.examination.outcome import RefusedScanError
+from app.engine.mapping.examination.outcome import Examination, RefusedScanError
+from app.engine.mapping.examination.sparseness import is_sparse
 from app.engine.mapping.options import parse_build_options
 from app.engine.progress import Progress
 from app.engine.stage_timer import StageTimer
@@ -329,9 +330,14 @@ def examine_copy(
         codes=found_codes,
         sentence=" ".join(finding.sentence for finding in examination.findings),
         seconds=clock.seconds["examine"],
-        named=bool(set(codes) & names) if codes else examination.verdict == "confirmed",
+        named=bool(set(codes) & names) if codes else _is_right_of_right(examination, copy),
         usable=mended if isinstance(mended, ExaminedScan) else None,
     )
+
+
+def _is_right_of_right(examination: Examination, copy: ScanCopy) -> bool:
+    """Return whether a verdict on a right scan is right: what frames that share no view say can't be known."""
+    return examination.verdict == "confirmed" or (examination.verdict == "unknown" and is_sparse(copy.scan))
 
 
 def _examine(

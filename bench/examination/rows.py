@@ -116,9 +116,16 @@ def summary(rows: Sequence[Row], commit: str) -> list[str]:
             "by the right cause."
         )
     if right:
+        unknown = [row for row in right if row.verdict == "unknown" and row.named]
+        warned = sum(row.is_warned_of for row in right) - len(unknown)
         lines.append(
             f"Right scans: {len(right)}. Of these {sum(row.verdict == 'refused' for row in right)} are refused and "
-            f"{sum(row.is_warned_of for row in right)} warned of."
+            f"{warned} warned of."
+        )
+        lines.extend(
+            f"Nothing can be said of {row.name}: more than half of its frames show less than half of what their "
+            "neighbours show."
+            for row in unknown
         )
     reference = next((row.located for row in right if row.name == RIGHT), None)
     repaired = [(row.name, row.located) for row in mistakes if row.repairs and row.located is not None]

@@ -70,3 +70,14 @@ def test_the_summary_names_the_worst_map() -> None:
     assert "by that of late: 8 of 10, 2.00 cm" in maps
     assert len(summary([RIGHT_ROW, MISTAKE], "`a`")) == 3
     assert commits == "The rows were measured at `a` and `b`."
+
+
+def test_a_right_scan_of_which_nothing_can_be_said_is_not_counted_as_warned_of() -> None:
+    sparse = replace(
+        RIGHT_ROW, name="thinned", verdict="unknown", codes=("too_little_in_common",), named=True
+    )
+    right, unknown = summary([RIGHT_ROW, sparse], "`a`")
+    assert right == "Right scans: 2. Of these 0 are refused and 0 warned of."
+    assert unknown.startswith("Nothing can be said of thinned")
+    (mistaken,) = summary([RIGHT_ROW, replace(sparse, named=False)], "`a`")
+    assert mistaken == "Right scans: 2. Of these 0 are refused and 1 warned of."

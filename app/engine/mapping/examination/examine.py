@@ -21,6 +21,7 @@ from app.engine.mapping.examination.outcome import Examination, Finding, Verdict
 from app.engine.mapping.examination.scale_cause import Scales, judge_scale
 from app.engine.mapping.examination.search import OPTIONS as SEARCH
 from app.engine.mapping.examination.search import State, search_remedies
+from app.engine.mapping.examination.sparseness import is_sparse, usual_turn_deg
 from app.engine.mapping.examination.upright import judge_gravity
 from app.engine.progress import Progress
 from app.geometry.camera import REFERENCE_FOCAL_PX
@@ -117,7 +118,7 @@ def _judge(
 ) -> Examination:
     poses = PoseArrays.of([frame.scan_from_camera for frame in scan.frames])
     if evidence.pairs < OPTIONS.min_pairs or len(evidence.pair) < OPTIONS.min_matches:
-        return _unknown(evidence, judge_gravity(poses, gravity, asked=asked))
+        return _unknown(evidence, scan, judge_gravity(poses, gravity, asked=asked))
     still = _frozen(evidence, scan, poses)
     if still and still[0].severity == "wrong":
         return _examined(evidence, None, None, still)
@@ -206,12 +207,18 @@ def _examined(
     return Examination(verdict=verdict, figures=_figures(evidence, found, ratio), findings=tuple(ordered))
 
 
-def _unknown(evidence: Evidence, up: Sequence[Finding]) -> Examination:
+def _unknown(evidence: Evidence, scan: Scan, up: Sequence[Finding]) -> Examination:
+    sparse = (
+        f" By the poses neighbouring frames are turned by {usual_turn_deg(scan):.0f} degrees from each other: record "
+        "more frames, so that each shows half of what the one before it shows."
+        if is_sparse(scan)
+        else ""
+    )
     finding = Finding(
         code="too_little_in_common",
         severity="doubtful",
         sentence=f"The scan could not be examined: of {evidence.tried} pairs of frames a little apart {evidence.pairs} "
-        "share enough texture to compare pictures, depth and poses.",
+        f"share enough texture to compare pictures, depth and poses.{sparse}",
     )
     refused = any(one.severity == "wrong" for one in up)
     return Examination(

@@ -21,7 +21,7 @@ from tests.engine.mapping.examination.scans import (
     write,
     written,
 )
-from tests.scenes import CAMERA, DEPTH_SCALE, View, pose_at, scan_files
+from tests.scenes import CAMERA, DEPTH_SCALE, Room, View, pose_at, scan_files
 
 
 def test_a_right_scan_is_confirmed(views: list[View], tmp_path: Path) -> None:
@@ -156,7 +156,15 @@ def test_a_scan_of_blank_walls_is_unknown_and_not_refused(views: list[View], tmp
     blank = [View(view.world_from_camera, np.full_like(view.rgb, 200), view.depth_m) for view in views]
     found = examined(write(scan_files(blank), tmp_path))
     assert (found.verdict, found.wrong) == ("unknown", ())
+    assert "record more frames" not in found.findings[-1].sentence
     assert len(found.warnings) == 1
+
+
+def test_frames_that_share_no_view_are_unknown_and_told_to_be_more(room: Room, tmp_path: Path) -> None:
+    turned = [room.view(pose_at(2.0, 1.5, yaw_deg=90.0 * turn)) for turn in range(4)]
+    found = examined(write(scan_files(turned), tmp_path))
+    assert (found.verdict, found.wrong) == ("unknown", ())
+    assert "turned by 90 degrees from each other: record more frames" in found.findings[-1].sentence
 
 
 def test_a_world_whose_y_is_up_is_warned_of(views: list[View], tmp_path: Path) -> None:
