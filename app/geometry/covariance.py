@@ -53,6 +53,7 @@ def pose_covariance(
     point_sigma_m: ArrayLike | None = None,
     focal_sigma: float = 0.0,
     lens_sigma: float = 0.0,
+    centre_sigma_px: float = 0.0,
 ) -> Array:
     """Return the covariance (6, 6) of a pose that fits pixels (n, 2) to world points (n, 3) by least squares.
 
@@ -62,14 +63,18 @@ def pose_covariance(
     `point_sigma_m`, (n,) or one number, that of a world coordinate. A focal length or a radial coefficient that was
     fitted to the same points makes the pose less certain: `focal_sigma` is the relative standard deviation of the
     focal length before that fit, `lens_sigma` that of the coefficient; 0 for a value that was not fitted, infinity
-    for one that was not known at all. Errors that all points share, such as the map's own, are not included. Raises
-    `DegenerateGeometryError` for points that leave the pose undetermined, `InvalidInputError` for a bad number.
+    for one that was not known at all. `centre_sigma_px` is the standard deviation of either coordinate of a principal
+    point that was taken as it is: its error moves the pose, however many points there are. Errors that all points
+    share, such as the map's own, are not included. Raises `DegenerateGeometryError` for points that leave the pose
+    undetermined, `InvalidInputError` for a bad number.
     Source: first-order error propagation.
     """
     terms = camera_terms(points_px, points_in_world, camera, world_from_camera, point_sigma_m)
     if len(terms.jacobian) < 3:
         raise DegenerateGeometryError("A pose covariance needs at least three points in front of the camera.")
-    return covariance_of_terms([terms], sigma_px, focal_sigma=focal_sigma, lens_sigma=lens_sigma)
+    return covariance_of_terms(
+        [terms], sigma_px, focal_sigma=focal_sigma, lens_sigma=lens_sigma, centre_sigma_px=centre_sigma_px
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,9 +128,10 @@ def covariance_of_terms(
     *,
     focal_sigma: float = 0.0,
     lens_sigma: float = 0.0,
+    centre_sigma_px: float = 0.0,
 ) -> Array:
-    """Return the covariance (6, 6) of the pose that all terms are about, as `pose_covariance` has it; focal length and
-    lens are one unknown each."""
+    """Return the covariance (6, 6) of the pose that all terms are about, as `pose_covariance` has it; focal length,
+    lens and principal point are the same for all."""
     jacobian, noise = (np.concatenate([getattr(each, name) for each in terms]) for name in NOISY)
     if sigma_px is None:
         sigma_px = _sigma_of_pixels(np.concatenate([each.residuals for each in terms]), noise)
@@ -135,7 +141,9 @@ def covariance_of_terms(
         if sigma > 0:
             by_one = np.concatenate([getattr(each, name) for each in terms])
             jacobian, noise = _with_unknown(jacobian, noise, by_one, sigma)
-    return _least_squares_covariance(jacobian, noise)[:6, :6]
+    # The priors, which are the last rows, are about no pixel.
+    points = sum(len(each.jacobian) for each in terms)
+    return _least_squares_covariance(jacobian, noise, points, centre_sigma_px)[:6, :6]
 
 
 def _with_unknown(jacobian: Array, noise: Array, by_unknown: Array, sigma: float) -> tuple[Array, Array]:
@@ -190,8 +198,9 @@ def _variances(sigma: ArrayLike | None, count: int, name: str) -> Array:
     return np.broadcast_to(values**2, (count,))
 
 
-def _least_squares_covariance(jacobian: Array, noise: Array) -> Array:
-    """Return (J'J)^-1 J'NJ (J'J)^-1 of a Jacobian (n, 2, p) and the points' noise N (n, 2, 2)."""
+def _least_squares_covariance(jacobian: Array, noise: Array, points: int, centre_sigma_px: float) -> Array:
+    """Return (J'J)^-1 J'NJ (J'J)^-1 of a Jacobian (n, 2, p) and the points' noise N (n, 2, 2), and what an error of the
+    principal point, which the first `points` rows share, adds to it."""
     # With columns of unit length the condition number doesn't depend on the units of the unknowns.
     lengths = np.linalg.norm(jacobian, axis=(0, 1))
     scaled = jacobian / np.maximum(lengths, 1e-12)
@@ -204,4 +213,6 @@ def _least_squares_covariance(jacobian: Array, noise: Array) -> Array:
         )
     solver = np.linalg.inv(hessian) / np.maximum(lengths, 1e-12)
     covariance = solver.T @ (rows.T @ (noise @ scaled).reshape(rows.shape)) @ solver
+    by_centre = centre_sigma_px * solver.T @ scaled[:points].sum(axis=0).T
+    covariance += by_centre @ by_centre.T
     return np.asarray(0.5 * (covariance + covariance.T))

@@ -68,22 +68,26 @@ class FreeIntrinsics:
 
 
 def free_intrinsics(
-    points_px: Array, points_in_world: Array, camera: Camera, world_from_camera: Pose
+    points_px: Array,
+    points_in_world: Array,
+    camera: Camera,
+    world_from_camera: Pose,
+    *,
+    keep_centre: bool = False,
 ) -> FreeIntrinsics | None:
     """Return the intrinsics that the inliers of a pose fit best: pixels (n, 2), world points (n, 3), of which every
     second, third, ... is taken where there are many.
 
     Gauss-Newton on the Cauchy losses of the reprojection errors over pose, focal length and principal point, from the
-    stated camera and its pose; the lens is kept. None where they determine no camera.
+    stated camera and its pose; the lens is kept, and with `keep_centre` the principal point. None where they determine
+    no camera.
     """
     every = max(1, -(-len(points_px) // OPTIONS.max_points))
     points_px, points_in_world = points_px[::every], points_in_world[::every]
     if len(points_px) < MIN_POINTS:
         return None
-    longer = max(camera.width, camera.height)
-    prior = np.array(
-        [1e-9] * 6 + [OPTIONS.prior_log_focal_sigma**-2] + [(OPTIONS.prior_offset_share * longer) ** -2] * 2
-    )
+    offset_sigma_px = 1e-6 if keep_centre else OPTIONS.prior_offset_share * max(camera.width, camera.height)
+    prior = np.array([1e-9] * 6 + [OPTIONS.prior_log_focal_sigma**-2] + [offset_sigma_px**-2] * 2)
     camera_from_world, view = world_from_camera.inverse(), (camera.model, camera.K, camera.distortion)
     turn = cv2.Rodrigues(camera_from_world.rotation)[0][:, 0]
     unknowns = np.concatenate([turn, camera_from_world.translation, np.zeros(3)])

@@ -26,6 +26,10 @@ def reliability(
         Path | None, typer.Option("--report", help="Write a page with both plots into this folder.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")] = None,
+    fitted: Annotated[
+        list[str] | None,
+        typer.Option(help="Mark a scene that the model was fitted to; repeat it for several."),
+    ] = None,
     figures_title: FiguresTitle = None,
 ) -> None:
     """Compare confidence with the share within 0.5 m and 5 degrees, over the queries of several evaluations."""
@@ -35,7 +39,7 @@ def reliability(
             groups.setdefault(name, []).extend(outcomes)
     measured = {name: measure_reliability(outcomes) for name, outcomes in with_pool(groups).items()}
     shown = Shown()
-    shown.table(plain_table(reliability_table(measured)))
+    shown.table(plain_table(reliability_table(measured, fitted or [])))
     shown.write("reliability", figures_title)
     figures = {name: each.as_dict() for name, each in measured.items()}
     if json_file is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.query.localizer import Localizer
@@ -25,6 +26,10 @@ from bench.evaluation.pose_errors import QueryOutcome, pose_error
 
 # Digital zooms that are stated as none.
 ZOOMS = (1.1, 1.25, 1.5, 2.0)
+# A zoom whose middle is not the principal point, as stabilisation moves it: by how much of the picture's width.
+ASIDE, ASIDE_ZOOM, ASIDE_SHARE = "zoom 1.25 aside", 1.25, 0.05
+# Directions of one query after the other, so that all are met: a golden angle.
+ASIDE_TURN_RAD = 2.4
 # What the numbers alone can show, and no mistake to compare with.
 BY_NUMBERS = ("right", "landscape numbers, portrait", "cut to 16:9", "half the size")
 # How many times too long fy is stated: numbers of a picture of another shape, scaled for each axis by itself.
@@ -86,7 +91,7 @@ HEADER = (
 def evaluate_cameras(localizer: Localizer, split: Split, world_from_scan: Pose) -> list[CameraFigures]:
     """Ask the same pictures with each mistake in their camera, of a map at `world_from_scan`."""
     figures = []
-    for mistake in (*BY_NUMBERS, *STRETCHES, *(f"zoom {zoom:g}" for zoom in ZOOMS)):
+    for mistake in (*BY_NUMBERS, *STRETCHES, *(f"zoom {zoom:g}" for zoom in ZOOMS), ASIDE):
         found = CameraFigures(mistake=mistake)
         for query in _queries(split, mistake, world_from_scan):
             _count(localizer, query, found)
@@ -97,9 +102,12 @@ def evaluate_cameras(localizer: Localizer, split: Split, world_from_scan: Pose) 
 def _queries(split: Split, mistake: str, world_from_scan: Pose) -> Iterator[StatedQuery]:
     camera = split.database.camera
     stated = camera.params[: {"PINHOLE": 4, "OPENCV": 8}.get(camera.model, 9)]
-    for frame in split.queries:
+    for number, frame in enumerate(split.queries):
         rgb, pose = frame_rgb(split.database, frame), world_from_scan @ frame.scan_from_camera
-        if mistake.startswith("zoom"):
+        if mistake == ASIDE:
+            towards = np.array([np.cos(ASIDE_TURN_RAD * number), np.sin(ASIDE_TURN_RAD * number)])
+            rgb = _zoomed(rgb, ASIDE_ZOOM, camera, ASIDE_SHARE * camera.width * towards)
+        elif mistake.startswith("zoom"):
             rgb = _zoomed(rgb, float(mistake.split()[1]), camera)
         elif mistake.startswith("landscape"):
             rgb, pose = np.ascontiguousarray(np.rot90(rgb)), pose @ camera_from_turned(1)
@@ -113,10 +121,10 @@ def _queries(split: Split, mistake: str, world_from_scan: Pose) -> Iterator[Stat
         yield StatedQuery(frame.name, rgb, values, pose)
 
 
-def _zoomed(rgb: Rgb, zoom: float, camera: Camera) -> Rgb:
-    """Return a picture enlarged around its principal point, at its own size."""
-    cx, cy = camera.principal_point_px
-    warp = np.array([[zoom, 0.0, (1.0 - zoom) * cx], [0.0, zoom, (1.0 - zoom) * cy]])
+def _zoomed(rgb: Rgb, zoom: float, camera: Camera, shift_px: ArrayLike = (0.0, 0.0)) -> Rgb:
+    """Return a picture enlarged around its principal point and shifted by (2,), at its own size."""
+    moved_px = (1.0 - zoom) * np.array(camera.principal_point_px) + np.asarray(shift_px)
+    warp = np.array([[zoom, 0.0, moved_px[0]], [0.0, zoom, moved_px[1]]])
     height, width = rgb.shape[:2]
     return np.asarray(cv2.warpAffine(rgb, warp, (width, height), borderMode=cv2.BORDER_REPLICATE), np.uint8)
 

@@ -1,22 +1,33 @@
-"""Fits the model of confidence to the outcomes of evaluations."""
+"""Fits the models of confidence to the outcomes of evaluations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from app.engine.query.verification import ConfidenceModel, Evidence, features_of
+from app.engine.query.verification import (
+    CameraModel,
+    ConfidenceModel,
+    Evidence,
+    camera_features_of,
+    confidence_of,
+    features_of,
+)
 from app.errors import InvalidInputError
 from bench.evaluation.pose_errors import RIGHT_DEG, RIGHT_M, QueryOutcome
+from bench.evaluation.reliability import POOLED, Reliability, measure_reliability, scene_of
 
 # Poses with fewer inliers are refused whatever their confidence.
 MIN_INLIERS = 8
 # Keeps weights finite where the poses are separable.
 RIDGE = 1e-4
+# How many right answers a wrong one counts for whose camera is not confirmed: one that is too sure does more harm than
+# one that is not sure enough.
+WRONG_WEIGHT = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +42,15 @@ class ConfidenceFit:
 
 
 def fit_confidence(outcomes: Sequence[QueryOutcome]) -> ConfidenceFit:
-    """Fit by maximum likelihood to every pose that was judged, trusted or not.
+    """Fit by maximum likelihood to every pose that was judged, trusted or not, by a camera that nothing speaks against.
 
     Raises `InvalidInputError` without both right and wrong poses.
     """
-    judged = [o for o in outcomes if o.candidate_deg is not None and o.inliers >= MIN_INLIERS]
+    judged = [
+        o
+        for o in outcomes
+        if o.candidate_deg is not None and o.inliers >= MIN_INLIERS and o.camera_trust in (None, "confirmed")
+    ]
     right = np.array([_is_right(o) for o in judged], dtype=bool)
     if right.all() or not right.any():
         raise InvalidInputError(
@@ -50,12 +65,74 @@ def fit_confidence(outcomes: Sequence[QueryOutcome]) -> ConfidenceFit:
     return ConfidenceFit(model, len(judged), int(right.sum()), round(loss, 4))
 
 
-def _logistic(rows: NDArray[np.float64], right: NDArray[np.bool_]) -> NDArray[np.float64]:
+@dataclass(frozen=True, slots=True)
+class CameraFit:
+    """The fitted model of answers whose camera is not confirmed, of how many `answers`, and how many were `right`."""
+
+    model: CameraModel
+    answers: int
+    right: int
+
+
+def fit_camera_confidence(outcomes: Sequence[QueryOutcome]) -> CameraFit:
+    """Fit by weighted maximum likelihood to the located queries whose camera the matches don't confirm.
+
+    Raises `InvalidInputError` without both right and wrong ones.
+    """
+    answers = [outcome for outcome in outcomes if _is_open(outcome)]
+    right = np.array([outcome.right for outcome in answers], dtype=bool)
+    if right.all() or not right.any():
+        raise InvalidInputError("A fit needs wrong answers too: evaluate wrong cameras as well.")
+    rows = np.array([_camera_features(outcome) for outcome in answers])
+    weights = _logistic(rows, right, WRONG_WEIGHT)
+    a, b, c = (round(float(w), 2) for w in weights[1:])
+    return CameraFit(CameraModel(round(float(weights[0]), 2), (a, b, c)), len(answers), int(right.sum()))
+
+
+def held_out(outcomes: Mapping[str, Sequence[QueryOutcome]]) -> dict[str, Reliability]:
+    """Return how reliable the confidence of each scene's answers is, with the model of cameras fitted to the other
+    scenes; `outcomes` are by configuration, whose name begins with its scene."""
+    by_scene: dict[str, list[QueryOutcome]] = {}
+    for name, own in outcomes.items():
+        by_scene.setdefault(scene_of(name), []).extend(own)
+    measured, together = {}, list[QueryOutcome]()
+    for scene, own in by_scene.items():
+        others = [outcome for other, group in by_scene.items() if other != scene for outcome in group]
+        model = fit_camera_confidence(others).model
+        judged = [_judged_by(model, outcome) for outcome in own]
+        measured[scene] = measure_reliability(judged)
+        together += judged
+    return {**measured, POOLED: measure_reliability(together)}
+
+
+def _judged_by(model: CameraModel, outcome: QueryOutcome) -> QueryOutcome:
+    """Return an outcome with the confidence that another model of cameras gives it."""
+    if not _is_open(outcome):
+        return outcome
+    confidence = min(confidence_of(_evidence(outcome)), model(_camera_features(outcome)))
+    return replace(outcome, confidence=confidence)
+
+
+def _is_open(outcome: QueryOutcome) -> bool:
+    return outcome.located and outcome.camera_trust not in (None, "confirmed") and outcome.sigma_m is not None
+
+
+def _camera_features(outcome: QueryOutcome) -> NDArray[np.float64]:
+    return camera_features_of(
+        outcome.inlier_ratio or 0.0, outcome.sigma_m or 0.0, outcome.camera_trust or "open"
+    )
+
+
+def _logistic(
+    rows: NDArray[np.float64], right: NDArray[np.bool_], wrong_weight: float = 1.0
+) -> NDArray[np.float64]:
     design = np.column_stack([np.ones(len(rows)), rows])
     signs = np.where(right, 1.0, -1.0)
+    shares = np.where(right, 1.0, wrong_weight)
+    shares = shares / shares.sum()
 
     def loss(weights: NDArray[np.float64]) -> float:
-        return float(np.logaddexp(0, -signs * (design @ weights)).mean() + RIDGE * (weights[1:] ** 2).sum())
+        return float(shares @ np.logaddexp(0, -signs * (design @ weights)) + RIDGE * (weights[1:] ** 2).sum())
 
     return np.asarray(minimize(loss, np.zeros(design.shape[1])).x)
 

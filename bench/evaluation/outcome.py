@@ -43,6 +43,7 @@ def outcome_of(name: str, found: Localization, truth: Pose | None, milliseconds:
         unrepeated_share=evidence.unrepeated_share,
         contradicted_share=evidence.contradicted,
         estimate_m=None if estimate is None else centre_of(estimate),
+        camera_trust=found.camera_trust,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from app.engine.query.intrinsics import CameraTrust
 from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
 
@@ -49,6 +50,7 @@ class QueryOutcome:
     position_sigma_m: float | None = None
     unrepeated_share: float | None = None
     contradicted_share: float | None = None
+    camera_trust: CameraTrust | None = None
 
     @property
     def right(self) -> bool:

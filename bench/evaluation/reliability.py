@@ -32,14 +32,15 @@ class Bin:
 class Reliability:
     """How confidence compares with the share of located queries within 0.5 m and 5 degrees.
 
-    `ece` is the expected calibration error, the mean distance of both over `bins` of equal count (None when nothing
-    was located). `sure` counts queries at a confidence of 0.9 or more, `sure_wrong_percent` those of them that are
-    wrong. `coverage` and `risk` (n,) are shares: when only the n surest are answered, how many of all queries that
-    are, and how many of them are wrong.
+    `wrong` counts located queries that are not right. `ece` is the expected calibration error, the mean distance of
+    both over `bins` of equal count (None when nothing was located). `sure` counts queries at a confidence of 0.9 or
+    more, `sure_wrong_percent` those of them that are wrong. `coverage` and `risk` (n,) are shares: when only the n
+    surest are answered, how many of all queries that are, and how many of them are wrong.
     """
 
     queries: int
     located: int
+    wrong: int
     ece: float | None
     sure: int
     sure_wrong_percent: float | None
@@ -65,6 +66,7 @@ def measure_reliability(outcomes: Sequence[QueryOutcome], bins: int = BINS) -> R
     return Reliability(
         queries=len(outcomes),
         located=len(located),
+        wrong=int((~right).sum()),
         ece=round(sum(b.count * abs(b.confidence - b.right) for b in parts) / len(located), 4)
         if located
         else None,
@@ -105,6 +107,11 @@ def coverage_risk(
     answered = last + 1
     wrong = np.cumsum(~right)[last]
     return answered / max(queries, 1), wrong / answered
+
+
+def scene_of(name: str) -> str:
+    """Return the scene of a configuration's name: its first word."""
+    return name.replace(",", " ").split()[0]
 
 
 def with_pool(groups: Mapping[str, Sequence[QueryOutcome]]) -> dict[str, Sequence[QueryOutcome]]:

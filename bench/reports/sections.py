@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.vision.keyframes import PoseThresholds
 from bench.evaluation.pose_errors import QueryOutcome
-from bench.evaluation.reliability import SURE, Reliability, measure_reliability, with_pool
+from bench.evaluation.reliability import POOLED, SURE, Reliability, measure_reliability, scene_of, with_pool
 from bench.evaluation.run import Evaluation, MapFigures
 from bench.reports.error_plots import (
     has_positions,
@@ -114,14 +114,23 @@ def reliability_section(outcomes: Mapping[str, Sequence[QueryOutcome]], director
     )
 
 
-def reliability_table(measured: Mapping[str, Reliability]) -> ReportTable:
-    """Return ECE and the share of wrong answers among the sure ones."""
+def reliability_table(measured: Mapping[str, Reliability], fitted: Sequence[str] = ()) -> ReportTable:
+    """Return ECE and the share of wrong answers among the sure ones; the rows of `fitted` scenes are marked, which the
+    model of confidence was fitted to."""
+
+    def name_of(name: str) -> str:
+        if name == POOLED:
+            return name
+        return f"{name} (fitted to it)" if scene_of(name) in fitted else name
+
     rows = [
-        [name, cell(r.queries), cell(r.located), cell(r.ece), cell(r.sure), cell(r.sure_wrong_percent)]
+        [name_of(name), *map(cell, (r.queries, r.located, r.wrong, r.ece, r.sure, r.sure_wrong_percent))]
         for name, r in measured.items()
     ]
     sure = f"at confidence >= {SURE}"
-    return ReportTable(["configuration", "queries", "located", "ECE", sure, "wrong of these %"], rows)
+    return ReportTable(
+        ["configuration", "queries", "located", "wrong", "ECE", sure, "wrong of these %"], rows
+    )
 
 
 def outcomes_by_configuration(evaluations: Sequence[Evaluation]) -> dict[str, list[QueryOutcome]]:

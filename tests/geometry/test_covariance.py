@@ -1,5 +1,7 @@
 """The Jacobian against finite differences and the covariance against repeated noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,27 @@ def test_covariance_is_the_spread_of_repeated_estimates(model, sigma_px, sigma_m
     assert np.sqrt(np.mean(np.sum(errors[:, 3:] ** 2, axis=1))) == pytest.approx(position_m, rel=0.15)
     turned_deg = np.degrees(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
     assert turned_deg == pytest.approx(orientation_deg, rel=0.15)
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV"])
+def test_a_principal_point_that_is_not_known_moves_the_pose_by_what_its_error_does(model):
+    scene = make_scene(np.random.default_rng(5), model=model, n=400)
+    fx, fy, cx, cy, *lens = scene.camera.params
+    moved = []
+    for du, dv in ((1.0, 0.0), (0.0, 1.0)):
+        camera = replace(scene.camera, params=(fx, fy, cx + du, cy + dv, *lens))
+        pose = refine_pose(
+            scene.points_px, scene.points_in_world, camera, scene.world_from_camera, loss="trivial"
+        )
+        turn = vector_from_rotation(pose.rotation @ scene.world_from_camera.rotation.T)
+        moved.append(np.concatenate([turn, pose.translation - scene.world_from_camera.translation]))
+    arguments = scene.points_px, scene.points_in_world, scene.camera, scene.world_from_camera, 1.0
+    added = pose_covariance(*arguments, centre_sigma_px=3.0) - pose_covariance(*arguments)
+    expected = 9.0 * sum(np.outer(each, each) for each in moved)
+    np.testing.assert_allclose(added, expected, atol=0.03 * np.abs(np.diag(expected)).max())
+    # However well a fitted focal length is known, the principal point is not.
+    fitted = pose_covariance(*arguments, focal_sigma=np.inf, centre_sigma_px=3.0)
+    assert pose_accuracy(fitted)[1] > pose_accuracy(added)[1]
 
 
 def test_covariance_is_symmetric_positive_and_grows_with_noise_squared():

@@ -21,14 +21,14 @@ def accuracy_in_map(
     pose: Pose,
     focal_sigma: float = 0.0,
     lens_sigma: float = 0.0,
+    centre_sigma_px: float = 0.0,
 ) -> Accuracy:
     """Return how accurate a pose is by its inliers and the places of their keyframes; infinity for what they leave
-    open. The sigmas are those of the camera's focal length (relative) and lens coefficient."""
+    open. The sigmas are those of the camera's focal length (relative), lens coefficient and principal point."""
     centres = artifact.arrays.positions[inliers.keyframes]
     across = sigma_across(inliers.sigma_m, inliers.points_in_world, centres, pose.translation)
-    return accuracy_of(
-        inliers.points_px, inliers.points_in_world, across, camera, pose, focal_sigma, lens_sigma
-    )
+    sigmas = focal_sigma, lens_sigma, centre_sigma_px
+    return accuracy_of(inliers.points_px, inliers.points_in_world, across, camera, pose, *sigmas)
 
 
 def accuracy_of(
@@ -39,6 +39,7 @@ def accuracy_of(
     pose: Pose,
     focal_sigma: float = 0.0,
     lens_sigma: float = 0.0,
+    centre_sigma_px: float = 0.0,
 ) -> Accuracy:
     """Return how accurate a pose is by pixels (n, 2) and world points (n, 3) that agree with it, whose noise is
     `point_sigma_m` (n,); infinite where the points don't determine it."""
@@ -51,6 +52,7 @@ def accuracy_of(
             point_sigma_m=point_sigma_m,
             focal_sigma=focal_sigma,
             lens_sigma=lens_sigma,
+            centre_sigma_px=centre_sigma_px,
         )
     except DegenerateGeometryError:
         return Accuracy(float("inf"), 180.0)

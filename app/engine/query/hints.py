@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.query.intrinsics import CameraTrust
 from app.engine.query.verification import Reason
 from app.limits import limit
 from app.vision.images import Gray, measure_quality
@@ -25,6 +26,7 @@ Hint = Literal[
     "look_elsewhere",
     "go_where_it_is_mapped",
     "send_camera",
+    "check_camera",
 ]
 
 
@@ -82,6 +84,11 @@ def view_hints(reason: Reason, inliers_px: NDArray[np.float64], size_px: tuple[i
     if reason == "ambiguous" or not len(inliers_px):
         return ("look_elsewhere",)
     return tuple(_towards(inliers_px, size_px)) or ("step_back",)
+
+
+def camera_hints(trust: CameraTrust) -> tuple[Hint, ...]:
+    """Return whether another camera may help a picture whose pose was refused."""
+    return ("check_camera",) if trust in ("contradicted", "disputed") else ()
 
 
 def _towards(inliers_px: NDArray[np.float64], size_px: tuple[int, int]) -> Iterator[Hint]:

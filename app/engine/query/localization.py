@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.engine.query.hints import Hint
+from app.engine.query.intrinsics import CameraTrust
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.verification import Evidence, Reason
@@ -47,7 +48,8 @@ class Localization:
 
     `accuracy` is one sigma, None where it isn't known; `confidence` the probability that the error is below 0.5 m and
     5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
-    for it. `is_refined` says that the matches fit another camera than the stated one far better, and `camera` is it.
+    for it. `camera_trust` is what the matches say of the stated camera; where it is refined they fit another one far
+    better, and `camera` is it.
     `hints` say what would help a frame that is not located.
     `inliers` are the matches that agree with the pose, None where the method keeps none. `frames` is the support by
     each frame of a query that has several, empty for a single one.
@@ -62,10 +64,15 @@ class Localization:
     camera: Camera | None = None
     timings_ms: dict[str, float] = field(default_factory=dict)
     candidate: Pose | None = None
-    is_refined: bool = False
+    camera_trust: CameraTrust = "confirmed"
     hints: tuple[Hint, ...] = ()
     inliers: Matches | None = None
     frames: tuple[Support, ...] = ()
+
+    @property
+    def is_refined(self) -> bool:
+        """Whether another camera than the stated one was used."""
+        return self.camera_trust == "refined"
 
     def refused(self, reason: Reason) -> Localization:
         """Return the outcome with its pose refused for a reason."""

@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.query.intrinsics import CameraTrust
 from app.engine.query.matches import Matches
-from app.engine.query.placed import Support
+from app.engine.query.placed import Accuracy, Support
 from app.engine.query.second.agreement import Agreement
 from app.geometry.camera import Camera
 from app.limits import limit
@@ -356,3 +357,37 @@ CONFIDENCE = ConfidenceModel(-2.87, (0.71, 2.5, 1.17, 3.92, -2.79))
 def confidence_of(evidence: Evidence) -> float:
     """Return the probability that a pose with this evidence is off by less than 0.5 m and 5 degrees."""
     return CONFIDENCE(evidence) if evidence.inliers else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """A logistic model of the same probability where the matches confirm no stated camera.
+
+    Weights of the inlier ratio, minus the decimal logarithm of the accuracy in metres, and whether the matches show no
+    camera that they fit (`camera_features_of`). Fitted by `roomfix fit-confidence`.
+    """
+
+    intercept: float
+    weights: tuple[float, float, float]
+
+    def __call__(self, features: NDArray[np.float64]) -> float:
+        return float(1.0 / (1.0 + np.exp(-self.intercept - float(np.dot(self.weights, features)))))
+
+
+def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) -> NDArray[np.float64]:
+    """Return what the confidence of a pose is judged by whose camera is not confirmed, (3,)."""
+    return np.array(
+        [inlier_ratio, -np.log10(np.clip(sigma_m, 0.01, 2.0)), float(trust in ("open", "contradicted"))]
+    )
+
+
+CAMERA_CONFIDENCE = CameraModel(-0.66, (2.5, 3.21, -2.06))
+
+
+def confidence_with(evidence: Evidence, accuracy: Accuracy, trust: CameraTrust) -> float:
+    """Return the probability that a pose is off by less than 0.5 m and 5 degrees, with what is known of its camera."""
+    confidence = confidence_of(evidence)
+    if trust == "confirmed":
+        return confidence
+    features = camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust)
+    return min(confidence, CAMERA_CONFIDENCE(features))

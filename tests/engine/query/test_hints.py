@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.engine.query.hints import picture_hints, view_hints
+from app.engine.query.hints import camera_hints, picture_hints, view_hints
 from app.engine.query.localizer import Localizer
 from app.vision.images import to_gray
 from tests.rendered_maps import localizer_of
@@ -42,6 +42,11 @@ def test_another_view_helps_where_this_one_says_nothing() -> None:
     assert view_hints("no_match", NONE, SIZE_PX) == ("look_elsewhere",)
     assert view_hints("ambiguous", around(120, 80), SIZE_PX) == ("look_elsewhere",)
     assert view_hints("outside_venue", around(120, 80), SIZE_PX) == ("go_where_it_is_mapped",)
+
+
+def test_a_camera_that_the_matches_contradict_is_to_be_checked() -> None:
+    assert camera_hints("contradicted") == camera_hints("disputed") == ("check_camera",)
+    assert camera_hints("confirmed") == camera_hints("open") == camera_hints("fitted") == ()
 
 
 def test_a_picture_may_be_dark_white_blurred_or_empty(views: list[View]) -> None:

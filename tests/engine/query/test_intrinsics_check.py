@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from app.engine.query.hypothesis import Hypothesis
-from app.engine.query.intrinsics import OPTIONS, CheckedCamera, check_intrinsics
+from app.engine.query.intrinsics import CheckedCamera, check_intrinsics, fitted_camera
+from app.engine.query.intrinsics_options import OPTIONS
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
 from app.geometry.pnp import PnpEstimate, estimate_poses_lo_ransac
@@ -87,33 +88,32 @@ def zoomed(zoom: float) -> Camera:
 
 def test_matches_of_a_deep_scene_confirm_the_camera() -> None:
     found = checked(matches_of(points_seen(CAMERA, 300, (1.0, 6.0))))
-    assert (found.max_confidence, found.is_refined, found.camera) == (1.0, False, CAMERA)
+    assert (found.trust, found.camera) == ("confirmed", CAMERA)
     assert found.systematic.position_m < 0.05
 
 
 def test_matches_at_one_depth_verify_no_camera() -> None:
     found = checked(matches_of(points_seen(CAMERA, 300, (3.0, 3.3))))
-    assert (found.max_confidence, found.is_refined) == (OPTIONS.unverified_confidence, False)
+    assert found.trust == "open"
 
 
 def test_few_inliers_that_agree_with_a_wrong_camera_do_not_confirm_it() -> None:
     few = points_seen(CAMERA, 120, (1.0, 6.0))
     others = points_seen(zoomed(1.75), 300, (1.0, 6.0))
     found = checked(matches_of(few, others), agreeing=120)
-    assert found.is_refined
+    assert found.trust == "refined"
     assert abs(found.camera.focal_px / CAMERA.focal_px - 1.75) < 0.05
-    assert found.max_confidence == OPTIONS.unverified_confidence
     # The same inliers among matches that agree with no camera.
     lost = others[0], rng.permutation(others[1])
     alone = checked(matches_of(few, lost), agreeing=120)
-    assert (alone.max_confidence, alone.camera) == (1.0, CAMERA)
+    assert (alone.trust, alone.camera) == ("confirmed", CAMERA)
 
 
 def test_numbers_of_a_stretched_picture_are_never_sure() -> None:
     fx, fy, *rest = CAMERA.params
     stretched = replace(CAMERA, params=(fx, 1.2 * fy, *rest))
     found = checked(matches_of(points_seen(stretched, 300, (1.0, 6.0))), stretched)
-    assert (found.max_confidence, found.camera) == (OPTIONS.unverified_confidence, stretched)
+    assert (found.trust, found.camera) == ("open", stretched)
 
 
 @pytest.mark.parametrize(
@@ -125,4 +125,56 @@ def test_inexact_matches_favour_no_longer_lens(seed: int, exact: int, depths_m: 
     pixels, points = points_seen(CAMERA, 400, depths_m, draw)
     # Were the limit an angle, larger errors in pixels would agree with each longer focal length: 2.2 and 1.19 times.
     found = checked(matches_of(few, (pixels + draw.normal(0.0, 5.0, pixels.shape), points)))
-    assert (found.is_refined, found.camera) == (False, CAMERA)
+    assert (found.trust == "refined", found.camera) == (False, CAMERA)
+
+
+def test_a_zoom_keeps_the_principal_point_that_was_stated() -> None:
+    found = checked(matches_of(points_seen(zoomed(1.25), 300, (1.0, 6.0))))
+    assert found.trust == "refined"
+    assert found.camera.params[2:4] == pytest.approx(CAMERA.params[2:4], abs=1e-6)
+    assert found.camera.focal_px == pytest.approx(1.25 * CAMERA.focal_px, rel=0.02)
+    # Nothing shows that it is so.
+    assert found.centre_sigma_px == OPTIONS.centre_sigma_share * CAMERA.width
+
+
+def test_a_principal_point_that_lies_elsewhere_is_found() -> None:
+    fx, fy, cx, cy = zoomed(1.25).params[:4]
+    aside = replace(CAMERA, params=(fx, fy, cx + 0.06 * CAMERA.width, cy, *CAMERA.params[4:]))
+    found = checked(matches_of(points_seen(aside, 300, (1.0, 6.0))))
+    assert found.trust == "refined"
+    assert found.camera.params[2] == pytest.approx(aside.params[2], abs=0.01 * CAMERA.width)
+
+
+@pytest.mark.parametrize(("zoom", "trust"), [(1.75, "disputed"), (1.12, "open")])
+def test_a_zoom_that_more_matches_agree_with_and_none_well_disputes_the_camera(
+    zoom: float, trust: str
+) -> None:
+    few, others = points_seen(CAMERA, 60, (1.0, 6.0)), points_seen(zoomed(zoom), 200, (1.0, 6.0))
+    found = ByLoRansac().estimate(matches_of(few), CAMERA)
+    assert found is not None
+    mask = np.zeros(260, bool)
+    mask[:60] = found.estimate.inlier_mask
+    best = Hypothesis.of(replace(found.estimate, inlier_mask=mask), matches_of(few, others))
+
+    class RoughOnly(ByLoRansac):
+        """No camera is found by refining; the zooms alone are compared."""
+
+        def estimate(self, matches: Matches, camera: Camera, prior: Pose | None = None) -> Hypothesis | None:
+            return None
+
+    assert check_intrinsics(best, CAMERA, RoughOnly(), lambda _: None).trust == trust
+
+
+def test_a_camera_that_nobody_stated_is_less_certain_than_its_matches_say() -> None:
+    best = ByLoRansac().estimate(matches_of(points_seen(CAMERA, 300, (1.0, 6.0))), CAMERA)
+    assert best is not None
+    found = fitted_camera(best, CAMERA)
+    assert (found.trust, found.camera) == ("fitted", CAMERA)
+    assert found.centre_sigma_px > 0
+    assert found.systematic.position_m == pytest.approx(OPTIONS.fitted_sigma * 3.5, rel=0.3)
+
+
+def test_inliers_that_the_first_pose_missed_are_no_gain_of_another_camera() -> None:
+    # Nearly all agree with the stated camera as well, and the first pose has two thirds of them.
+    found = checked(matches_of(points_seen(zoomed(1.02), 300, (1.0, 6.0))), agreeing=200)
+    assert (found.trust, found.camera) == ("contradicted", CAMERA)

@@ -8,6 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from app.engine.query.attempt import attempt
+from app.engine.query.attempt.rival import Contest, against_rival
+from app.engine.query.hypothesis import Hypothesis
+from app.engine.query.intrinsics import CheckedCamera
 from app.engine.query.localizer import Localizer
 from app.geometry.camera import Camera
 from app.geometry.se3 import position_difference_m
@@ -88,3 +92,46 @@ def test_a_picture_that_was_stretched_with_its_numbers_keeps_them(localizer: Loc
     assert found.world_from_camera is not None
     assert not found.is_refined
     assert position_difference_m(found.world_from_camera, query.world_from_camera) < 0.02
+
+
+def test_a_camera_that_is_disputed_is_refused_and_named(
+    localizer: Localizer, query: View, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def disputed(best: Hypothesis, camera: Camera, *_: object) -> CheckedCamera:
+        return CheckedCamera(camera=camera, best=best, trust="disputed")
+
+    monkeypatch.setattr(attempt, "check_intrinsics", disputed)
+    found = localizer.localize(query.rgb, CAMERA)
+    assert (found.world_from_camera, found.reason) == (None, "ambiguous")
+    assert "check_camera" in found.hints
+
+
+def test_the_camera_of_a_rival_that_wins_is_checked_by_its_own_matches(
+    localizer: Localizer, query: View, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Hypothesis] = []
+
+    def winning(*asked_of: object) -> Contest:
+        contest = against_rival(*asked_of)  # type: ignore[arg-type]
+        return contest.won_by(replace(contest.best))
+
+    def checked(best: Hypothesis, camera: Camera, *_: object) -> CheckedCamera:
+        asked.append(best)
+        return CheckedCamera(camera=camera, best=best, trust="confirmed" if len(asked) == 1 else "open")
+
+    monkeypatch.setattr(attempt, "against_rival", winning)
+    monkeypatch.setattr(attempt, "check_intrinsics", checked)
+    found = localizer.localize(query.rgb, CAMERA)
+    assert len(asked) == 2
+    assert found.camera_trust == "open"
+
+
+def test_an_accuracy_without_a_stated_camera_counts_its_principal_point(
+    localizer: Localizer, query: View
+) -> None:
+    stated, alone = localizer.localize(query.rgb, CAMERA), localizer.localize(query.rgb, None)
+    assert stated.accuracy is not None
+    assert alone.accuracy is not None
+    assert alone.camera_trust == "fitted"
+    # 2.5 % of the picture's width, by its focal length.
+    assert alone.accuracy.orientation_deg > 1.0 > stated.accuracy.orientation_deg

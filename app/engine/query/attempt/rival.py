@@ -23,6 +23,11 @@ class Contest:
     leading: list[int]
     rival: Hypothesis | None
 
+    def won_by(self, best: Hypothesis) -> Contest:
+        """Return the contest with another pose of the same place as the best one."""
+        votes = votes_of(best.matches, best.inliers)
+        return Contest(best, votes, leading(votes), self.rival)
+
 
 def against_rival(search: PoseSearch, matcher: Matcher, best: Hypothesis, camera: Camera) -> Contest:
     """Return a pose beside the best one of another place, which wins where more speaks for it."""

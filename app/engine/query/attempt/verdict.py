@@ -9,11 +9,11 @@ from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.attempt.rival import Contest
 from app.engine.query.contradiction import OPTIONS as CONTRADICTION
 from app.engine.query.contradiction import cells_of
-from app.engine.query.hints import view_hints
+from app.engine.query.hints import camera_hints, view_hints
 from app.engine.query.intrinsics import CheckedCamera
 from app.engine.query.localization import Localization
 from app.engine.query.second.look import SecondMatcher
-from app.engine.query.verification import confidence_of, evidence_of, judge
+from app.engine.query.verification import confidence_with, evidence_of, judge
 
 
 def conclude(
@@ -31,9 +31,11 @@ def conclude(
     best, rival, inliers = contest.best, contest.rival, contest.best.inliers
     opened, query, camera = search.map, matcher.query, checked.camera
     metadata = opened.artifact.metadata
-    own = accuracy_in_map(opened.artifact, inliers, camera, best.pose, *sigmas)
-    accuracy = own.with_more(checked.systematic).with_map_error(metadata)
-    if checked.is_contradicted:
+    judged = opened.artifact, inliers, camera, best.pose, *sigmas
+    own = accuracy_in_map(*judged)
+    whole = accuracy_in_map(*judged, checked.centre_sigma_px) if checked.centre_sigma_px else own
+    accuracy = whole.with_more(checked.systematic).with_map_error(metadata)
+    if checked.trust == "contradicted":
         own = own.with_more(checked.systematic)
     sigma_m = own.with_map_error(metadata).position_m
     distance_m = opened.retrieval.distance_m(best.pose)
@@ -56,18 +58,21 @@ def conclude(
         cells = cells_of(opened.artifact, visible, best.pose, camera, *seen, binary)
         evidence = replace(evidence, contradicted=cells.contradicted_share)
         reason = judge(evidence, sigma_m, search.limits)
+    if reason is None and checked.trust == "disputed":
+        reason = "ambiguous"
     found = Localization(
         evidence=evidence,
         world_from_camera=best.pose,
         accuracy=accuracy,
-        confidence=min(confidence_of(evidence), checked.max_confidence),
+        confidence=confidence_with(evidence, accuracy, checked.trust),
         keyframes=contest.votes,
         camera=camera,
         timings_ms=query.timings_ms,
         candidate=best.pose,
-        is_refined=checked.is_refined,
+        camera_trust=checked.trust,
         inliers=inliers,
     )
     if reason is None:
         return found
-    return replace(found.refused(reason), hints=view_hints(reason, inliers.points_px, query.size_px))
+    hints = view_hints(reason, inliers.points_px, query.size_px)
+    return replace(found.refused(reason), hints=(*camera_hints(checked.trust), *hints))

@@ -24,7 +24,7 @@ from app.engine.query.several.frame import AskedFrame, as_given
 from app.engine.query.several.hypothesis import RigHypothesis, rig_evidence
 from app.engine.query.several.options import OPTIONS
 from app.engine.query.several.search import RigSearch, motion_sigma
-from app.engine.query.verification import Evidence, Reason, confidence_of, judge
+from app.engine.query.verification import Evidence, Reason, confidence_with, judge
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera
 from app.geometry.covariance import pose_accuracy
@@ -134,13 +134,13 @@ def _concluded(
 ) -> Localization | None:
     """Return the outcome for the best pose, None where the matches fit another camera far better than the stated."""
     checked = _checked(localizer, frames, search, best)
-    if checked.is_refined:
+    if checked.trust in ("refined", "disputed"):
         return None
     opened = localizer.map
     metadata, lens = opened.artifact.metadata, _lens(localizer, frames[0])
     own = _accuracy(search, best, 0.0 if lens is None else lens.sigma).with_more(_motion_sigma(frames, best))
     accuracy = own.with_more(checked.systematic).with_map_error(metadata)
-    if checked.is_contradicted:
+    if checked.trust == "contradicted":
         own = own.with_more(checked.systematic)
     distance_m = opened.retrieval.distance_m(best.world_from_first)
     evidence = rig_evidence(best, rival, search.matchers, distance_m, own.position_m)
@@ -150,7 +150,7 @@ def _concluded(
         evidence=evidence,
         world_from_camera=best.world_from_first @ _motion(first),
         accuracy=accuracy,
-        confidence=min(confidence_of(evidence), checked.max_confidence),
+        confidence=confidence_with(evidence, accuracy, checked.trust),
         keyframes=votes_of(Matches.merge(best.matches), inliers),
         camera=search.cameras[0],
         timings_ms=timings_of(frames),

@@ -1,0 +1,147 @@
+"""When a stated camera is doubted, when another one is used in its place, and what either is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.limits import limit
+
+ON_ZOOMED = (
+    "roomfix evaluate-cameras on RedKitchen, desk_rs and freiburg1_rpy; docs/figures/evaluate-cameras.md."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntrinsicsCheckOptions:
+    """When a stated camera is doubted, and when another one is used in its place."""
+
+    min_features: int = limit(
+        12, "Fewest inliers that a camera is checked with.", chosen="By hand: nine unknowns need five points."
+    )
+    doubt_log: float = limit(
+        0.025, "Change of the focal length's logarithm from which on a camera is doubted.", chosen=ON_ZOOMED
+    )
+    doubt_offset_share: float = limit(
+        0.04,
+        "Offset of the principal point, over the image's longer side, that is doubted.",
+        chosen=ON_ZOOMED,
+    )
+    doubt_sigmas: float = limit(2.0, "Sigmas by which a change must differ from none.", chosen=ON_ZOOMED)
+    sure_doubt_log: float = limit(
+        0.015, "As doubt_log, where the change is beyond sure_doubt_sigmas.", chosen=ON_ZOOMED
+    )
+    sure_doubt_sigmas: float = limit(
+        3.0, "Sigmas by which a smaller change must differ from none.", chosen=ON_ZOOMED
+    )
+    unverified_sigma: float = limit(
+        0.05,
+        "Relative sigma of the focal length by the matches above which they don't verify a camera at all.",
+        chosen=ON_ZOOMED,
+    )
+    min_depth_spread: float = limit(
+        0.13,
+        "Spread of the inliers' depths (1.4826 times the median absolute deviation, over the median) below which they "
+        "don't verify a camera: of a flat scene, a longer focal length shows the same as a nearer place.",
+        chosen=ON_ZOOMED,
+    )
+    max_refined_log: float = limit(
+        0.92,
+        "Largest change of the focal length's logarithm that refining may make.",
+        chosen="By hand: a factor of 2.5, beyond any zoom of a picture that still shows its room. Of flat scenes a "
+        "longer focal length from farther away shows the same.",
+    )
+    rounds: int = limit(4, "Most rounds of refining a doubted camera.", chosen=ON_ZOOMED)
+    search_log: float = limit(
+        0.12,
+        "Change of the focal length's logarithm from which on all focal lengths are searched.",
+        chosen=ON_ZOOMED,
+    )
+    min_gain_ratio: float = limit(
+        1.12,
+        "Inliers with the refined camera, over those with the stated one, from which on it is used.",
+        chosen=ON_ZOOMED,
+    )
+    confirmed_sigma: float = limit(
+        0.01,
+        "Relative sigma of the focal length by the matches up to which they confirm a camera.",
+        chosen=ON_ZOOMED,
+    )
+    confirmed_log: float = limit(
+        0.005,
+        "Change of the focal length's logarithm up to which matches confirm a camera: inliers of the stated one show "
+        "only part of what another camera would change.",
+        chosen=ON_ZOOMED,
+    )
+    round_gain_ratio: float = limit(
+        1.02,
+        "Inliers after a round of refining, over those before, up to which refining ends.",
+        chosen="By hand: a free camera fits the map's errors too, and moves away from the right one.",
+    )
+    simpler_share: float = limit(
+        0.05,
+        "Cost by which a camera of fewer unknowns may exceed the least one, over its inliers, and still be preferred.",
+        chosen="By hand: a twentieth of what an outlier costs; unknowns always lower the cost a little.",
+    )
+    centred_share: float = limit(
+        0.15,
+        "The same for a camera that keeps the stated principal point.",
+        chosen=ON_ZOOMED,
+    )
+    sure_gain_ratio: float = limit(
+        1.04,
+        "As min_gain_ratio, where the change of the focal length is beyond sure_sigmas.",
+        chosen=ON_ZOOMED,
+    )
+    sure_sigmas: float = limit(
+        4.0, "Sigmas of the focal length beyond which a smaller gain is enough.", chosen=ON_ZOOMED
+    )
+    screened_share: float = limit(
+        0.5,
+        "Inliers over matches below which other zooms are tried: the inliers of a wrong camera can agree among each "
+        "other, but are few.",
+        chosen="By hand: half the matches of right cameras agree on ordinary pictures.",
+    )
+    max_disputed_log: float = limit(
+        0.2,
+        "Largest change of the focal length's logarithm to a zoom that more matches agree with, while no camera is "
+        "found that they agree with well; with a larger one nothing is answered.",
+        chosen=ON_ZOOMED,
+    )
+    sigma_factor: float = limit(
+        1.75,
+        "Factor on the focal length's sigma by the matches: it is the sigma of inliers of the stated camera, which are "
+        "those that agree with it.",
+        chosen=ON_ZOOMED,
+    )
+    truncation_factor: float = limit(
+        1.5,
+        "Factor on the change that another camera would make: it is estimated on inliers of the stated one, which "
+        "leaves out what contradicts it most.",
+        chosen=ON_ZOOMED,
+    )
+    refined_sigma: float = limit(
+        0.055,
+        "Relative standard deviation of a focal length that was refined by refined_features inliers or more: the "
+        "errors of the map's points are common to all.",
+        chosen=ON_ZOOMED,
+    )
+    fitted_sigma: float = limit(
+        0.04,
+        "Relative standard deviation of a focal length that was not stated and fitted to the matches, beyond what "
+        "their own noise makes of it: the errors of the map's points are common to all.",
+        chosen="roomfix evaluate --no-camera on freiburg1_rpy; docs/figures/reliability.md.",
+    )
+    centre_sigma_share: float = limit(
+        0.025,
+        "Standard deviation of a principal point that was not stated or belongs to a refined camera, over the image's "
+        "longer side.",
+        chosen="By hand: calibrated cameras have theirs 1 to 3 % from the middle.",
+    )
+    refined_features: int = limit(
+        100,
+        "Inliers below which that standard deviation grows with the inverse of the root of their number.",
+        chosen=ON_ZOOMED,
+    )
+
+
+OPTIONS = IntrinsicsCheckOptions()

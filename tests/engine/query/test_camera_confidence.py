@@ -1,0 +1,49 @@
+"""Confidence where the matches confirm no stated camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.engine.query.placed import Accuracy
+from app.engine.query.verification import (
+    CameraModel,
+    Evidence,
+    camera_features_of,
+    confidence_of,
+    confidence_with,
+)
+
+SURE_POSE = Evidence(
+    matches=80,
+    inliers=64,
+    coverage=0.6,
+    distinct=56,
+    rival=2,
+    keyframe_distance_m=1.0,
+    position_sigma_m=0.01,
+    unrepeated=32,
+)
+FAR = Accuracy(0.5, 2.0)
+
+
+def test_confidence_of_a_camera_that_is_not_confirmed_is_a_logistic_model_of_three_features() -> None:
+    assert camera_features_of(0.4, 0.1, "refined") == pytest.approx([0.4, 1.0, 0.0])
+    assert camera_features_of(0.4, 0.1, "fitted")[2] == 0.0
+    assert camera_features_of(0.4, 0.1, "open")[2] == camera_features_of(0.4, 0.1, "contradicted")[2] == 1.0
+    # The accuracy counts from 1 cm to 2 m.
+    assert camera_features_of(0.4, 0.001, "open")[1] == 2.0
+    assert camera_features_of(0.4, float("inf"), "open")[1] == pytest.approx(-np.log10(2.0))
+    model = CameraModel(0.5, (1.0, 2.0, -3.0))
+    assert model(np.array([0.4, 1.0, 1.0])) == pytest.approx(1 / (1 + np.exp(-(0.5 + 0.4 + 2.0 - 3.0))))
+
+
+def test_a_camera_that_is_not_confirmed_can_only_lower_the_confidence() -> None:
+    near = Accuracy(0.03, 1.0)
+    assert confidence_with(SURE_POSE, FAR, "confirmed") == confidence_of(SURE_POSE)
+    assert confidence_with(SURE_POSE, FAR, "refined") < confidence_with(SURE_POSE, near, "refined")
+    assert confidence_with(SURE_POSE, near, "open") < confidence_with(SURE_POSE, near, "refined")
+    doubtful = replace(SURE_POSE, matches=640, coverage=0.15, distinct=24, rival=40, position_sigma_m=0.15)
+    assert confidence_with(doubtful, near, "refined") == confidence_of(doubtful)
