@@ -118,7 +118,7 @@ def map_result(
     located = pose is not None
     # What was given is answered as it was given; a focal length that led to no pose is not known.
     searched = found.camera if located else None
-    is_refined = located and found.is_refined
+    is_refined = located and found.camera_trust == "refined"
     own = camera.camera if isinstance(camera.camera, Camera) and not is_refined else searched
     return LocateResult(
         venue=venue,

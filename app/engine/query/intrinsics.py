@@ -61,7 +61,9 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     pinhole of any focal length that most matches agree with.
     """
     is_stretched = bool(square_pixels(camera))
-    fit = _fit(best, camera)
+    fit, inliers = None, best.inliers
+    if best.inlier_features >= OPTIONS.min_features:
+        fit = free_intrinsics(inliers.points_px, inliers.points_in_world, camera, best.pose)
     if fit is None:
         return CheckedCamera(camera=camera, best=best, trust="open")
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
@@ -126,10 +128,11 @@ def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Ac
     """
     may_be_sure = fit.focal_sigma <= OPTIONS.unverified_sigma and not is_doubted
     sigma = OPTIONS.sigma_factor * fit.focal_sigma if may_be_sure else 0.0
+    by_sigma = _by_focal_sigma(best, sigma)
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
     turn_deg = rotation_angle_deg(apart.rotation)
     return Accuracy(
-        max(factor * float(np.linalg.norm(apart.translation)), _by_focal_sigma(best, sigma).position_m),
+        max(factor * float(np.linalg.norm(apart.translation)), by_sigma.position_m),
         max(factor * turn_deg, float(np.degrees(sigma)) / 2),
     )
 
