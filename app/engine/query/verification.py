@@ -381,6 +381,7 @@ def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) 
     )
 
 
+# A wrong answer counts for five right ones, so that few of those at 0.9 or more are wrong.
 CAMERA_CONFIDENCE = CameraModel(-0.66, (2.5, 3.21, -2.06))
 
 
