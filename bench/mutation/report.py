@@ -29,10 +29,12 @@ def survivors_table(tried: Sequence[Tried], reasons: dict[Key, str]) -> ReportTa
     return ReportTable(["function", "change", "why it survives"], rows)
 
 
-def write_section(path: str, tried: Sequence[Tried], reasons: dict[Key, str], folder: Path = FOLDER) -> Path:
-    """Write the section of a module and return the page's path."""
+def write_section(
+    path: str, tried: Sequence[Tried], reasons: dict[Key, str], folder: Path = FOLDER, asked: str = ""
+) -> Path:
+    """Write the section of a module and return the page's path; `asked` are the options that chose its mutants."""
     table = survivors_table(tried, reasons)
     blocks: list[Block] = [summary_of(tried, reasons)]
     if table.rows:
         blocks.append(table)
-    return write_figures(PAGE, path, provenance(f"python -m bench.mutation {path}"), blocks, folder)
+    return write_figures(PAGE, path, provenance(f"python -m bench.mutation {path}{asked}"), blocks, folder)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.mutation.__main__ import chosen_mutants
+from bench.mutation.__main__ import chosen_mutants, drawn_mutants
 from bench.mutation.mutants import Mutant, mutants_of
 from bench.mutation.report import OPEN, write_section
 from bench.mutation.run import Tried, baseline_s, try_mutant
@@ -89,6 +89,18 @@ def test_parts_of_a_mask_calls_and_assignments_are_left_out() -> None:
         "6 f: `a & b` -> `a & a`",
         "6 f: `a & b` -> `b & b`",
     ]
+
+
+def test_a_share_is_drawn_in_order_and_the_same_with_the_same_seed() -> None:
+    mutants = list(mutants_of(SOURCE))
+    assert drawn_mutants(mutants, 1.0, 3) == mutants
+    half = drawn_mutants(mutants, 0.5, 3)
+    assert len(half) == round(len(mutants) / 2)
+    assert half == drawn_mutants(mutants, 0.5, 3) != drawn_mutants(mutants, 0.5, 4)
+    assert [mutant for mutant in mutants if mutant in half] == half
+    for share in (0.0, 1.1):
+        with pytest.raises(ValueError, match="--share"):
+            drawn_mutants(mutants, share, 0)
 
 
 def test_all_mutants_are_modules() -> None:
