@@ -325,7 +325,6 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
     if name == "sift":
         return RootSift()
     if name == "sift-full":
-        # Structure from motion takes these: with faint features some of its paths were bent.
         return RootSift(max_side_px=SIFT.full_side_px, name=name, few_features=0)
     if name in ORB_FEATURES:
         return Orb(ORB_FEATURES[name], name)
@@ -339,6 +338,13 @@ def create_extractor(name: str, threads: int = 1) -> LocalFeatureExtractor:
 
         return Surf()
     raise InvalidInputError(f"Features {name!r} are not known; use one of {', '.join(FEATURE_NAMES)}.")
+
+
+def create_wall_extractor() -> LocalFeatureExtractor:
+    """Return what finds features as `sift-full` does, and the faint ones of plain walls too."""
+    return RootSift(
+        max_side_px=SIFT.full_side_px, name="sift-full", contrast=SIFT.lowest_contrast, few_features=0
+    )
 
 
 def create_fine_extractor(name: str) -> LocalFeatureExtractor:

@@ -18,8 +18,9 @@ from app.geometry.camera import tangent_of_px
 from app.geometry.epipolar import filter_by_fundamental_matrix
 from app.importers.frames import Frame
 from app.limits import limit
-from app.vision.features import LocalFeatures
-from app.vision.images import to_gray
+from app.vision.features import LocalFeatureExtractor, LocalFeatures
+from app.vision.images import Gray, to_gray
+from app.vision.local_features import create_wall_extractor
 from app.vision.matching import match_unit_vectors, to_unit_vectors
 
 Rows = NDArray[np.intp]
@@ -32,6 +33,12 @@ class MatchOptions:
 
     features: str = limit(
         "sift-full", "Local features of the reconstruction.", chosen="By hand: more exact than those of maps."
+    )
+    few_features: int = limit(
+        1000,
+        "A picture of a sequence with fewer features is searched again for faint ones.",
+        chosen="By hand, on the video of `roomfix evaluate-video`: from each picture to the next 149 features or more "
+        "then match, also at plain walls.",
     )
     ratio: float = limit(
         0.8,
@@ -89,7 +96,8 @@ def match_pictures(
 
     def describe(frame: Frame) -> tuple[LocalFeatures, NDArray[np.float32]]:
         rgb = frame_rgb(scan, frame)
-        return extractor.extract(to_gray(rgb)), models.global_descriptor.describe(rgb)
+        found = features_of(to_gray(rgb), extractor, is_sequence=chosen.is_sequence)
+        return found, models.global_descriptor.describe(rgb)
 
     described = list(map_in_order(executor, describe, scan.frames, "find_features", progress))
     features = tuple(own for own, _ in described)
@@ -114,6 +122,14 @@ def match_pictures(
 
     matched = map_in_order(executor, match, sorted(partners), "match_frames", progress)
     return MatchedPictures(features, {pair: rows for found in matched for pair, rows in found.items()})
+
+
+def features_of(gray: Gray, extractor: LocalFeatureExtractor, *, is_sequence: bool) -> LocalFeatures:
+    """Return the features of a picture, of a sequence's plain walls the faint ones too."""
+    found = extractor.extract(gray)
+    if is_sequence and len(found) < OPTIONS.few_features:
+        return create_wall_extractor().extract(gray)
+    return found
 
 
 def pairs_to_compare(descriptors: NDArray[np.float32], is_sequence: bool) -> list[Pair]:

@@ -49,7 +49,7 @@ class ChoiceOptions:
     corner_distance_px: float = limit(8.0, "Least distance of two corners.", chosen="By hand: spreads them.")
     min_followed_share: float = limit(
         0.5,
-        "Share of the corners that must be found again; else the picture has changed by a whole step.",
+        "Share of the corners that must be found again; else the motion is not known, and both pictures are chosen.",
         chosen="By hand: a cut of the video, or a fast turn.",
     )
 
@@ -59,8 +59,8 @@ OPTIONS = ChoiceOptions()
 
 @dataclass(slots=True)
 class MotionMeter:
-    """Measures pictures in their order: `steps` are the motion since the one before, as a ratio of the longer side,
-    `sharpness` the variance of the Laplacian."""
+    """Measures pictures in their order: `steps` are the motion since the one before, as a ratio of the longer side, NaN
+    where too little could be followed; `sharpness` is the variance of the Laplacian."""
 
     steps: list[float]
     sharpness: list[float]
@@ -83,7 +83,7 @@ class MotionMeter:
 
 def _motion(before: Gray, after: Gray) -> float:
     if before.shape != after.shape:
-        return OPTIONS.step_ratio
+        return float("nan")
     corners = cv2.goodFeaturesToTrack(
         before, OPTIONS.corners, OPTIONS.corner_quality, OPTIONS.corner_distance_px
     )
@@ -92,14 +92,21 @@ def _motion(before: Gray, after: Gray) -> float:
     moved, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, np.empty_like(corners))
     followed = found[:, 0] > 0
     if followed.mean() < OPTIONS.min_followed_share:
-        return OPTIONS.step_ratio
+        return float("nan")
     lengths = np.linalg.norm((moved - corners)[followed, 0], axis=1)
     return float(np.median(lengths)) / OPTIONS.side_px
 
 
 def choose_frames(steps: Sequence[float], sharpness: Sequence[float], wanted: Collection[int]) -> list[int]:
-    """Return the numbers of the chosen frames, in order: the sharpest one of each step of motion, and all `wanted`."""
-    way = np.cumsum(steps)
+    """Return the numbers of the chosen frames, in order: the sharpest one of each step of motion, and all `wanted`.
+
+    Before and after a step that is not known no frame is left out: where the camera turns fast, what two pictures share
+    is soon gone.
+    """
+    unknown = np.isnan(np.asarray(steps, dtype=np.float64))
+    way = np.cumsum(np.where(unknown, OPTIONS.step_ratio, steps))
+    turning = set(np.flatnonzero(unknown).tolist())
+    turning |= {max(0, number - 1) for number in turning}
     step = max(OPTIONS.step_ratio, float(way[-1]) / OPTIONS.max_frames)
     chosen = [_sharpest(sharpness, np.flatnonzero(way <= OPTIONS.least_step_ratio * step))]
     while True:
@@ -110,7 +117,7 @@ def choose_frames(steps: Sequence[float], sharpness: Sequence[float], wanted: Co
             break
         near = np.flatnonzero(far & (since <= OPTIONS.most_step_ratio * step))
         chosen.append(_sharpest(sharpness, near if len(near) else np.flatnonzero(far)[:1]))
-    return sorted({*chosen, *wanted})
+    return sorted({*chosen, *turning, *wanted})
 
 
 def _sharpest(sharpness: Sequence[float], among: NDArray[np.intp]) -> int:

@@ -7,7 +7,7 @@ one at (0.5, 0.5).
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.mapping.structure.matches import MatchedPictures
+from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.progress import Progress
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
@@ -139,8 +139,17 @@ def _gets_radial(camera: Camera, is_calibrated: bool) -> bool:
     return plain or not is_calibrated
 
 
-def write_database(colmap: Any, path: Path, matched: MatchedPictures, camera: Any) -> None:
-    """Write a database of keypoints and verified matches; a picture's name is its row."""
+def write_database(
+    colmap: Any,
+    path: Path,
+    matched: MatchedPictures,
+    camera: Any,
+    motions: Mapping[Pair, Pose] | None = None,
+) -> None:
+    """Write a database of keypoints and verified matches; a picture's name is its row.
+
+    `motions` are the `b_from_a` of all pairs where they are known.
+    """
     with colmap.Database.open(path) as database:
         camera.camera_id = database.write_camera(camera)
         rig = colmap.Rig()
@@ -162,6 +171,10 @@ def write_database(colmap: Any, path: Path, matched: MatchedPictures, camera: An
             geometry = colmap.TwoViewGeometry()
             geometry.config = int(colmap.TwoViewGeometryConfiguration.UNCALIBRATED)
             geometry.inlier_matches = pairs
+            if motions is not None:
+                b_from_a = motions[i, j]
+                geometry.config = int(colmap.TwoViewGeometryConfiguration.CALIBRATED)
+                geometry.cam2_from_cam1 = colmap.Rigid3d(b_from_a.matrix[:3])
             database.write_two_view_geometry(ids[i], ids[j], geometry)
 
 

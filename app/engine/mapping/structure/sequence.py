@@ -12,9 +12,10 @@ from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.placed import with_placed
-from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
+from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.revisits import OPTIONS as REVISITS
 from app.engine.mapping.structure.revisits import Revisits, find_revisits
+from app.engine.mapping.structure.windows.reconstruct import reconstruct_windows
 from app.engine.progress import Progress
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
@@ -85,14 +86,14 @@ def reconstruct_sequence(
     of `reconstruct`.
     """
     near, far = _by_distance_in_time(matched.matches)
-    parts = reconstruct(
+    parts = reconstruct_windows(
         MatchedPictures(matched.features, near),
         camera,
         is_calibrated=is_calibrated,
         scratch=scratch,
         progress=progress,
     )
-    if not parts or not far:
+    if not parts or (not far and len(parts) == 1):
         return Path3D(parts, None)
     revisits, joined = None, 1
     for _ in range(OPTIONS.rounds):

@@ -46,6 +46,7 @@ const BUILD_STAGES = {
   close_loops: "Correcting drift",
   find_features: "Looking for features",
   match_frames: "Matching pictures with each other",
+  measure_motions: "Measuring how the camera moved",
   adjust_structure: "Adjusting the path and its points",
   find_marker: "Looking for the marker",
   find_scale: "Finding the scale",

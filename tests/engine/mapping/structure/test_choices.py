@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from app.engine.mapping.structure import matches, motion
-from app.engine.mapping.structure.matches import pairs_to_compare
+from app.engine.mapping.structure.matches import features_of, pairs_to_compare
 from app.engine.mapping.structure.motion import MotionMeter, choose_frames
+from app.vision.local_features import create_extractor
 
 STEP = motion.OPTIONS.step_ratio
 
@@ -30,6 +32,34 @@ def test_wanted_frames_are_chosen_whatever_they_are() -> None:
 
 def test_a_jump_of_a_whole_view_is_a_step() -> None:
     assert choose_frames([0.0, 5 * STEP, 0.0, 5 * STEP], [1.0] * 4, ()) == [0, 1, 3]
+
+
+def test_no_frame_is_left_out_beside_a_step_that_is_not_known() -> None:
+    steps = [0.0, *[STEP / 4] * 7, np.nan, *[STEP / 4] * 9]
+    assert {7, 8} <= set(choose_frames(steps, [1.0] * 18, ()))
+    steps[8] = STEP
+    assert 7 not in choose_frames(steps, [1.0] * 18, ())
+
+
+def test_motion_is_not_known_where_nothing_is_found_again() -> None:
+    rng = np.random.default_rng(1)
+    meter = MotionMeter.start()
+    for _ in range(2):
+        meter.add(np.kron(rng.integers(0, 255, (30, 40)), np.ones((8, 8))).astype(np.uint8))
+    meter.add(np.zeros((120, 320), np.uint8))
+    assert np.isnan(meter.steps[2])
+
+
+@pytest.mark.parametrize(("is_sequence", "more"), [(True, True), (False, False)])
+def test_faint_features_of_plain_walls_count_in_a_sequence(is_sequence: bool, more: bool) -> None:
+    rng = np.random.default_rng(4)
+    coarse = cv2.resize(rng.normal(0, 5, (48, 64)), (640, 480), interpolation=cv2.INTER_CUBIC)
+    wall = np.rint(180 + coarse).astype(np.uint8)
+    extractor = create_extractor("sift-full")
+    plain = extractor.extract(wall)
+    assert len(plain) < matches.OPTIONS.few_features
+    found = features_of(wall, extractor, is_sequence=is_sequence)
+    assert (len(found) > 2 * len(plain) + 50) is more
 
 
 def test_a_long_video_gets_longer_steps() -> None:

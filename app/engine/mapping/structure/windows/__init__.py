@@ -1,0 +1,1 @@
+"""Stretches of a video, each reconstructed at once from the motions between its pictures."""
