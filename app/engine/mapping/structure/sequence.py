@@ -10,6 +10,7 @@ from pathlib import Path
 
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
+from app.engine.mapping.structure.parts.cut import cut_where_bent
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.placed import with_placed
 from app.engine.mapping.structure.reconstruction import Reconstruction
@@ -116,7 +117,9 @@ def reconstruct_sequence(
             )
             whole = tied or whole
         parts = [whole, *rest]
-    return Path3D(parts, revisits, joined)
+    agreeing = revisits.agreeing if revisits is not None else ()
+    pieces = cut_where_bent(parts[0], matched.features, near, agreeing)
+    return Path3D(sorted([*pieces, *parts[1:]], key=lambda part: -len(part.poses)), revisits, joined)
 
 
 def without_insides(

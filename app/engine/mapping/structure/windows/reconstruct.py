@@ -7,16 +7,18 @@ where they agree on the pictures of both, neither is bent.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
+from app.engine.mapping.structure.parts.cut import OPTIONS as CUT
+from app.engine.mapping.structure.parts.cut import only
+from app.engine.mapping.structure.parts.errors import errors_px
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
 from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
-from app.engine.mapping.structure.windows.errors import errors_px
 from app.engine.mapping.structure.windows.motions import Motion, motions_of
 from app.engine.mapping.structure.windows.positions import positioned
 from app.engine.mapping.structure.windows.voted import voted_motions
@@ -58,11 +60,6 @@ class WindowOptions:
         2,
         "Times that points are made anew and adjusted.",
         chosen="By hand: what the first leads back by tens of percent, the second makes exact.",
-    )
-    max_error_ratio: float = limit(
-        2.0,
-        "Largest mean error of a picture's points, relative to the median of the video's pictures.",
-        chosen="By hand, on the video of `roomfix evaluate-video`: beside a wrong turn it is 3 to 4 times as large.",
     )
 
 
@@ -110,7 +107,7 @@ def reconstruct_windows(
     good = [
         piece
         for part, own in zip(parts, errors, strict=True)
-        for piece in trusted(part, own, OPTIONS.max_error_ratio * usual_px)
+        for piece in trusted(part, own, CUT.max_error_ratio * usual_px)
     ]
     return sorted(good, key=lambda part: -len(part.poses))
 
@@ -179,5 +176,4 @@ def trusted(
     for run in np.split(np.array(kept, dtype=np.intp), cuts):
         if len(run) < RECONSTRUCTION.min_frames:
             continue
-        seen = part.observations[np.isin(part.observations[:, 0], run)]
-        yield replace(part, poses={int(row): part.poses[int(row)] for row in run}, observations=seen)
+        yield only(part, run.tolist())

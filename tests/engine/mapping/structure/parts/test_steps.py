@@ -18,9 +18,8 @@ FRAMES = 30
 BEND = 14
 
 
-@pytest.fixture(scope="module")
-def matched() -> MatchedPictures:
-    """The matches of each picture of half of the round walk with the next three."""
+def noisy_matches() -> MatchedPictures:
+    """Return the matches of each picture of half of the round walk with the next three."""
     wall, rng = make_wall(), np.random.default_rng(7)
     rows = [seen_rows(wall, frame) for frame in range(FRAMES)]
     features = []
@@ -34,6 +33,11 @@ def matched() -> MatchedPictures:
             _, a, b = np.intersect1d(rows[i], rows[j], return_indices=True)
             matches[i, j] = np.stack([a, b], axis=1)
     return MatchedPictures(tuple(features), matches)
+
+
+@pytest.fixture(scope="module")
+def matched() -> MatchedPictures:
+    return noisy_matches()
 
 
 def path(scale_after: float) -> Reconstruction:

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
+from app.engine.mapping.structure.parts.errors import errors_px
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.windows import reconstruct as windows
-from app.engine.mapping.structure.windows.errors import errors_px
 from app.engine.mapping.structure.windows.motions import Motion, motions_of
 from app.engine.mapping.structure.windows.reconstruct import reconstruct_windows, trusted
 from app.engine.mapping.structure.windows.voted import voted_motions

@@ -1,0 +1,76 @@
+"""A path is cut where it is bent, and its pieces stay together where places that are seen again tie them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.engine.mapping.structure.matches import MatchedPictures
+from app.engine.mapping.structure.parts.cut import OPTIONS, bent_steps, cut_where_bent
+from app.engine.mapping.structure.parts.steps import Step
+from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.geometry.se3 import Pose, rotation_from_vector
+from tests.engine.mapping.structure.parts.test_steps import BEND, FRAMES, Array, noisy_matches, path
+from tests.engine.mapping.structure.round_walk import make_wall, seen_rows, true_pose
+
+
+@pytest.fixture(scope="module")
+def matched() -> MatchedPictures:
+    return noisy_matches()
+
+
+def with_points(bent: Reconstruction) -> Reconstruction:
+    """Return the path with points beside its pictures that fit the features."""
+    wall = make_wall()
+    points: list[Array] = []
+    observations = []
+    count = 0
+    for row, pose in bent.poses.items():
+        seen = wall[seen_rows(wall, row)]
+        numbers = np.arange(len(seen))
+        observations.append(np.stack([np.full(len(seen), row), numbers, numbers + count], axis=1))
+        points.append(pose.apply(true_pose(row).inverse().apply(seen)))
+        count += len(seen)
+    return replace(bent, points=np.concatenate(points), observations=np.concatenate(observations))
+
+
+def test_a_right_path_stays_whole(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    assert cut_where_bent(right, matched.features, matched.matches, ()) == [right]
+
+
+def test_a_bent_path_is_cut_and_each_piece_is_right(matched: MatchedPictures) -> None:
+    bent = with_points(path(1.25))
+    first, *others = cut_where_bent(bent, matched.features, matched.matches, ())
+    pieces = [sorted(first.poses), *(sorted(other.poses) for other in others)]
+    assert [rows for rows in pieces if rows[0] <= BEND < rows[-1]] == []
+    assert sum(map(len, pieces)) >= FRAMES - 4
+    assert set(first.observations[:, 0]) == set(first.poses)
+
+
+def test_pieces_that_see_a_place_again_stay_together(matched: MatchedPictures) -> None:
+    bent = with_points(path(1.25))
+    ties = [(number, number + 20) for number in range(OPTIONS.min_ties)]
+    (whole,) = cut_where_bent(bent, matched.features, matched.matches, ties)
+    assert {0, FRAMES - 1} <= whole.poses.keys()
+    assert len(cut_where_bent(bent, matched.features, matched.matches, ties[1:])) > 1
+
+
+def test_a_picture_whose_points_do_not_fit_is_left_out(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    turned = Pose(rotation_from_vector([0, 0, np.radians(2.0)]), np.zeros(3)) @ right.poses[10]
+    wrong = replace(right, poses={**right.poses, 10: turned})
+    pieces = cut_where_bent(wrong, matched.features, {}, ())
+    assert [sorted(piece.poses) for piece in pieces] == [list(range(11, FRAMES)), list(range(10))]
+
+
+def test_one_step_alone_or_few_points_are_no_bend() -> None:
+    steps = {row: Step(100, 0.0, 0.004) for row in range(9)}
+    steps[4] = Step(100, 0.3, 0.004)
+    assert bent_steps(steps) == []
+    steps[5] = Step(100, 0.2, 0.004)
+    assert bent_steps(steps) == [4, 5]
+    steps[4], steps[5] = Step(OPTIONS.min_points - 1, 0.3, 0.004), Step(100, 0.2, 0.1)
+    assert bent_steps(steps) == []
