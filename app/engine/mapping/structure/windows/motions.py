@@ -98,7 +98,10 @@ def _by_a_plane(
             np.asarray(rotation, dtype=np.float64),
             np.asarray(translation[:, 0] / length, dtype=np.float64),
         )
-        _, *best = problem.refined(*start, OPTIONS.steps)
+        try:
+            _, *best = problem.refined(*start, OPTIONS.steps)
+        except np.linalg.LinAlgError:  # No match is near enough to pull at the motion.
+            continue
         estimate = relative_estimate(pixels_a, pixels_b, camera, camera, Pose(*best), limit_px)
         if estimate is not None:
             found.append(Motion(estimate.b_from_a, estimate.inlier_mask))

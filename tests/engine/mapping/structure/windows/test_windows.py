@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -59,6 +60,15 @@ def test_few_matches_are_no_motion() -> None:
     rng = np.random.default_rng(2)
     a, b = seen_by_both(np.column_stack([rng.uniform(-2, 2, (400, 2)), rng.uniform(2, 6, 400)]))
     assert motions_of(a[:14], b[:14], CAMERA, 15) == []
+
+
+def test_a_motion_that_no_match_is_near_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    across = np.random.default_rng(2).uniform(-2, 2, (400, 2))
+    wall = np.column_stack([across, 3.0 + 0.4 * across[:, 0]])
+    turned = rotation_from_vector([0.0, 0.0, np.pi / 2])
+    nothing = 1, [turned], [np.array([[0.0], [1.0], [0.0]])], [np.zeros((3, 1))]
+    monkeypatch.setattr(cv2, "decomposeHomographyMat", lambda *_: nothing)
+    assert len(motions_of(*seen_by_both(wall), CAMERA, 15)) == 1
 
 
 def turn(degrees: float) -> Motion:
