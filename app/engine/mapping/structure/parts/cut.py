@@ -1,4 +1,5 @@
-"""A path cut where it is bent: where points made before and after a step disagree, or those of a picture don't fit."""
+"""A path cut where it may be bent: where no points carry the scale over a step, where those made before and after it
+disagree, and at pictures whose points don't fit."""
 
 from __future__ import annotations
 
@@ -23,9 +24,20 @@ class CutOptions:
     """When a step of a path is bent, and what ties the pieces of a path that was cut."""
 
     min_points: int = limit(
-        10,
-        "Points with a depth on both sides that may say that a step is bent.",
-        chosen="By hand: for a median.",
+        8,
+        "Points with a depth on both sides that must carry the scale over a step.",
+        chosen="By hand, on the video of `roomfix evaluate-video`: where the camera turns within centimetres at the "
+        "end of a corridor there are 0 to 3, and the scale slid by a factor of 20; else 11 and more.",
+    )
+    max_sigma: float = limit(
+        0.06,
+        "Largest standard deviation of the logarithm of the scale over a step.",
+        chosen="By hand: of several such steps in a row each may slide by as much.",
+    )
+    end_pictures: int = limit(
+        2,
+        "Pictures at an end of a path that need no points of their own.",
+        chosen="A point's depth needs two pictures.",
     )
     max_scale_ratio: float = limit(
         1.1,
@@ -58,7 +70,7 @@ def cut_where_bent(
     near: Mapping[Pair, Rows],
     ties: Collection[Pair],
 ) -> list[Reconstruction]:
-    """Return the pieces of a path that nothing contradicts, the largest first; the path itself where all agrees.
+    """Return the pieces of a path whose shape is determined, the largest first; the path itself where that is all.
 
     `near` are the matches of pictures that follow each other, `ties` the pairs of pictures that see one place again and
     agree with the path: pieces with enough of them between lie rightly to each other, whatever is between.
@@ -66,31 +78,74 @@ def cut_where_bent(
     rows = sorted(path.poses)
     errors = errors_px(path, features)
     most_px = OPTIONS.max_error_ratio * float(np.median(list(errors.values())))
-    good = [row for row in rows if errors.get(row, np.inf) <= most_px]
-    broken = set(bent_steps(scale_steps(path, features, near))) | (set(rows) - set(good))
-    if not broken:
+    cuts = set(broken_steps(scale_steps(path, features, near)))
+    wrong = {row for row in rows if errors.get(row, np.inf) > most_px}
+    if not cuts and not wrong:
         return [path]
-    piece_of = {row: sum(1 for cut in sorted(broken) if cut < row) for row in good}
-    group_of = _grouped(piece_of, ties)
-    groups: dict[int, list[int]] = {}
-    for row in good:
-        groups.setdefault(group_of[piece_of[row]], []).append(row)
-    pieces = [only(path, own) for own in groups.values() if len(own) >= RECONSTRUCTION.min_frames]
+    groups = _groups(_runs(rows, cuts, wrong), ties)
+    pieces = [only(path, own) for own in groups if len(own) >= RECONSTRUCTION.min_frames]
     return sorted(pieces, key=lambda piece: -len(piece.poses))
 
 
-def bent_steps(steps: Mapping[int, Step]) -> list[int]:
-    """Return the pictures after which the scale changes, by the steps after each picture."""
+def broken_steps(steps: Mapping[int, Step]) -> list[int]:
+    """Return the pictures after which the scale is not carried on, or changes, by the steps after each picture.
+
+    That it changes the median of three steps must say: one alone may be of a pattern that repeats itself.
+    """
     rows = sorted(steps)
     ratios = np.array([steps[row].log_ratio if steps[row].points else 0.0 for row in rows])
     beside = np.concatenate([ratios[:1], ratios, ratios[-1:]])
     middle: NDArray[np.float64] = np.median(np.stack([beside[:-2], beside[1:-1], beside[2:]]), axis=0)
-    return [
-        row
-        for row, ratio in zip(rows, middle, strict=True)
-        if steps[row].points >= OPTIONS.min_points
-        and abs(ratio) > max(float(np.log(OPTIONS.max_scale_ratio)), OPTIONS.sigmas * steps[row].sigma)
-    ]
+    most = float(np.log(OPTIONS.max_scale_ratio))
+    found = []
+    for row, ratio in zip(rows, middle, strict=True):
+        step = steps[row]
+        is_weak = step.points < OPTIONS.min_points or step.sigma > OPTIONS.max_sigma
+        if is_weak or abs(ratio) > max(most, OPTIONS.sigmas * step.sigma):
+            found.append(row)
+    return found
+
+
+def _runs(rows: Sequence[int], cuts: Collection[int], wrong: Collection[int]) -> list[list[int]]:
+    """Return the pictures between cuts and wrong pictures, in order."""
+    runs: list[list[int]] = [[]]
+    for row in rows:
+        if row in wrong:
+            runs.append([])
+            continue
+        runs[-1].append(row)
+        if row in cuts:
+            runs.append([])
+    return [run for run in runs if run]
+
+
+def _groups(runs: Sequence[list[int]], ties: Collection[Pair]) -> list[list[int]]:
+    """Return the pictures of runs that ties hold together, and those few between runs of one group or at an end."""
+    long = [number for number, run in enumerate(runs) if len(run) >= RECONSTRUCTION.min_frames]
+    run_of = {row: number for number in long for row in runs[number]}
+    group_of = _tied(long, run_of, ties)
+    groups: dict[int, list[int]] = {}
+    for number, run in enumerate(runs):
+        before = [group_of[other] for other in long if other <= number][-1:]
+        after = [group_of[other] for other in long if other >= number][:1]
+        is_end = (number in (0, len(runs) - 1)) and len(run) <= OPTIONS.end_pictures
+        if before == after or is_end:
+            for group in (before or after)[:1]:
+                groups.setdefault(group, []).extend(run)
+    return list(groups.values())
+
+
+def _tied(long: Sequence[int], run_of: Mapping[int, int], ties: Collection[Pair]) -> dict[int, int]:
+    """Return the group of each run: runs with enough ties between them are of one."""
+    counts = Counter(
+        (run_of[i], run_of[j]) for i, j in ties if i in run_of and j in run_of and run_of[i] != run_of[j]
+    )
+    group_of = {number: number for number in long}
+    for (a, b), count in sorted(counts.items()):
+        if count >= OPTIONS.min_ties:
+            old, new = group_of[b], group_of[a]
+            group_of = {number: new if group == old else group for number, group in group_of.items()}
+    return group_of
 
 
 def only(part: Reconstruction, rows: Iterable[int]) -> Reconstruction:
@@ -98,18 +153,3 @@ def only(part: Reconstruction, rows: Iterable[int]) -> Reconstruction:
     kept = sorted(rows)
     seen = part.observations[np.isin(part.observations[:, 0], kept)]
     return replace(part, poses={row: part.poses[row] for row in kept}, observations=seen)
-
-
-def _grouped(piece_of: Mapping[int, int], ties: Collection[Pair]) -> dict[int, int]:
-    """Return the group of each piece: pieces with enough ties between them are of one."""
-    counts = Counter(
-        (piece_of[i], piece_of[j])
-        for i, j in ties
-        if i in piece_of and j in piece_of and piece_of[i] != piece_of[j]
-    )
-    group_of = {piece: piece for piece in set(piece_of.values())}
-    for (a, b), count in sorted(counts.items()):
-        if count >= OPTIONS.min_ties:
-            old, new = group_of[b], group_of[a]
-            group_of = {piece: new if group == old else group for piece, group in group_of.items()}
-    return group_of

@@ -14,10 +14,7 @@ import numpy as np
 
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
-from app.engine.mapping.structure.parts.cut import OPTIONS as CUT
-from app.engine.mapping.structure.parts.cut import only
-from app.engine.mapping.structure.parts.errors import errors_px
-from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
+from app.engine.mapping.structure.parts.cut import cut_where_bent
 from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
 from app.engine.mapping.structure.windows.motions import Motion, motions_of
 from app.engine.mapping.structure.windows.positions import positioned
@@ -102,14 +99,8 @@ def reconstruct_windows(
     for rows in _windows(total):
         own = {pair: motion for pair, motion in motions.items() if pair[0] in rows and pair[1] in rows}
         parts += _parts(_only(near, rows), own, camera, scratch, _Within(progress, rows.start, total))
-    errors = [errors_px(part, near.features) for part in parts]
-    usual_px = float(np.median([error for own in errors for error in own.values()])) if errors else 0.0
-    good = [
-        piece
-        for part, own in zip(parts, errors, strict=True)
-        for piece in trusted(part, own, CUT.max_error_ratio * usual_px)
-    ]
-    return sorted(good, key=lambda part: -len(part.poses))
+    pieces = [piece for part in parts for piece in cut_where_bent(part, near.features, near.matches, ())]
+    return sorted(pieces, key=lambda part: -len(part.poses))
 
 
 def _windows(total: int) -> Iterator[range]:
@@ -165,15 +156,3 @@ def _parts(
         if adjusted is not None:
             found.append(adjusted)
     return found
-
-
-def trusted(
-    part: Reconstruction, errors: Mapping[int, float], max_error_px: float
-) -> Iterator[Reconstruction]:
-    """Yield the runs of pictures that follow each other and whose points fit."""
-    kept = [row for row in sorted(part.poses) if errors.get(row, np.inf) <= max_error_px]
-    cuts = np.flatnonzero(np.diff(kept) > 1) + 1
-    for run in np.split(np.array(kept, dtype=np.intp), cuts):
-        if len(run) < RECONSTRUCTION.min_frames:
-            continue
-        yield only(part, run.tolist())

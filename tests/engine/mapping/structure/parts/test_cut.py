@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.mapping.structure.matches import MatchedPictures
-from app.engine.mapping.structure.parts.cut import OPTIONS, bent_steps, cut_where_bent
+from app.engine.mapping.structure.parts.cut import OPTIONS, broken_steps, cut_where_bent
 from app.engine.mapping.structure.parts.steps import Step
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.se3 import Pose, rotation_from_vector
@@ -38,7 +38,8 @@ def with_points(bent: Reconstruction) -> Reconstruction:
 
 def test_a_right_path_stays_whole(matched: MatchedPictures) -> None:
     right = with_points(path(1.0))
-    assert cut_where_bent(right, matched.features, matched.matches, ()) == [right]
+    (whole,) = cut_where_bent(right, matched.features, matched.matches, ())
+    assert whole.poses.keys() == right.poses.keys()
 
 
 def test_a_bent_path_is_cut_and_each_piece_is_right(matched: MatchedPictures) -> None:
@@ -52,25 +53,52 @@ def test_a_bent_path_is_cut_and_each_piece_is_right(matched: MatchedPictures) ->
 
 def test_pieces_that_see_a_place_again_stay_together(matched: MatchedPictures) -> None:
     bent = with_points(path(1.25))
-    ties = [(number, number + 20) for number in range(OPTIONS.min_ties)]
+    ties = [(number, number + 20) for number in range(1, 1 + OPTIONS.min_ties)]
     (whole,) = cut_where_bent(bent, matched.features, matched.matches, ties)
     assert {0, FRAMES - 1} <= whole.poses.keys()
     assert len(cut_where_bent(bent, matched.features, matched.matches, ties[1:])) > 1
+
+
+def test_a_path_is_cut_where_nothing_carries_the_scale(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    apart = {pair: rows for pair, rows in matched.matches.items() if not pair[0] <= BEND < pair[1]}
+    pieces = cut_where_bent(right, matched.features, apart, ())
+    # Beside the cut too few pictures are left for points on both sides of a step.
+    assert sorted(sorted(piece.poses) for piece in pieces) == [
+        list(range(BEND)),
+        list(range(BEND + 2, FRAMES)),
+    ]
+
+
+def test_few_pictures_between_pieces_that_are_tied_stay_in_the_path(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    between = (BEND, BEND + 4)
+    apart = {
+        pair: rows
+        for pair, rows in matched.matches.items()
+        if not any(pair[0] <= cut < pair[1] for cut in between)
+    }
+    ties = [(number, number + 20) for number in range(1, 1 + OPTIONS.min_ties)]
+    assert cut_where_bent(right, matched.features, apart, ties)[0].poses.keys() == right.poses.keys()
+    pieces = cut_where_bent(right, matched.features, apart, ())
+    assert not any(BEND + 2 in piece.poses for piece in pieces)
 
 
 def test_a_picture_whose_points_do_not_fit_is_left_out(matched: MatchedPictures) -> None:
     right = with_points(path(1.0))
     turned = Pose(rotation_from_vector([0, 0, np.radians(2.0)]), np.zeros(3)) @ right.poses[10]
     wrong = replace(right, poses={**right.poses, 10: turned})
-    pieces = cut_where_bent(wrong, matched.features, {}, ())
-    assert [sorted(piece.poses) for piece in pieces] == [list(range(11, FRAMES)), list(range(10))]
+    pieces = cut_where_bent(wrong, matched.features, matched.matches, ())
+    assert len(pieces) == 2
+    assert not any(10 in piece.poses for piece in pieces)
 
 
-def test_one_step_alone_or_few_points_are_no_bend() -> None:
+def test_one_step_alone_is_no_bend_and_few_points_are_no_step() -> None:
     steps = {row: Step(100, 0.0, 0.004) for row in range(9)}
     steps[4] = Step(100, 0.3, 0.004)
-    assert bent_steps(steps) == []
+    assert broken_steps(steps) == []
     steps[5] = Step(100, 0.2, 0.004)
-    assert bent_steps(steps) == [4, 5]
-    steps[4], steps[5] = Step(OPTIONS.min_points - 1, 0.3, 0.004), Step(100, 0.2, 0.1)
-    assert bent_steps(steps) == []
+    assert broken_steps(steps) == [4, 5]
+    steps[4] = Step(OPTIONS.min_points - 1, 0.0, 0.004)
+    steps[5] = Step(100, 0.0, 1.1 * OPTIONS.max_sigma)
+    assert broken_steps(steps) == [4, 5]
