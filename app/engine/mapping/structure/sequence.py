@@ -65,8 +65,8 @@ class Path3D:
         stretches = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in longest)
         return (
             f"The path fell into {len(self.parts)} parts; the largest holds {len(known)} of {len(times_s)} chosen "
-            f"pictures and leaves out {stretches}. Film more slowly at doors and turns, and keep things with texture "
-            "in view."
+            f"pictures and leaves out {stretches}. Film more slowly at doors and turns, step aside instead of turning "
+            "on the spot, and keep things with texture in view."
         )
 
 
