@@ -149,7 +149,13 @@ def _tied(long: Sequence[int], run_of: Mapping[int, int], ties: Collection[Pair]
 
 
 def only(part: Reconstruction, rows: Iterable[int]) -> Reconstruction:
-    """Return some pictures of a part, with the part's points."""
+    """Return some pictures of a part, with the points that they see."""
     kept = sorted(rows)
     seen = part.observations[np.isin(part.observations[:, 0], kept)]
-    return replace(part, poses={row: part.poses[row] for row in kept}, observations=seen)
+    points, numbers = np.unique(seen[:, 2], return_inverse=True)
+    return replace(
+        part,
+        poses={row: part.poses[row] for row in kept},
+        points=part.points[points],
+        observations=np.column_stack([seen[:, :2], numbers]),
+    )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,21 @@ from app.engine.mapping.structure.reconstruction import (
 )
 from app.engine.mapping.structure.windows.motions import Motion
 from app.geometry.camera import Camera
+from app.limits import limit
 
-MIN_ANGLE_DEG = 0.3
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionOptions:
+    """Which points take part."""
+
+    min_angle_deg: float = limit(
+        0.3,
+        "Least angle between the rays to a point.",
+        chosen="By hand: less than when points are made anew, for the positions are not exact yet.",
+    )
+
+
+OPTIONS = PositionOptions()
 
 
 def positioned(
@@ -57,7 +71,7 @@ def _options(colmap: Any) -> Any:
     options.min_model_size = RECONSTRUCTION.min_frames
     options.decompose_relative_pose = False
     options.mapper.global_positioning.use_gpu = False
-    options.mapper.min_tri_angle_deg = MIN_ANGLE_DEG
+    options.mapper.min_tri_angle_deg = OPTIONS.min_angle_deg
     # What comes next does both with all matches.
     options.mapper.skip_bundle_adjustment = options.mapper.skip_retriangulation = True
     return options

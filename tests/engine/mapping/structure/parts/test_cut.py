@@ -9,6 +9,7 @@ import pytest
 
 from app.engine.mapping.structure.matches import MatchedPictures
 from app.engine.mapping.structure.parts.cut import OPTIONS, broken_steps, cut_where_bent
+from app.engine.mapping.structure.parts.errors import errors_px
 from app.engine.mapping.structure.parts.steps import Step
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.se3 import Pose, rotation_from_vector
@@ -49,6 +50,8 @@ def test_a_bent_path_is_cut_and_each_piece_is_right(matched: MatchedPictures) ->
     assert [rows for rows in pieces if rows[0] <= BEND < rows[-1]] == []
     assert sum(map(len, pieces)) >= FRAMES - 4
     assert set(first.observations[:, 0]) == set(first.poses)
+    assert max(errors_px(first, matched.features).values()) < 1.0
+    assert set(first.observations[:, 2]) == set(range(len(first.points)))
 
 
 def test_pieces_that_see_a_place_again_stay_together(matched: MatchedPictures) -> None:
