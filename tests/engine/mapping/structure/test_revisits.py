@@ -13,6 +13,7 @@ from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.revisits import Revisits, find_revisits
 from app.engine.mapping.structure.sequence import reconstruct_sequence
+from app.engine.mapping.structure.windows import reconstruct as windows
 from app.engine.progress import NoProgress
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatures
@@ -147,8 +148,14 @@ def sequence(wall: Array, copies: bool) -> MatchedPictures:
     return MatchedPictures(tuple(features), matches)
 
 
-def test_a_copy_of_a_place_does_not_fold_the_path(wall: Array) -> None:
+@pytest.mark.parametrize("in_stretches", [False, True])
+def test_a_copy_of_a_place_does_not_fold_the_path(
+    wall: Array, in_stretches: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    if in_stretches:
+        short = replace(windows.OPTIONS, pictures=24, stride=14, calibrated_on=30)
+        monkeypatch.setattr(windows, "OPTIONS", short)
     matched = sequence(wall, copies=True)
     found = reconstruct_sequence(
         matched, CAMERA, range(FRAMES), is_calibrated=True, scratch=None, progress=NoProgress()
@@ -157,6 +164,7 @@ def test_a_copy_of_a_place_does_not_fold_the_path(wall: Array) -> None:
     assert found.revisits is not None
     assert set(found.revisits.agreeing) == {(k, k + TURN) for k in range(6)}
     assert len(whole.poses) == FRAMES
+    assert (found.joined > 1) is in_stretches
     across = np.linalg.norm(whole.poses[0].translation - whole.poses[TURN // 2].translation)
     units = 2 * WALK_RADIUS_M / across
     scaled = {row: Pose(pose.rotation, units * pose.translation) for row, pose in whole.poses.items()}
