@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ class RejoinOptions:
         "An adjustment stops where a step changes the sum of squared errors by a smaller ratio.",
         chosen="By hand: the errors don't fall by a thousandth of a pixel any more.",
     )
+    report_every_s: float = limit(5.0, "Time between two reports of an adjustment.", chosen="By hand.")
 
 
 OPTIONS = RejoinOptions()
@@ -67,6 +69,7 @@ def rejoined(
     """
     import pycolmap
 
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
     options = _options(pycolmap, camera, is_calibrated)
     with tempfile.TemporaryDirectory(prefix="structure-", dir=scratch) as folder:
         path = Path(folder) / "matches.db"
@@ -79,9 +82,9 @@ def rejoined(
     mapper = pycolmap.IncrementalMapper(cache)
     mapper.begin_reconstruction(model)
     _triangulate(mapper, options, model, progress)
-    _adjust(mapper, options, len(model.reg_image_ids()), 1, progress)
+    _adjust(mapper, options, pycolmap, 1, progress)
     _grow(mapper, _options(pycolmap, camera, is_calibrated=True), progress)
-    _adjust(mapper, options, len(model.reg_image_ids()), OPTIONS.rounds, progress)
+    _adjust(mapper, options, pycolmap, OPTIONS.rounds, progress)
     mapper.end_reconstruction(False)
     return part_of(model, camera)
 
@@ -111,16 +114,39 @@ def _triangulate(mapper: Any, options: Any, model: Any, progress: Progress) -> N
     mapper.complete_and_merge_tracks(options.get_triangulation())
 
 
-def _adjust(mapper: Any, options: Any, images: int, rounds: int, progress: Progress) -> None:
+def _adjust(mapper: Any, options: Any, colmap: Any, rounds: int, progress: Progress) -> None:
+    """Adjust poses, points and camera some times, as pycolmap's `iterative_global_refinement` does in one step.
+
+    That one holds Python's lock for minutes, so that nothing could be reported.
+    """
+    triangulation = options.get_triangulation()
     for _ in range(rounds):
-        progress.report(STAGE, images, images)
-        mapper.iterative_global_refinement(
-            1,
-            options.ba_global_max_refinement_change,
-            options.get_mapper(),
-            options.get_global_bundle_adjustment(),
-            options.get_triangulation(),
-        )
+        mapper.complete_and_merge_tracks(triangulation)
+        mapper.retriangulate(triangulation)
+        mapper.observation_manager.filter_observations_with_negative_depth()
+        _solve(mapper.reconstruction, options.get_global_bundle_adjustment(), colmap, progress)
+        mapper.reconstruction.normalize()
+        mapper.complete_and_merge_tracks(triangulation)
+        mapper.filter_points(options.get_mapper())
+        mapper.filter_frames(options.get_mapper())
+
+
+def _solve(model: Any, options: Any, colmap: Any, progress: Progress) -> None:
+    """Adjust in a thread, and report meanwhile; what `progress` raises is raised when the adjustment has ended."""
+    images = len(model.reg_image_ids())
+    raised: BaseException | None = None
+    with ThreadPoolExecutor(1) as one:
+        adjusted = one.submit(colmap.bundle_adjustment, model, options)
+        while raised is None:
+            try:
+                progress.report(STAGE, images, images)
+            except BaseException as error:
+                raised = error
+            if wait([adjusted], OPTIONS.report_every_s).done:
+                break
+    adjusted.result()
+    if raised is not None:
+        raise raised
 
 
 def _grow(mapper: Any, options: Any, progress: Progress) -> int:

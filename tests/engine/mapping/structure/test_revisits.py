@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.engine.mapping.structure import joined
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.reconstruction import Reconstruction
@@ -15,6 +16,7 @@ from app.engine.mapping.structure.revisits import Revisits, find_revisits
 from app.engine.mapping.structure.sequence import reconstruct_sequence
 from app.engine.mapping.structure.windows import reconstruct as windows
 from app.engine.progress import NoProgress
+from app.errors import CancelledBuildError
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatures
 from tests.engine.mapping.structure.round_walk import (
@@ -184,3 +186,44 @@ def test_poses_that_are_nearly_right_are_adjusted_and_the_next_pictures_register
     assert part.error_px < 0.6
     steps = [np.linalg.norm(part.poses[k].translation - part.poses[k + 1].translation) for k in range(12)]
     assert np.std(steps) / np.mean(steps) < 0.03
+
+
+def first_twelve(wall: Array) -> tuple[MatchedPictures, dict[int, Pose]]:
+    matched = sequence(wall, copies=False)
+    matches = {pair: rows for pair, rows in matched.matches.items() if max(pair) < 12}
+    return MatchedPictures(matched.features, matches), {frame: drifted_pose(frame) for frame in range(12)}
+
+
+class Counting:
+    """Counts reports of the adjustment; raises at one of them."""
+
+    def __init__(self, raises_at: int | None = None) -> None:
+        self.raises_at = raises_at
+        self.count = 0
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        self.count += stage == joined.STAGE and done == total
+        if self.count == self.raises_at:
+            raise CancelledBuildError("stopped")
+
+
+def test_an_adjustment_reports_while_it_runs(wall: Array, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    few, start = first_twelve(wall)
+    counts = []
+    for every_s in (100.0, 0.001):
+        monkeypatch.setattr(joined, "OPTIONS", replace(joined.OPTIONS, report_every_s=every_s))
+        progress = Counting()
+        assert rejoined(few, start, CAMERA, is_calibrated=True, scratch=None, progress=progress) is not None
+        counts.append(progress.count)
+    assert counts[0] == 1 + joined.OPTIONS.rounds
+    assert counts[1] > counts[0]
+
+
+def test_an_adjustment_that_is_cancelled_ends(wall: Array) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    few, start = first_twelve(wall)
+    progress = Counting(raises_at=2)
+    with pytest.raises(CancelledBuildError):
+        rejoined(few, start, CAMERA, is_calibrated=True, scratch=None, progress=progress)
+    assert progress.count == 2
