@@ -36,9 +36,14 @@ class MatchOptions:
     )
     few_features: int = limit(
         1000,
-        "A picture of a sequence with fewer features is searched again for faint ones.",
+        "A picture of a long sequence with fewer features is searched again for faint ones.",
         chosen="By hand, on the video of `roomfix evaluate-video`: from each picture to the next 149 features or more "
         "then match, also at plain walls.",
+    )
+    long_sequence: int = limit(
+        80,
+        "Pictures of a sequence that is not long yet.",
+        chosen="By hand: a shorter one is reconstructed picture by picture, which faint features bend.",
     )
     ratio: float = limit(
         0.8,
@@ -93,10 +98,11 @@ def match_pictures(
 ) -> MatchedPictures:
     """Return the verified matches of the pictures."""
     scan, extractor = chosen.scan, models.extractor(OPTIONS.features)
+    is_long = chosen.is_sequence and len(scan.frames) > OPTIONS.long_sequence
 
     def describe(frame: Frame) -> tuple[LocalFeatures, NDArray[np.float32]]:
         rgb = frame_rgb(scan, frame)
-        found = features_of(to_gray(rgb), extractor, is_sequence=chosen.is_sequence)
+        found = features_of(to_gray(rgb), extractor, is_long=is_long)
         return found, models.global_descriptor.describe(rgb)
 
     described = list(map_in_order(executor, describe, scan.frames, "find_features", progress))
@@ -124,10 +130,10 @@ def match_pictures(
     return MatchedPictures(features, {pair: rows for found in matched for pair, rows in found.items()})
 
 
-def features_of(gray: Gray, extractor: LocalFeatureExtractor, *, is_sequence: bool) -> LocalFeatures:
-    """Return the features of a picture, of a sequence's plain walls the faint ones too."""
+def features_of(gray: Gray, extractor: LocalFeatureExtractor, *, is_long: bool) -> LocalFeatures:
+    """Return the features of a picture, in a long sequence those of plain walls too."""
     found = extractor.extract(gray)
-    if is_sequence and len(found) < OPTIONS.few_features:
+    if is_long and len(found) < OPTIONS.few_features:
         return create_wall_extractor().extract(gray)
     return found
 

@@ -117,9 +117,11 @@ def reconstruct_sequence(
             )
             whole = tied or whole
         parts = [whole, *rest]
-    agreeing = revisits.agreeing if revisits is not None else ()
-    pieces = cut_where_bent(parts[0], matched.features, near, agreeing)
-    return Path3D(sorted([*pieces, *parts[1:]], key=lambda part: -len(part.poses)), revisits, joined)
+    if joined > 1:
+        agreeing = revisits.agreeing if revisits is not None else ()
+        pieces = cut_where_bent(parts[0], matched.features, near, agreeing)
+        parts = sorted([*pieces, *parts[1:]], key=lambda part: -len(part.poses))
+    return Path3D(parts, revisits, joined)
 
 
 def without_insides(

@@ -50,16 +50,16 @@ def test_motion_is_not_known_where_nothing_is_found_again() -> None:
     assert np.isnan(meter.steps[2])
 
 
-@pytest.mark.parametrize(("is_sequence", "more"), [(True, True), (False, False)])
-def test_faint_features_of_plain_walls_count_in_a_sequence(is_sequence: bool, more: bool) -> None:
+@pytest.mark.parametrize("is_long", [True, False])
+def test_faint_features_of_plain_walls_count_in_a_long_sequence(is_long: bool) -> None:
     rng = np.random.default_rng(4)
     coarse = cv2.resize(rng.normal(0, 5, (48, 64)), (640, 480), interpolation=cv2.INTER_CUBIC)
     wall = np.rint(180 + coarse).astype(np.uint8)
     extractor = create_extractor("sift-full")
     plain = extractor.extract(wall)
     assert len(plain) < matches.OPTIONS.few_features
-    found = features_of(wall, extractor, is_sequence=is_sequence)
-    assert (len(found) > 2 * len(plain) + 50) is more
+    found = features_of(wall, extractor, is_long=is_long)
+    assert (len(found) > 2 * len(plain) + 50) is is_long
 
 
 def test_a_long_video_gets_longer_steps() -> None:

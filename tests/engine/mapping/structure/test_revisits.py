@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure import joined
+from app.engine.mapping.structure import sequence as path_of_sequence
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.reconstruction import Reconstruction
@@ -171,6 +173,37 @@ def test_a_copy_of_a_place_does_not_fold_the_path(
     units = 2 * WALK_RADIUS_M / across
     scaled = {row: Pose(pose.rotation, units * pose.translation) for row, pose in whole.poses.items()}
     assert end_error_m(scaled) < 0.05
+
+
+def test_a_path_that_is_bent_after_all_is_cut(wall: Array, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    short = replace(windows.OPTIONS, pictures=24, stride=14, calibrated_on=30)
+    monkeypatch.setattr(windows, "OPTIONS", short)
+    bend = 33
+
+    def bent(*given: Any, **options: Any) -> Reconstruction:
+        part = rejoined(*given, **options)
+        assert part is not None
+        hinge = part.poses[bend].translation
+        poses = {
+            row: Pose(pose.rotation, hinge + (1.3 if row > bend else 1.0) * (pose.translation - hinge))
+            for row, pose in part.poses.items()
+        }
+        return replace(part, poses=poses)
+
+    monkeypatch.setattr(path_of_sequence, "rejoined", bent)
+    matched = sequence(wall, copies=False)
+    near = {pair: rows for pair, rows in matched.matches.items() if pair[1] - pair[0] <= 3}
+    found = reconstruct_sequence(
+        MatchedPictures(matched.features, near),
+        CAMERA,
+        range(FRAMES),
+        is_calibrated=True,
+        scratch=None,
+        progress=NoProgress(),
+    )
+    assert len(found.parts[0].poses) > 20
+    assert not any(min(part.poses) <= bend < max(part.poses) for part in found.parts)
 
 
 def test_poses_that_are_nearly_right_are_adjusted_and_the_next_pictures_registered(wall: Array) -> None:
