@@ -125,10 +125,12 @@ def _groups(runs: Sequence[list[int]], ties: Collection[Pair]) -> list[list[int]
     run_of = {row: number for number in long for row in runs[number]}
     group_of = _tied(long, run_of, ties)
     groups: dict[int, list[int]] = {}
+    # What follows a run that is left out is not known any more than that one.
+    ends = {number for number, beside in ((0, 1), (len(runs) - 1, len(runs) - 2)) if beside in long}
     for number, run in enumerate(runs):
         before = [group_of[other] for other in long if other <= number][-1:]
         after = [group_of[other] for other in long if other >= number][:1]
-        is_end = (number in (0, len(runs) - 1)) and len(run) <= OPTIONS.end_pictures
+        is_end = number in ends and len(run) <= OPTIONS.end_pictures
         if before == after or is_end:
             for group in (before or after)[:1]:
                 groups.setdefault(group, []).extend(run)

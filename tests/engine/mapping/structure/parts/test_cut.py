@@ -73,6 +73,19 @@ def test_a_path_is_cut_where_nothing_carries_the_scale(matched: MatchedPictures)
     ]
 
 
+def test_an_end_beyond_pictures_that_are_left_out_is_left_out_too(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    between = (FRAMES - 8, FRAMES - 3)
+    apart = {
+        pair: rows
+        for pair, rows in matched.matches.items()
+        if not any(pair[0] <= cut < pair[1] for cut in between)
+    }
+    (piece,) = cut_where_bent(right, matched.features, apart, ())
+    assert 0 in piece.poses
+    assert not any(row > FRAMES - 8 for row in piece.poses)
+
+
 def test_few_pictures_between_pieces_that_are_tied_stay_in_the_path(matched: MatchedPictures) -> None:
     right = with_points(path(1.0))
     between = (BEND, BEND + 4)
