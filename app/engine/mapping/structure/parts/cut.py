@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from app.engine.mapping.structure.matches import Pair, Rows
 from app.engine.mapping.structure.parts.errors import errors_px
+from app.engine.mapping.structure.parts.steps import OPTIONS as STEPS
 from app.engine.mapping.structure.parts.steps import Step, scale_steps
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
 from app.engine.mapping.structure.reconstruction import Reconstruction
@@ -151,13 +152,24 @@ def _tied(long: Sequence[int], run_of: Mapping[int, int], ties: Collection[Pair]
 
 
 def only(part: Reconstruction, rows: Iterable[int]) -> Reconstruction:
-    """Return some pictures of a part, with the points that they see."""
+    """Return some pictures of a part, with those of its points whose depth they see themselves.
+
+    What other pictures have made may have the scale of another piece.
+    """
     kept = sorted(rows)
     seen = part.observations[np.isin(part.observations[:, 0], kept)]
-    points, numbers = np.unique(seen[:, 2], return_inverse=True)
+    seen = seen[np.lexsort((seen[:, 0], seen[:, 2]))]
+    numbers, first, point = np.unique(seen[:, 2], return_index=True, return_inverse=True)
+    centres = np.array([part.poses[row].translation for row in seen[:, 0]]).reshape(-1, 3)
+    ahead = part.points[seen[:, 2]] - centres
+    direction = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
+    widest = np.zeros(len(numbers))
+    np.maximum.at(widest, point, np.linalg.norm(direction - direction[first][point], axis=1))
+    is_known = widest >= np.radians(STEPS.min_angle_deg)
+    new, own = np.cumsum(is_known) - 1, is_known[point]
     return replace(
         part,
         poses={row: part.poses[row] for row in kept},
-        points=part.points[points],
-        observations=np.column_stack([seen[:, :2], numbers]),
+        points=part.points[numbers[is_known]],
+        observations=np.column_stack([seen[own, :2], new[point[own]]]),
     )

