@@ -27,7 +27,9 @@ from bench.evaluation.pose_errors import QueryOutcome, pose_error
 # Digital zooms that are stated as none.
 ZOOMS = (1.1, 1.25, 1.5, 2.0)
 # A zoom whose middle is not the principal point, as stabilisation moves it: by how much of the picture's width.
-ASIDE, ASIDE_ZOOM, ASIDE_SHARE = "zoom 1.25 aside", 1.25, 0.05
+ASIDE = "zoom 1.25 aside"
+ASIDE_ZOOM = 1.25
+ASIDE_SHARE = 0.05
 # Directions of one query after the other, so that all are met: a golden angle.
 ASIDE_TURN_RAD = 2.4
 # What the numbers alone can show, and no mistake to compare with.

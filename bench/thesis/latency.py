@@ -22,7 +22,8 @@ from bench.baselines.thesis_anchor import describe_phone, locate_by_thesis, most
 
 # Phones that are located, each beside all their monitoring cameras.
 CAMERAS = 20
-TOTAL, PROCESSOR = "total", "total, processor time"
+TOTAL = "total"
+PROCESSOR = "total, processor time"
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,8 @@ from app.geometry.camera import Camera
 from app.limits import limit
 from app.vision.features import LocalFeatures
 
-MEASURE_STAGE, STAGE = "measure_motions", "reconstruct"
+MEASURE_STAGE = "measure_motions"
+STAGE = "reconstruct"
 REPORT_EVERY_PAIRS = 16
 NO_FEATURES = LocalFeatures(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
 
