@@ -29,6 +29,8 @@ MOST_S = 4.0
 # After it, with one of two servers, or with a new worker.
 AFTER_S = 1.0
 WORKER = b"app.jobs.worker"
+# Sessions outlive the longest run: one that expires has not been lost.
+SESSION_TIMEOUT_S = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +95,7 @@ def serving(site: Site) -> Iterator[list[Process]]:
 
 def start_missing(site: Site, processes: list[Process]) -> int:
     """Start servers in place of those that have ended; return their number once they are ready."""
-    settings = {"ROOMFIX_RUN_WORKER": "true"}
+    settings = {"ROOMFIX_RUN_WORKER": "true", "ROOMFIX_SESSION_TIMEOUT_S": str(SESSION_TIMEOUT_S)}
     settings |= {} if site.database_url is None else {"ROOMFIX_DATABASE_URL": site.database_url}
     alive = [each for each in processes if each.process.poll() is None]
     started = []
