@@ -53,6 +53,20 @@ class CheckedCamera:
     trust: CameraTrust = "confirmed"
 
 
+def checked_camera(
+    best: Hypothesis, camera: Camera, poses: Poses, search: Search, is_stated: bool, is_checked: bool
+) -> CheckedCamera:
+    """Return what the matches say of a camera: of one that was fitted to them, or of a stated one that is to be
+    checked by `check_intrinsics`."""
+    if not is_stated:
+        return fitted_camera(best, camera)
+    return (
+        check_intrinsics(best, camera, poses, search)
+        if is_checked
+        else CheckedCamera(camera=camera, best=best)
+    )
+
+
 def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Search) -> CheckedCamera:
     """Return the stated camera, or a refined one where the matches fit it far better.
 

@@ -11,8 +11,7 @@ from app.engine.query.attempt.rival import against_rival
 from app.engine.query.attempt.verdict import conclude
 from app.engine.query.camera import lens_of_query
 from app.engine.query.hints import view_hints
-from app.engine.query.hypothesis import Hypothesis
-from app.engine.query.intrinsics import CheckedCamera, check_intrinsics, fitted_camera
+from app.engine.query.intrinsics import checked_camera
 from app.engine.query.localization import Localization
 from app.engine.query.matches import Matches
 from app.engine.query.query import Query
@@ -34,22 +33,16 @@ def attempt(search: PoseSearch, matcher: Matcher, matches: Matches) -> Localizat
         camera, best = search.fit_camera(best, camera, known, lens)
     if best is None:
         return nothing(query, matches, camera)
-    checked = _checked(search, query, best, camera)
+    stated = isinstance(known, Camera), settings.check_intrinsics
+    find = partial(search.find_camera, query=query)
+    checked = checked_camera(best, camera, search, find, *stated)
     contest = against_rival(search, matcher, checked.best, checked.camera)
     if contest.best is not checked.best:
         # What the matches of one place say of the camera says nothing of the other's.
-        checked = _checked(search, query, contest.best, camera)
+        checked = checked_camera(contest.best, camera, search, find, *stated)
         contest = contest.won_by(checked.best)
     sigmas = focal_sigma_of(known, checked.camera), 0.0 if lens is None else lens.sigma
     return conclude(search, matcher, contest, checked, sigmas)
-
-
-def _checked(search: PoseSearch, query: Query, best: Hypothesis, camera: Camera) -> CheckedCamera:
-    if not isinstance(query.known, Camera):
-        return fitted_camera(best, camera)
-    if not search.settings.check_intrinsics:
-        return CheckedCamera(camera=camera, best=best)
-    return check_intrinsics(best, camera, search, partial(search.find_camera, query=query))
 
 
 def nothing(query: Query, matches: Matches, camera: Camera | None) -> Localization:
