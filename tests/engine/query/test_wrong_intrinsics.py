@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from app.engine.query import intrinsics
 from app.engine.query.attempt import attempt
 from app.engine.query.attempt.rival import Contest, against_rival
 from app.engine.query.hypothesis import Hypothesis
@@ -100,7 +101,7 @@ def test_a_camera_that_is_disputed_is_refused_and_named(
     def disputed(best: Hypothesis, camera: Camera, *_: object) -> CheckedCamera:
         return CheckedCamera(camera=camera, best=best, trust="disputed")
 
-    monkeypatch.setattr(attempt, "check_intrinsics", disputed)
+    monkeypatch.setattr(intrinsics, "check_intrinsics", disputed)
     found = localizer.localize(query.rgb, CAMERA)
     assert (found.world_from_camera, found.reason) == (None, "ambiguous")
     assert "check_camera" in found.hints
@@ -120,7 +121,7 @@ def test_the_camera_of_a_rival_that_wins_is_checked_by_its_own_matches(
         return CheckedCamera(camera=camera, best=best, trust="confirmed" if len(asked) == 1 else "open")
 
     monkeypatch.setattr(attempt, "against_rival", winning)
-    monkeypatch.setattr(attempt, "check_intrinsics", checked)
+    monkeypatch.setattr(intrinsics, "check_intrinsics", checked)
     found = localizer.localize(query.rgb, CAMERA)
     assert len(asked) == 2
     assert found.camera_trust == "open"
