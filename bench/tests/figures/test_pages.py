@@ -128,7 +128,7 @@ def test_a_command_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert result.exit_code == 0, result.output
     text = (tmp_path / "reliability.md").read_text()
     assert "## One room\n\n- command: `roomfix reliability evaluation.json`\n- commit: `" in text
-    assert "| 1 | 1 | 0.1 | 1 | 0.0 |" in text
+    assert "| 1 | 1 | 0 | 0.1 | 1 | 0.0 |" in text
 
 
 def test_slow_tests_are_read_sorted_and_explained(tmp_path: Path) -> None:
