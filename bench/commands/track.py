@@ -105,13 +105,14 @@ def track(
 
 def describe(video: VideoSettings) -> str:
     """Return in words which way the phone went, and when the map was used."""
-    way = f", there and back {video.and_back} times" if video.and_back else ""
+    often = "" if video.and_back == 1 else f" {video.and_back} times"
+    way = f", there and back{often}" if video.and_back else ""
     way += "" if video.own_views else ", own views not recognised"
     if video.map_frames is None:
         return f"with the map{way}"
-    often = f", then every {video.relocalize_every}th" if video.relocalize_every else ""
+    again = f", then every {video.relocalize_every}th" if video.relocalize_every else ""
     first = f"map on the first {video.map_frames} frames" if video.map_frames > 1 else "one fix"
-    return f"{first}{often}{way}"
+    return f"{first}{again}{way}"
 
 
 def _trajectories(paths: Sequence[Path], frames: Sequence[Frame], tracked: Sequence[TrackedFrame]) -> Table:

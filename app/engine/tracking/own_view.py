@@ -28,7 +28,7 @@ from app.limits import limit
 from app.vision.images import Gray
 
 Array = NDArray[np.float64]
-BY_LOOPS = "roomfix track --no-map-after 1 on freiburg1_rpy and desk_rs; docs/figures/track.md."
+BY_LOOPS = "roomfix track --no-map-after 1 --and-back 1 on desk_rs; docs/figures/track.md."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
