@@ -119,8 +119,13 @@ class IntrinsicsCheckOptions:
         "leaves out what contradicts it most.",
         chosen=ON_ZOOMED,
     )
+    open_confidence: float = limit(
+        0.89,
+        "Largest confidence of an answer whose stated camera its matches leave open.",
+        chosen="By hand: below 0.9, where an answer counts as sure; such a camera may be off by more than is stated.",
+    )
     refined_sigma: float = limit(
-        0.055,
+        0.12,
         "Relative standard deviation of a focal length that was refined by refined_features inliers or more: the "
         "errors of the map's points are common to all.",
         chosen=ON_ZOOMED,

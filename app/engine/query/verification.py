@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.query.intrinsics import CameraTrust
+from app.engine.query.intrinsics_options import OPTIONS as CAMERA
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.second.agreement import Agreement
@@ -391,4 +392,5 @@ def confidence_with(evidence: Evidence, accuracy: Accuracy, trust: CameraTrust) 
     if trust == "confirmed":
         return confidence
     features = camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust)
-    return min(confidence, CAMERA_CONFIDENCE(features))
+    most = CAMERA.open_confidence if trust == "open" else 1.0
+    return min(confidence, CAMERA_CONFIDENCE(features), most)
