@@ -137,10 +137,11 @@ def _is_flat(best: Hypothesis) -> bool:
 def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Accuracy:
     """Return by how much another camera that the matches allow would change a pose.
 
-    The camera that fits best is uncertain itself, by the focal length's sigma; where the stated camera is doubted, the
-    confidence says it.
+    The camera that fits best is uncertain itself, by the focal length's sigma. Where that is large, or the stated
+    camera doubted, the confidence says it.
     """
-    sigma = 0.0 if is_doubted else OPTIONS.sigma_factor * fit.focal_sigma
+    may_be_sure = fit.focal_sigma <= OPTIONS.unverified_sigma and not is_doubted
+    sigma = OPTIONS.sigma_factor * fit.focal_sigma if may_be_sure else 0.0
     by_sigma = _by_focal_sigma(best, sigma)
     apart, factor = best.pose.inverse() @ fit.pose, OPTIONS.truncation_factor
     turn_deg = rotation_angle_deg(apart.rotation)
