@@ -168,9 +168,9 @@ def test_a_path_of_joined_parts_must_hold_most_of_the_pictures(
     wall: Array, seen: list[NDArray[np.intp]]
 ) -> None:
     part = part_of(range(14), wall, seen, MOVED)
-    check_joined(Path3D([part], None, joined=2), list(range(20)))
-    with pytest.raises(InvalidScanError, match=r"67% of them in 2 joined parts the path may be bent"):
-        check_joined(Path3D([part], None, joined=2), list(range(21)))
+    check_joined(Path3D([part], None, joined=2), list(range(15)))
+    with pytest.raises(InvalidScanError, match=r"88% of them in 2 joined parts the path may be bent"):
+        check_joined(Path3D([part], None, joined=2), list(range(16)))
     # One part that leaves as much out was not joined to anything.
     check_joined(Path3D([part], None), list(range(21)))
 
