@@ -44,8 +44,8 @@ class EstimateOptions:
     min_joined_share: float = limit(
         0.9,
         "Least share of the chosen frames of a video that a path of several joined parts must hold.",
-        chosen="By hand, on four runs of `roomfix evaluate-video`: paths that hold 79 and 86 % were right within 8 cm, but "
-        "one of 83 % was bent by 77 cm, as was one of 64 %.",
+        chosen="By hand, on four runs of `roomfix evaluate-video`: paths that hold 79 and 86 % were right within 8 cm, "
+        "but one of 83 % was bent by 77 cm, as was one of 64 %.",
     )
     cached_pictures: int = limit(
         24, "Pictures that are kept in memory.", chosen="By hand: those of one pixel."
