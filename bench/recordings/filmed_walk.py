@@ -13,12 +13,12 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from bench.recordings.cache import make_directory
 from bench.recordings.monitor_views import looking
-from bench.recordings.scan import START_S, DemoScan, write_lists
+from bench.recordings.scan import START_S, DemoScan, frame_jobs, write_lists
 from bench.recordings.trajectory import SCAN_HEIGHT_M, camera_pose
-from bench.render.frames import FrameJob, Progress, make_frames
+from bench.render.frames import Progress, make_frames
 from bench.render.noise import seeded
 from bench.render.scene import SCENE_VERSION
-from bench.render.sensor import DEPTH_SCALE, ColourSensor
+from bench.render.sensor import DEPTH_SCALE
 
 Floats = NDArray[np.float64]
 
@@ -63,17 +63,7 @@ def render_filmed_walk(
         part = DemoScan(partial, camera, DEPTH_SCALE, times, poses)
         for folder in ("rgb", "depth"):
             (partial / folder).mkdir(exist_ok=True)
-        jobs = [
-            FrameJob(
-                camera=camera,
-                world_from_camera=pose,
-                colour_path=part.colour_path(k),
-                depth_path=part.depth_path(k),
-                seed=("filmed walk", k),
-                sensor=ColourSensor(),
-            )
-            for k, pose in enumerate(poses)
-        ]
+        jobs = frame_jobs(part, "filmed walk")
         make_frames(partial, jobs, workers, progress)
         write_lists(part)
 

@@ -90,23 +90,28 @@ def render_poses(
         part = DemoScan(partial, scan.camera, scan.depth_scale, times, poses)
         for folder in ("rgb", "depth"):
             (partial / folder).mkdir(exist_ok=True)
-        jobs = [
-            FrameJob(
-                camera=scan.camera,
-                world_from_camera=pose,
-                colour_path=part.colour_path(k),
-                depth_path=part.depth_path(k),
-                seed=(name, k),
-                sensor=ColourSensor(),
-                quality=quality,
-            )
-            for k, pose in enumerate(poses)
-        ]
+        jobs = frame_jobs(part, name, quality)
         make_frames(partial, jobs, workers, progress, building)
         write_lists(part)
 
     make_directory(directory, _recipe(name, frames, building), fill)
     return scan
+
+
+def frame_jobs(scan: DemoScan, name: str, quality: Quality = FINE) -> list[FrameJob]:
+    """Return what is rendered of a scan, colour and depth of each frame; the noise comes from its name."""
+    return [
+        FrameJob(
+            camera=scan.camera,
+            world_from_camera=pose,
+            colour_path=scan.colour_path(k),
+            depth_path=scan.depth_path(k),
+            seed=(name, k),
+            sensor=ColourSensor(),
+            quality=quality,
+        )
+        for k, pose in enumerate(scan.world_from_camera)
+    ]
 
 
 def _recipe(name: str, frames: int, building: Building) -> dict[str, Any]:

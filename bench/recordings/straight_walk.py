@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from app.geometry.se3 import Pose
 from app.geometry.uniform_motion import UniformMotion
 from bench.recordings.cache import make_directory
-from bench.recordings.scan import SCAN_CAMERA, START_S, DemoScan, write_lists
+from bench.recordings.scan import SCAN_CAMERA, START_S, DemoScan, frame_jobs, write_lists
 from bench.recordings.trajectory import SCAN_HEIGHT_M, camera_pose
 from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.noise import seeded
@@ -56,17 +56,7 @@ def render_walk(
         part = DemoScan(partial / "scan", SCAN_CAMERA, DEPTH_SCALE, times, tuple(poses))
         for folder in (part.directory / "rgb", part.directory / "depth", partial / "queries"):
             folder.mkdir(parents=True, exist_ok=True)
-        jobs = [
-            FrameJob(
-                camera=SCAN_CAMERA,
-                world_from_camera=pose,
-                colour_path=part.colour_path(k),
-                depth_path=part.depth_path(k),
-                seed=("walk", k),
-                sensor=ColourSensor(),
-            )
-            for k, pose in enumerate(poses)
-        ]
+        jobs = frame_jobs(part, "walk")
         jobs += [
             FrameJob(
                 camera=SCAN_CAMERA,

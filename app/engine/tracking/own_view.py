@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -17,6 +16,7 @@ from app.engine.query.verification import coverage
 from app.engine.tracking.fix import Fix, confidence_of_sigma
 from app.engine.tracking.odometry.points import OPTIONS as POINT_OPTIONS
 from app.engine.tracking.odometry.points import TrackedPoints
+from app.engine.tracking.orb_matches import orb_features, orb_matches
 from app.engine.tracking.state import TrackingMemory
 from app.errors import DegenerateGeometryError
 from app.geometry.camera import Camera, tangent_of_px
@@ -47,14 +47,13 @@ class OwnViewOptions:
         120, "Most views of a session.", chosen="By hand: 60 m of path, and 4 MB of memory."
     )
     look_every: int = limit(5, "Frames from one look for an earlier view to the next.", chosen=BY_LOOPS)
-    features: int = limit(700, "ORB features of a frame.", chosen="By hand: about 10 ms.")
     same_spot_tangent: float = limit(
         tangent_of_px(4.0),
         "A feature within this radius of a followed point, over the focal length, is as far away as that.",
         chosen="By hand: corners are found by both within a few pixels.",
     )
     min_points: int = limit(
-        40, "Fewest placed features of a view that is kept.", chosen="By hand: as min_inliers."
+        40, "Fewest placed features of a view that is kept.", chosen="By hand: some more than min_inliers."
     )
     max_sigma_ratio: float = limit(
         0.7,
@@ -182,16 +181,6 @@ class SeenAgain:
         )
 
 
-def features_of(gray: Gray) -> tuple[Array, NDArray[np.uint8]]:
-    """Return the pixels (n, 2) and descriptors (n, 32) of a frame's ORB features."""
-    found, descriptors = cv2.ORB.create(nfeatures=OPTIONS.features, fastThreshold=8).detectAndCompute(
-        gray, None
-    )
-    if descriptors is None:
-        return np.zeros((0, 2)), np.zeros((0, 32), np.uint8)
-    return np.array([point.pt for point in found], dtype=np.float64), np.asarray(descriptors, np.uint8)
-
-
 def view_of(
     gray: Gray, camera: Camera, memory: TrackingMemory, accuracy: Accuracy, points: TrackedPoints
 ) -> OwnView | None:
@@ -200,7 +189,7 @@ def view_of(
     placed = points.take(
         points.from_fix | (points.inverse_sigma <= OPTIONS.max_depth_sigma * points.inverse_m)
     )
-    pixels, descriptors = features_of(gray)
+    pixels, descriptors = orb_features(gray)
     if pose is None or len(placed) < OPTIONS.min_points or len(pixels) < OPTIONS.min_points:
         return None
     apart_px, near = cKDTree(placed.pixels).query(pixels)
@@ -225,12 +214,10 @@ def seen_again(
     view: OwnView, pixels: Array, descriptors: NDArray[np.uint8], camera: Camera, near: Pose | None
 ) -> SeenAgain | None:
     """Return what the features of a frame say of its pose by an earlier view, None unless enough of them agree."""
-    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(descriptors, view.descriptors, k=2)
-    good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < OPTIONS.max_ratio * p[1].distance]
-    if len(good) < OPTIONS.min_inliers:
+    rows, of_view = orb_matches(descriptors, view.descriptors, OPTIONS.max_ratio)
+    if len(rows) < OPTIONS.min_inliers:
         return None
-    rows = np.array([match.queryIdx for match in good])
-    points = view.points_in_frame[[match.trainIdx for match in good]]
+    points = view.points_in_frame[of_view]
     found = estimate_pose_lo_ransac(
         pixels[rows],
         points,
@@ -244,12 +231,12 @@ def seen_again(
         return None
     agree = found.inlier_mask
     count = int(np.count_nonzero(agree))
-    if count < max(OPTIONS.min_inliers, OPTIONS.min_inlier_ratio * len(good)):
+    if count < max(OPTIONS.min_inliers, OPTIONS.min_inlier_ratio * len(rows)):
         return None
     seen_px, seen_in_frame = pixels[rows][agree], points[agree]
     if coverage(seen_px, (camera.width, camera.height)) < OPTIONS.min_coverage:
         return None
-    sigma_m = view.sigma_m[[match.trainIdx for match in good]][agree]
+    sigma_m = view.sigma_m[of_view][agree]
     pose = _refined(seen_px, seen_in_frame, sigma_m, camera, view.pose, found.world_from_camera)
     if pose is None:
         return None
@@ -258,7 +245,7 @@ def seen_again(
         view=view,
         pose=pose,
         relative=accuracy_of(seen_px, seen_in_frame, across_m, camera, pose),
-        support=Support(count, len(good)),
+        support=Support(count, len(rows)),
         points_px=seen_px,
         points_in_frame=seen_in_frame,
         point_sigma_m=across_m,

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from app.engine.query.localization import same_place
 from app.engine.query.placed import Accuracy
 from app.engine.tracking.odometry.points import TrackedPoints
-from app.engine.tracking.own_view import OPTIONS, OwnView, SeenAgain, features_of, seen_again, view_of
+from app.engine.tracking.orb_matches import orb_features
+from app.engine.tracking.own_view import OPTIONS, OwnView, SeenAgain, seen_again, view_of
 from app.engine.tracking.state import TrackingMemory
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
@@ -125,7 +126,7 @@ def _is_near(seen: SeenAgain, near: Pose, within_m: float) -> bool:
 
 def _all_seen(views: Sequence[OwnView], gray: Gray, camera: Camera, near: Pose | None) -> list[SeenAgain]:
     """Return what a frame shows of some views."""
-    pixels, descriptors = features_of(gray)
+    pixels, descriptors = orb_features(gray)
     if len(pixels) < OPTIONS.min_inliers:
         return []
     found = [seen_again(view, pixels, descriptors, camera, near) for view in views]

@@ -73,7 +73,7 @@ class Tracker:
         | --- | --- | --- |
         | any | `Followed`: odometry is trusted, no fix corrects it | tracking |
         | any | `Corrected`: a fix agrees with odometry | tracking; lost when their scales contradict each other |
-        | any | `Returned`: a view of the session's own past corrects odometry | tracking |
+        | any | `Returned`: a view of the session's own past corrects odometry | tracking; relocalized after lost |
         | initializing, tracking | `Found`: a fix alone, believed | tracking |
         | lost, or farther away | `Found`: a fix alone, believed | relocalized (an answer; then as tracking) |
         | any | `Doubted`: a fix where the camera can't have come | lost, the fix waits for confirmation |
@@ -244,9 +244,11 @@ class Tracker:
         return Doubted(found, camera)
 
     def _remembered(self, frame: TrackingFrame, camera: Camera | None) -> Returned | None:
-        """Return what an earlier view of this session says of a frame that nothing else says the place of."""
-        last, away_s = self.memory.frame_from_camera, abs(frame.time_s - self.memory.time_s)
-        if camera is None or last is None or away_s > self._settings.max_prior_s:
+        """Return what an earlier view of this session says of a lost frame; none while a fix contradicts it."""
+        memory, last = self.memory, self.memory.frame_from_camera
+        if camera is None or last is None or memory.pending is not None:
+            return None
+        if abs(frame.time_s - memory.time_s) > self._settings.max_prior_s:
             return None
         within_m = reach_m(self.memory, frame.time_s)
         seen = self._own_views.find_lost(frame.gray, camera, last, within_m)

@@ -240,6 +240,23 @@ def test_a_phone_that_was_covered_is_found_by_what_it_has_seen(there_and_back: l
     assert not any(answer.placed for answer in tracked_along(video, own_views=False)[30:])
 
 
+def test_own_views_do_not_undo_a_doubt(there_and_back: list[View]) -> None:
+    covered = View(START, np.full_like(there_and_back[0].rgb, 40), there_and_back[0].depth_m)
+    tracker = TrackerIn(OneFix(there_and_back[0]))
+    video = [*there_and_back[:30], covered]
+    for i, view in enumerate(video):
+        tracker.process(TrackingFrame.of(view.rgb, i / FPS), CAMERA)
+    known = there_and_back[42]
+    time_s = len(video) / FPS
+    # A fix elsewhere waits for a second one: where the session was before may be wrong.
+    elsewhere = PlacedPose(pose_at(9.0, 9.0))
+    tracker.tracker.memory = replace(tracker.memory, pending=elsewhere, pending_time_s=time_s)
+    assert tracker.process(TrackingFrame.of(known.rgb, time_s), CAMERA).state == "lost"
+    assert tracker.memory.pending == elsewhere
+    tracker.tracker.memory = replace(tracker.memory, pending=None)
+    assert tracker.process(TrackingFrame.of(known.rgb, time_s + 0.1), CAMERA).state == "relocalized"
+
+
 def test_a_lost_phone_that_may_be_at_two_places_is_at_none(room: Room) -> None:
     view = room.view(START)
     here = kept(view)

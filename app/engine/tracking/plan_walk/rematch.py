@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.tracking.odometry.visual_odometry import ExpectedDistances
+from app.engine.tracking.orb_matches import orb_features, orb_matches
 from app.engine.tracking.plan_walk.two_views import FrameMatches
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.pnp import estimate_pose_lo_ransac
@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 class RematchOptions:
     """How two frames are matched, and when their relative pose is believed."""
 
-    features: int = limit(700, "ORB features of a frame.", chosen="By hand: about 10 ms for both frames.")
     max_ratio: float = limit(
         0.85, "Largest ratio of the two least distances.", chosen="By hand: a usual one."
     )
@@ -42,19 +41,12 @@ OPTIONS = RematchOptions()
 
 def matches_between(before: Gray, now: Gray) -> FrameMatches | None:
     """Return the matched ORB features of two frames, or None where they are few."""
-    orb = cv2.ORB.create(nfeatures=OPTIONS.features, fastThreshold=8)
-    points_a, features_a = orb.detectAndCompute(before, None)
-    points_b, features_b = orb.detectAndCompute(now, None)
-    if features_a is None or features_b is None or min(len(points_a), len(points_b)) < OPTIONS.min_inliers:
+    points_a, features_a = orb_features(before)
+    points_b, features_b = orb_features(now)
+    rows_a, rows_b = orb_matches(features_a, features_b, OPTIONS.max_ratio)
+    if len(rows_a) < OPTIONS.min_inliers:
         return None
-    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(features_a, features_b, k=2)
-    good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < OPTIONS.max_ratio * p[1].distance]
-    if len(good) < OPTIONS.min_inliers:
-        return None
-    return FrameMatches(
-        np.array([points_a[match.queryIdx].pt for match in good]),
-        np.array([points_b[match.trainIdx].pt for match in good]),
-    )
+    return FrameMatches(points_a[rows_a], points_b[rows_b])
 
 
 def pose_by_matches(

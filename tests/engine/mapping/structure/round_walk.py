@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.vision.features import LocalFeatures
 from tests.scenes import pose_at
 
 Array = NDArray[np.float64]
@@ -58,3 +60,20 @@ def seen_rows(wall: Array, frame: int) -> NDArray[np.intp]:
         (local[:, 2] > 0.5) & (local[:, 2] < 5) & (pixels > 0).all(axis=1) & (pixels < [640, 480]).all(axis=1)
     )
     return np.flatnonzero(inside)[:: max(1, int(inside.sum()) // 300)]
+
+
+def noisy_matches(frames: int, noise_px: float, seed: int) -> MatchedPictures:
+    """Return the matches of each of the first pictures with the next three, their pixels with this noise."""
+    wall, rng = make_wall(), np.random.default_rng(seed)
+    rows = [seen_rows(wall, frame) for frame in range(frames)]
+    features = []
+    for frame, own in enumerate(rows):
+        pixels = CAMERA.project(true_pose(frame).inverse().apply(wall[own]))
+        noisy = (pixels + rng.normal(0, noise_px, pixels.shape)).astype(np.float32)
+        features.append(LocalFeatures(noisy, np.zeros((len(own), 1), np.float32)))
+    matches: dict[Pair, NDArray[np.intp]] = {}
+    for i in range(frames):
+        for j in range(i + 1, min(frames, i + 4)):
+            _, a, b = np.intersect1d(rows[i], rows[j], return_indices=True)
+            matches[i, j] = np.stack([a, b], axis=1)
+    return MatchedPictures(tuple(features), matches)

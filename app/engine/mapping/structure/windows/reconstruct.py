@@ -26,6 +26,7 @@ from app.vision.features import LocalFeatures
 
 MEASURE_STAGE = "measure_motions"
 STAGE = "reconstruct"
+# Pairs between two reports: some seconds of work.
 REPORT_EVERY_PAIRS = 16
 NO_FEATURES = LocalFeatures(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
 

@@ -12,13 +12,13 @@ from app.engine.mapping.structure.parts.cut import OPTIONS, broken_steps, cut_wh
 from app.engine.mapping.structure.parts.steps import Step
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.se3 import Pose, rotation_from_vector
-from tests.engine.mapping.structure.parts.test_steps import BEND, FRAMES, Array, noisy_matches, path
-from tests.engine.mapping.structure.round_walk import make_wall, seen_rows, true_pose
+from tests.engine.mapping.structure.parts.test_steps import BEND, FRAMES, Array, path
+from tests.engine.mapping.structure.round_walk import make_wall, noisy_matches, seen_rows, true_pose
 
 
 @pytest.fixture(scope="module")
 def matched() -> MatchedPictures:
-    return noisy_matches()
+    return noisy_matches(FRAMES, 0.2, seed=7)
 
 
 def with_points(bent: Reconstruction) -> Reconstruction:

@@ -6,38 +6,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.engine.mapping.structure.matches import MatchedPictures, Pair
+from app.engine.mapping.structure.matches import MatchedPictures
 from app.engine.mapping.structure.parts.steps import UNKNOWN, scale_steps
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.se3 import Pose
-from app.vision.features import LocalFeatures
-from tests.engine.mapping.structure.round_walk import CAMERA, make_wall, seen_rows, true_pose
+from tests.engine.mapping.structure.round_walk import CAMERA, noisy_matches, true_pose
 
 Array = NDArray[np.float64]
 FRAMES = 30
 BEND = 14
 
 
-def noisy_matches() -> MatchedPictures:
-    """Return the matches of each picture of half of the round walk with the next three."""
-    wall, rng = make_wall(), np.random.default_rng(7)
-    rows = [seen_rows(wall, frame) for frame in range(FRAMES)]
-    features = []
-    for frame, own in enumerate(rows):
-        pixels = CAMERA.project(true_pose(frame).inverse().apply(wall[own]))
-        noisy = (pixels + rng.normal(0, 0.2, pixels.shape)).astype(np.float32)
-        features.append(LocalFeatures(noisy, np.zeros((len(own), 1), np.float32)))
-    matches: dict[Pair, NDArray[np.intp]] = {}
-    for i in range(FRAMES):
-        for j in range(i + 1, min(FRAMES, i + 4)):
-            _, a, b = np.intersect1d(rows[i], rows[j], return_indices=True)
-            matches[i, j] = np.stack([a, b], axis=1)
-    return MatchedPictures(tuple(features), matches)
-
-
 @pytest.fixture(scope="module")
 def matched() -> MatchedPictures:
-    return noisy_matches()
+    """The matches of half of the round walk."""
+    return noisy_matches(FRAMES, 0.2, seed=7)
 
 
 def path(scale_after: float) -> Reconstruction:

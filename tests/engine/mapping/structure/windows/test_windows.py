@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.engine.mapping.structure.matches import MatchedPictures, Pair
+from app.engine.mapping.structure.matches import MatchedPictures
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.windows import reconstruct as windows
 from app.engine.mapping.structure.windows.motions import Motion, motions_of
@@ -19,8 +19,12 @@ from app.engine.progress import NoProgress
 from app.geometry.alignment import align_points
 from app.geometry.estimators.relative_refinement import RelativePoseProblem
 from app.geometry.se3 import Pose, rotation_angle_deg, rotation_from_vector
-from app.vision.features import LocalFeatures
-from tests.engine.mapping.structure.round_walk import CAMERA, FRAMES, make_wall, seen_rows, true_pose
+from tests.engine.mapping.structure.round_walk import (
+    CAMERA,
+    FRAMES,
+    noisy_matches,
+    true_pose,
+)
 
 Array = NDArray[np.float64]
 A_FROM_B = Pose(rotation_from_vector([0.02, 0.22, 0.01]), np.array([0.35, -0.05, 0.2]))
@@ -95,19 +99,7 @@ def test_of_two_motions_that_fit_alike_the_one_with_more_inliers_is_taken() -> N
 @pytest.fixture(scope="module")
 def matched() -> MatchedPictures:
     """The matches of each picture of the round walk with the next three."""
-    wall, rng = make_wall(), np.random.default_rng(6)
-    rows = [seen_rows(wall, frame) for frame in range(FRAMES)]
-    features = []
-    for frame, own in enumerate(rows):
-        pixels = CAMERA.project(true_pose(frame).inverse().apply(wall[own]))
-        noisy = (pixels + rng.normal(0, 0.3, pixels.shape)).astype(np.float32)
-        features.append(LocalFeatures(noisy, np.zeros((len(own), 1), np.float32)))
-    matches: dict[Pair, NDArray[np.intp]] = {}
-    for i in range(FRAMES):
-        for j in range(i + 1, min(FRAMES, i + 4)):
-            _, a, b = np.intersect1d(rows[i], rows[j], return_indices=True)
-            matches[i, j] = np.stack([a, b], axis=1)
-    return MatchedPictures(tuple(features), matches)
+    return noisy_matches(FRAMES, 0.3, seed=6)
 
 
 def error_m(part: Reconstruction) -> float:
