@@ -17,7 +17,7 @@ from app.commands.https import Certificate, make_certificate, own_names, print_p
 from app.commands.serving.connections import connection_options
 from app.commands.serving.leaving_server import OPTIONS as LEAVING
 from app.commands.serving.leaving_server import LeavingServer
-from app.commands.serving.memory import share_arenas
+from app.commands.serving.memory import freeze_loaded, share_arenas
 from app.jobs.worker import run_worker
 from app.logs import configure_logs
 from app.main import create_app
@@ -88,7 +88,7 @@ def run_server(settings: Settings) -> None:
         print_phone_access(access)
     app = create_app(settings, access=access)
     config = uvicorn.Config(app, **server_options(settings, certificate))
-    server = LeavingServer(config, app.state.drain, settings.drain_s)
+    server = LeavingServer(config, app.state.drain, settings.drain_s, freeze_loaded)
     with suppress(KeyboardInterrupt):
         server.run()
     if not server.started:

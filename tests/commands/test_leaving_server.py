@@ -35,9 +35,11 @@ LENGTH = 10_000_000
 
 @dataclass(frozen=True)
 class Leaving:
-    """A server, the thread that it runs in, and a client that keeps its connection."""
+    """A server, what it noted when it had started, the thread that it runs in, and a client that keeps its
+    connection."""
 
     server: LeavingServer
+    started: list[bool]
     thread: threading.Thread
     client: httpx.Client
     folder: Path
@@ -54,13 +56,14 @@ def leaving(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Leaving
     monkeypatch.setattr(AppStatus, "enable_automatic_graceful_drain", True)
     app, port = create_app(Settings(_env_file=None, data_dir=tmp_path, open=True), NoRunner()), free_port()
     config = uvicorn.Config(app, port=port, log_level="error", **connection_options())
-    server = LeavingServer(config, app.state.drain, DRAIN_S)
+    started: list[bool] = []
+    server = LeavingServer(config, app.state.drain, DRAIN_S, lambda: started.append(True))
     thread = threading.Thread(target=server.run)
     thread.start()
     wait_for(lambda: server.started)
     with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=WAIT_S) as client:
         Server(client, tmp_path).add_venue(VENUE)
-        yield Leaving(server, thread, client, tmp_path)
+        yield Leaving(server, started, thread, client, tmp_path)
     server.should_exit = server.force_exit = True
     thread.join()
 
@@ -78,6 +81,10 @@ def test_it_serves_on_and_is_not_ready(leaving: Leaving) -> None:
     leaving.stop()
     leaving.thread.join(WAIT_S)
     assert not leaving.thread.is_alive()
+
+
+def test_it_says_once_that_it_has_started(leaving: Leaving) -> None:
+    assert leaving.started == [True]
 
 
 def test_an_interrupt_by_hand_ends_it_at_once(leaving: Leaving) -> None:

@@ -1,4 +1,4 @@
-"""The arenas of memory that a server's threads share."""
+"""The arenas of memory that a server's threads share, and the objects that are not collected."""
 
 from __future__ import annotations
 
@@ -43,3 +43,20 @@ def arenas(threads: int) -> int:
 def test_threads_share_arenas() -> None:
     assert arenas(2) == 3
     assert arenas(0) > 3
+
+
+# Prints how many objects the collector has in sight before and after.
+COUNT_OBJECTS = """
+import gc
+from app.commands.serving.memory import freeze_loaded
+before = len(gc.get_objects())
+freeze_loaded()
+print(before, len(gc.get_objects()), gc.get_freeze_count())
+"""
+
+
+def test_what_is_loaded_is_not_looked_at_by_the_garbage_collector() -> None:
+    ended = subprocess.run([sys.executable, "-c", COUNT_OBJECTS], capture_output=True, text=True, check=True)
+    before, after, frozen = (int(number) for number in ended.stdout.split())
+    assert after < 0.01 * before
+    assert frozen > 0.5 * before

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import signal
 import socket
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
 
@@ -46,14 +47,29 @@ OPTIONS = LeavingOptions()
 
 class LeavingServer(uvicorn.Server):
     """Uvicorn's server, which at SIGTERM is not ready for `drain_s` and serves on, then closes its port, its streams,
-    and ends when all is answered. SIGINT, or a second signal, skips the time in which it serves on."""
+    and ends when all is answered. SIGINT, or a second signal, skips the time in which it serves on.
 
-    def __init__(self, config: uvicorn.Config, drain: Drain, drain_s: float) -> None:
+    `on_started` is called when the app has started.
+    """
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        drain: Drain,
+        drain_s: float,
+        on_started: Callable[[], None] = lambda: None,
+    ) -> None:
         super().__init__(config)
+        self._on_started = on_started
         self._drain, self._drain_s = drain, drain_s
         self._signals: list[int] = []
         self._leaves_at: float | None = None
         keep_event_streams()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start the app and listen."""
+        await super().startup(sockets)
+        self._on_started()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Note the signal."""
