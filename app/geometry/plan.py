@@ -96,9 +96,9 @@ def similarity_about_vertical(matrix: Array) -> Array:
     if determinant < 0:
         raise InvalidInputError("plan_from_world mirrors the world; give the plan with x right and y up.")
     scale = float(np.cbrt(determinant))
-    yaw = np.arctan2(linear[1, 0] - linear[0, 1], linear[0, 0] + linear[1, 1])
+    cos, sin = linear[0, 0] + linear[1, 1], linear[1, 0] - linear[0, 1]
     clean = np.eye(4)
-    clean[:2, :2] = scale * rotation_2d(float(yaw))
+    clean[:2, :2] = scale / (np.hypot(cos, sin) or 1.0) * np.array([[cos, -sin], [sin, cos]])
     clean[2, 2] = scale
     if np.abs(clean[:3, :3] - linear).max() > OPTIONS.matrix_tolerance_ratio * scale:
         raise InvalidInputError(

@@ -95,7 +95,7 @@ def refine_pose(
         scale_px=loss_scale_px if loss == "cauchy" else np.inf,
         max_error_px=OPTIONS.behind_camera_px,
     )
-    return minimized(world_from_camera, cost.at, cost.normal_equations, max_steps)
+    return minimized(world_from_camera, cost.around, max_steps)
 
 
 def _checked_weights(weights: ArrayLike, count: int) -> Array:
@@ -105,18 +105,14 @@ def _checked_weights(weights: ArrayLike, count: int) -> Array:
     return factors
 
 
-def minimized(
-    pose: Pose,
-    cost_of: Callable[[Pose], float],
-    normal_equations: Callable[[Pose], tuple[Array, Array]],
-    max_steps: int,
-) -> Pose:
+def minimized(pose: Pose, around: Callable[[Pose], tuple[float, Array, Array]], max_steps: int) -> Pose:
     """Return the pose of least cost near the given one, by Levenberg-Marquardt.
 
-    `normal_equations` returns the gradient (6,) and the approximate Hessian (6, 6) by the perturbation of `perturbed`.
+    `around` returns the cost of a pose, and the gradient (6,) and the approximate Hessian (6, 6) of half of it by the
+    perturbation of `perturbed`: nearly all steps are accepted, so that they are needed nearly always.
     """
-    damping, cost = OPTIONS.initial_damping, cost_of(pose)
-    gradient, hessian = normal_equations(pose)
+    damping = OPTIONS.initial_damping
+    cost, gradient, hessian = around(pose)
     for _ in range(max_steps):
         # Damping relative to the diagonal doesn't depend on the units. The lower bound keeps the matrix
         # invertible when the points don't determine a direction.
@@ -124,7 +120,7 @@ def minimized(
         damped = hessian + np.diag(damping * diagonal + 1e-12 * diagonal.max() + 1e-300)
         step = -np.linalg.solve(damped, gradient)
         candidate = perturbed(pose, step)
-        candidate_cost = cost_of(candidate)
+        candidate_cost, *equations = around(candidate)
         if candidate_cost > cost:
             damping *= 10.0
             if damping > OPTIONS.max_damping:
@@ -134,5 +130,5 @@ def minimized(
         if gain <= OPTIONS.min_gain_ratio * cost or float(np.abs(step).max()) < OPTIONS.min_step:
             break
         damping = max(damping * 0.1, OPTIONS.min_damping)
-        gradient, hessian = normal_equations(pose)
+        gradient, hessian = equations
     return pose

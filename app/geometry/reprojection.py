@@ -110,24 +110,25 @@ class ReprojectionCost:
     scale_px: float
     max_error_px: float
 
-    def at(self, world_from_camera: Pose) -> float:
-        """Return the cost of a pose (C eq. 5.1.2)."""
-        errors = np.minimum(
-            reprojection_errors_px(self.points_px, self.points_in_world, self.camera, world_from_camera),
-            self.max_error_px,
-        )
-        if np.isinf(self.scale_px):
-            return float(self.weights @ errors**2)
-        return float(self.weights @ (self.scale_px**2 * np.log1p((errors / self.scale_px) ** 2)))
+    def around(self, world_from_camera: Pose) -> tuple[float, Array, Array]:
+        """Return the cost of a pose (C eq. 5.1.2).
 
-    def normal_equations(self, world_from_camera: Pose) -> tuple[Array, Array]:
-        """Return the gradient (6,) and the approximate Hessian (6, 6) of half the cost by the perturbation of
-        `perturbed`."""
+        After it come the gradient (6,) and the approximate Hessian (6, 6) of half of it by the perturbation of
+        `perturbed`.
+        """
         projected, jacobian, _ = reprojection_jacobian(self.points_in_world, self.camera, world_from_camera)
         residuals = projected - self.points_px
+        distances = np.hypot(residuals[:, 0], residuals[:, 1])
+        errors = np.minimum(np.where(np.isnan(distances), np.inf, distances), self.max_error_px)
         seen = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
         residuals, jacobian = residuals[seen], jacobian[seen]
         # The derivative of the loss by the squared error: the weight in a reweighted least-squares step.
         robust = self.weights[seen] / (1.0 + np.sum(residuals**2, axis=1) / self.scale_px**2)
         weighted = (jacobian * robust[:, None, None]).reshape(-1, 6)
-        return weighted.T @ residuals.reshape(-1), weighted.T @ jacobian.reshape(-1, 6)
+        gradient, hessian = weighted.T @ residuals.reshape(-1), weighted.T @ jacobian.reshape(-1, 6)
+        return float(self.weights @ self._losses(errors)), gradient, hessian
+
+    def _losses(self, errors_px: Array) -> Array:
+        if np.isinf(self.scale_px):
+            return np.asarray(errors_px**2)
+        return np.asarray(self.scale_px**2 * np.log1p((errors_px / self.scale_px) ** 2))

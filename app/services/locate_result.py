@@ -131,7 +131,7 @@ def map_result(
         plan_reason=plan_reason if pose is not None else None,
         accuracy=found.accuracy if located else None,
         confidence=found.confidence if located else 0.0,
-        support=found.evidence.support,
+        support=Support(found.evidence.inliers, found.evidence.matches),
         keyframes=found.keyframes,
         camera=own,
         camera_source="refined" if is_refined else camera.source_of(own),

@@ -55,6 +55,10 @@ class Matches:
         """How many of the query's features are matched, each counted once."""
         return len(np.unique(self.query_rows))
 
+    def feature_counts(self, masks: Iterable[NDArray[np.bool_]]) -> list[int]:
+        """Return how many of the query's features have a match that a mask (n,) marks, for each mask."""
+        return [len(np.unique(self.query_rows[mask])) for mask in masks]
+
     @property
     def distinct_count(self) -> int:
         """How many of the query's features have a distinct match."""

@@ -61,7 +61,7 @@ def most_agreeing_zoom(best: Hypothesis, camera: Camera, poses: PosesByCamera) -
         for each, pose in zip(cameras, found, strict=True)
     ]
     errors = reprojection_errors_of_views(some.points_px, some.points_in_world, views)
-    *counts, stated = [some.take(errors_px <= limit_px).feature_count for errors_px in errors]
+    *counts, stated = some.feature_counts([errors_px <= limit_px for errors_px in errors])
     most = int(np.argmax(counts))
     if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * stated:
         return None
@@ -83,5 +83,5 @@ def agreement(matches: Matches, camera: Camera, pose: Pose, limit_px: float) -> 
     The limit is one in pixels for all cameras: an angle would let more matches agree with each longer focal length.
     """
     errors_px = reprojection_errors_px(matches.points_px, matches.points_in_world, camera, pose)
-    cost = float(np.minimum((errors_px / limit_px) ** 2, 1.0).sum())
-    return matches.take(errors_px <= limit_px).feature_count, cost
+    (agreeing,) = matches.feature_counts([errors_px <= limit_px])
+    return agreeing, float(np.minimum((errors_px / limit_px) ** 2, 1.0).sum())

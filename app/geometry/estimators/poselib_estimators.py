@@ -52,19 +52,16 @@ class PoseLibEstimators:
         prior: Pose | None,
     ) -> list[AbsolutePose | None]:
         bundle = {"loss_type": "CAUCHY", "loss_scale": loss_scale_px, "max_iterations": OPTIONS.steps}
+        asked = [(_poselib_camera(camera), _ransac_options(budget)) for camera, budget in searches]
         start = None if prior is None else _poselib_pose(prior)
-        found = [
-            poselib.estimate_absolute_pose(
-                pixels, points, _poselib_camera(camera), _ransac_options(budget), bundle, start
+        found: list[AbsolutePose | None] = []
+        for camera, ransac in asked:
+            pose, info = poselib.estimate_absolute_pose(pixels, points, camera, ransac, bundle, start)
+            is_found = info["num_inliers"] >= MIN_POINTS
+            found.append(
+                AbsolutePose(Pose(pose.R, pose.t).inverse(), int(info["iterations"])) if is_found else None
             )
-            for camera, budget in searches
-        ]
-        return [
-            None
-            if info["num_inliers"] < MIN_POINTS
-            else AbsolutePose(Pose(pose.R, pose.t).inverse(), int(info["iterations"]))
-            for pose, info in found
-        ]
+        return found
 
     def rig_pose(
         self, views: Sequence[RigView], budget: RansacBudget, *, loss_scale_px: float

@@ -37,10 +37,7 @@ def refine_rig_pose(
     Levenberg-Marquardt over the points of all views, as `refine_pose` does with those of one.
     """
     return minimized(
-        world_from_rig,
-        lambda pose: sum(_cost(view, pose, loss_scale_px) for view in views),
-        lambda pose: _normal_equations(views, pose, loss_scale_px),
-        OPTIONS.refinement_steps,
+        world_from_rig, lambda pose: _cost_around(views, pose, loss_scale_px), OPTIONS.refinement_steps
     )
 
 
@@ -92,20 +89,19 @@ def rig_jacobian(by_camera_pose: Array, rig_centre_to_camera: Array) -> Array:
     return jacobian
 
 
-def _cost(view: RigView, world_from_rig: Pose, scale_px: float) -> float:
-    errors = np.minimum(view.errors_px(world_from_rig), OPTIONS.behind_camera_px)
-    return float(np.sum(scale_px**2 * np.log1p((errors / scale_px) ** 2)))
-
-
-def _normal_equations(views: Sequence[RigView], world_from_rig: Pose, scale_px: float) -> tuple[Array, Array]:
-    gradient, hessian = np.zeros(6), np.zeros((6, 6))
+def _cost_around(
+    views: Sequence[RigView], world_from_rig: Pose, scale_px: float
+) -> tuple[float, Array, Array]:
+    cost, gradient, hessian = 0.0, np.zeros(6), np.zeros((6, 6))
     for view in views:
         pose = world_from_rig @ view.rig_from_camera
         camera_by_rig = _camera_by_rig(pose.translation - world_from_rig.translation)
         own_gradient, own_hessian = _view_equations(view, pose, scale_px)
         gradient += camera_by_rig.T @ own_gradient
         hessian += camera_by_rig.T @ own_hessian @ camera_by_rig
-    return gradient, hessian
+        errors = np.minimum(view.errors_px(world_from_rig), OPTIONS.behind_camera_px)
+        cost += float(np.sum(scale_px**2 * np.log1p((errors / scale_px) ** 2)))
+    return cost, gradient, hessian
 
 
 def _view_equations(view: RigView, world_from_camera: Pose, scale_px: float) -> tuple[Array, Array]:

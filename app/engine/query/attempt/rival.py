@@ -57,7 +57,7 @@ def find_rival(
         twins = search.map.retrieval.look_alikes_of(voted, settings.look_alikes, matcher.query.allowed)
     rest = Matches.merge([best.matches.take(unexplained), matcher.match(twins)])
     needed = max(settings.min_rival_inliers, settings.rival_ratio * best.inlier_features)
-    if search.limits.max_rival_share >= 1.0 or len(rest) < needed:
+    if search.limits.max_rival_share >= 1.0 or rest.feature_count < needed:
         return None
     (found,) = search.poses(rest, [camera], settings.rival_iterations)
     first = None if found is None else Hypothesis.of(found, rest)
