@@ -49,6 +49,12 @@ class SeveralOptions:
     motion_sigma_deg: float = limit(
         0.1, "Standard deviation of the rotation of a motion.", chosen="By hand: as motion_sigma_ratio."
     )
+    turn_sigma_ratio: float = limit(
+        0.02,
+        "Standard deviation of the rotation of a motion, relative to its angle; motion_sigma_deg is added to it.",
+        chosen="By hand: a phone that turns by 60 degrees in a second turns by 0.2 in the 4 ms that the clocks of its "
+        "camera and of its motion differ by, in a fifth of a second 2 % of the turn.",
+    )
     max_spread_m: float = limit(
         2.0,
         "Frames whose motion is not known were taken within this distance of each other.",

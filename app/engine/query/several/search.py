@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -20,7 +21,7 @@ from app.geometry.estimators.interface import MIN_POINTS
 from app.geometry.rigs.pose import estimate_rig_pose
 from app.geometry.rigs.refinement import refine_rig_pose, refine_with_uncertain_motion
 from app.geometry.rigs.view import RigView
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, rotation_angle_deg
 
 FrameMatches = Sequence[Matches]
 
@@ -148,4 +149,5 @@ def _count(hypothesis: RigHypothesis) -> int:
 def motion_sigma(first_from_camera: Pose) -> Accuracy:
     """Return how accurate the motion of a frame after the first is."""
     length_m = float(np.linalg.norm(first_from_camera.translation))
-    return Accuracy(OPTIONS.motion_sigma_ratio * length_m, OPTIONS.motion_sigma_deg)
+    turned_deg = OPTIONS.turn_sigma_ratio * rotation_angle_deg(first_from_camera.rotation)
+    return Accuracy(OPTIONS.motion_sigma_ratio * length_m, math.hypot(OPTIONS.motion_sigma_deg, turned_deg))
