@@ -48,6 +48,8 @@ def large_maps(
         raise ConflictError(f"Venue {venue} has no map.")
     artifact, index = serving[0].artifact, serving[0].index
     images = sorted(pictures.glob("*.jpg"))[:count]
+    if scratch is not None:
+        scratch.mkdir(parents=True, exist_ok=True)
     costs: list[Cost] = []
     made_s: list[float] = []
     for number in (int(each) for each in copies.split(",")):
