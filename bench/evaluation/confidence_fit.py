@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from app.engine.query.placed import Accuracy
 from app.engine.query.verification import (
     CameraModel,
     ConfidenceModel,
     Evidence,
     camera_features_of,
-    confidence_of,
+    confidence_with,
     features_of,
 )
 from app.errors import InvalidInputError
@@ -27,7 +28,7 @@ MIN_INLIERS = 8
 RIDGE = 1e-4
 # How many right answers a wrong one counts for whose camera is not confirmed: one that is too sure does more harm than
 # one that is not sure enough.
-WRONG_WEIGHT = 5.0
+WRONG_WEIGHT = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +108,10 @@ def held_out(outcomes: Mapping[str, Sequence[QueryOutcome]]) -> dict[str, Reliab
 
 def _judged_by(model: CameraModel, outcome: QueryOutcome) -> QueryOutcome:
     """Return an outcome with the confidence that another model of cameras gives it."""
-    if not _is_open(outcome):
+    if outcome.sigma_m is None or outcome.camera_trust is None or not _is_open(outcome):
         return outcome
-    confidence = min(confidence_of(_evidence(outcome)), model(_camera_features(outcome)))
+    accuracy = Accuracy(outcome.sigma_m, 0.0)
+    confidence = confidence_with(_evidence(outcome), accuracy, outcome.camera_trust, model)
     return replace(outcome, confidence=confidence)
 
 

@@ -119,9 +119,10 @@ class IntrinsicsCheckOptions:
         "leaves out what contradicts it most.",
         chosen=ON_ZOOMED,
     )
-    open_confidence: float = limit(
+    unfitted_confidence: float = limit(
         0.89,
-        "Largest confidence of an answer whose stated camera its matches leave open.",
+        "Largest confidence of an answer whose stated camera its matches leave open, or contradict without showing "
+        "another one.",
         chosen="By hand: below 0.9, where an answer counts as sure; such a camera may be off by more than is stated.",
     )
     refined_sigma: float = limit(

@@ -382,15 +382,17 @@ def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) 
     )
 
 
-# A wrong answer counts for five right ones, so that few of those at 0.9 or more are wrong.
-CAMERA_CONFIDENCE = CameraModel(-0.66, (2.5, 3.21, -2.06))
+# A wrong answer counts for three right ones, so that few of those at 0.9 or more are wrong.
+CAMERA_CONFIDENCE = CameraModel(2.01, (1.13, 2.49, -3.48))
 
 
-def confidence_with(evidence: Evidence, accuracy: Accuracy, trust: CameraTrust) -> float:
+def confidence_with(
+    evidence: Evidence, accuracy: Accuracy, trust: CameraTrust, model: CameraModel = CAMERA_CONFIDENCE
+) -> float:
     """Return the probability that a pose is off by less than 0.5 m and 5 degrees, with what is known of its camera."""
     confidence = confidence_of(evidence)
     if trust == "confirmed":
         return confidence
-    features = camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust)
-    most = CAMERA.open_confidence if trust == "open" else 1.0
-    return min(confidence, CAMERA_CONFIDENCE(features), most)
+    by_camera = model(camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust))
+    most = CAMERA.unfitted_confidence if trust in ("open", "contradicted") else 1.0
+    return min(confidence, by_camera, most)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.engine.query.intrinsics import CameraTrust
 from app.engine.query.intrinsics_options import OPTIONS as CAMERA
 from app.engine.query.placed import Accuracy
 from app.engine.query.verification import (
@@ -46,14 +47,15 @@ def test_a_camera_that_is_not_confirmed_can_only_lower_the_confidence() -> None:
     near = Accuracy(0.03, 1.0)
     assert confidence_with(SURE_POSE, FAR, "confirmed") == confidence_of(SURE_POSE)
     assert confidence_with(SURE_POSE, FAR, "refined") < confidence_with(SURE_POSE, near, "refined")
-    assert confidence_with(SURE_POSE, near, "open") < confidence_with(SURE_POSE, near, "refined")
+    assert confidence_with(SURE_POSE, FAR, "open") < confidence_with(SURE_POSE, FAR, "refined")
     doubtful = replace(SURE_POSE, matches=640, coverage=0.15, distinct=24, rival=40, position_sigma_m=0.15)
     assert confidence_with(doubtful, near, "refined") == confidence_of(doubtful)
 
 
-def test_an_open_camera_is_never_sure() -> None:
+@pytest.mark.parametrize("trust", ["open", "contradicted"])
+def test_a_stated_camera_that_is_open_or_contradicted_is_never_sure(trust: CameraTrust) -> None:
     near = Accuracy(0.01, 0.3)
-    features = camera_features_of(SURE_POSE.inlier_ratio, near.position_m, "open")
-    assert min(confidence_of(SURE_POSE), CAMERA_CONFIDENCE(features)) > CAMERA.open_confidence
-    assert confidence_with(SURE_POSE, near, "open") == CAMERA.open_confidence < 0.9
-    assert confidence_with(SURE_POSE, near, "contradicted") > CAMERA.open_confidence
+    features = camera_features_of(SURE_POSE.inlier_ratio, near.position_m, trust)
+    assert min(confidence_of(SURE_POSE), CAMERA_CONFIDENCE(features)) > CAMERA.unfitted_confidence
+    assert confidence_with(SURE_POSE, near, trust) == CAMERA.unfitted_confidence < 0.9
+    assert confidence_with(SURE_POSE, near, "refined") > CAMERA.unfitted_confidence
