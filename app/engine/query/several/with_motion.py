@@ -67,14 +67,21 @@ def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Lo
 def _is_disputed(frames: Sequence[AskedFrame]) -> bool:
     """Whether two frames that are located alone disagree about where frame 0 is."""
     located = [
-        (pose, frame.found.evidence.position_sigma_m)
-        for frame in frames
-        if (pose := frame.world_from_first) is not None
+        (pose, _own_sigma_m(frame)) for frame in frames if (pose := frame.world_from_first) is not None
     ]
     return any(
         not agree(one, other, math.hypot(sigma_m, other_sigma_m))
         for (one, sigma_m), (other, other_sigma_m) in combinations(located, 2)
     )
+
+
+def _own_sigma_m(frame: AskedFrame) -> float:
+    """Return the standard deviation of a located frame's position against the others': by its inliers, and where its
+    camera was refined, which theirs may not have been, by all that is not known of it."""
+    found = frame.found
+    if found.is_refined and found.accuracy is not None:
+        return found.accuracy.position_m
+    return found.evidence.position_sigma_m
 
 
 def agree(a: Pose, b: Pose, sigma_m: float) -> bool:

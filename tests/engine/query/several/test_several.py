@@ -9,11 +9,12 @@ import pytest
 
 from app.engine.query.localization import Localization
 from app.engine.query.localizer import Localizer
+from app.engine.query.placed import Accuracy
 from app.engine.query.query import Query
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.several.frame import GivenFrame, ask_alone
 from app.engine.query.several.localize import localize_several
-from app.engine.query.several.with_motion import agree
+from app.engine.query.several.with_motion import agree, locate_with_motion
 from app.engine.query.several.without_motion import locate_without_motion
 from app.errors import InvalidInputError
 from app.geometry.se3 import Pose, position_difference_m, rotation_angle_deg, rotation_from_vector
@@ -93,6 +94,20 @@ def test_a_motion_that_two_frames_contradict_is_refused(wall: Localizer, room: R
     assert_at_query(localize_several(wall, frames))
     false = Pose(NEXT.rotation, NEXT.translation + np.array([0.5, 0.0, 0.0]))
     assert_refused(localize_several(wall, [frames[0], frame(room.view(NEXT).rgb, false)]), "ambiguous")
+
+
+def test_a_frame_whose_camera_was_refined_contradicts_another_only_beyond_its_own_accuracy(
+    wall: Localizer, room: Room
+) -> None:
+    given = [frame(room.view(QUERY).rgb, QUERY), frame(room.view(NEXT).rgb, NEXT)]
+    first, second = (ask_alone(wall, each) for each in given)
+    aside = Pose(NEXT.rotation, NEXT.translation + np.array([0.2, 0.0, 0.0]))
+    moved = replace(second.found, world_from_camera=aside)
+    assert_refused(locate_with_motion(wall, [first, replace(second, found=moved)]), "ambiguous")
+    refined = replace(moved, camera_trust="refined", accuracy=Accuracy(0.1, 2.0))
+    assert_at_query(locate_with_motion(wall, [first, replace(second, found=refined)]))
+    surer = replace(refined, accuracy=Accuracy(0.02, 2.0))
+    assert_refused(locate_with_motion(wall, [first, replace(second, found=surer)]), "ambiguous")
 
 
 def test_one_other_frame_alone_does_not_answer_for_frame_0(wall: Localizer, room: Room) -> None:
