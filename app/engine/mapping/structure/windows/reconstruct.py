@@ -101,7 +101,10 @@ def reconstruct_windows(
     for rows in _windows(total):
         own = {pair: motion for pair, motion in motions.items() if pair[0] in rows and pair[1] in rows}
         parts += _parts(_only(near, rows), own, camera, scratch, _Within(progress, rows.start, total))
-    pieces = [piece for part in parts for piece in cut_where_bent(part, near.features, near.matches, ())]
+    pieces = list[Reconstruction]()
+    for part in parts:
+        progress.report(STAGE, total, total)
+        pieces += cut_where_bent(part, near.features, near.matches, ())
     return sorted(pieces, key=lambda part: -len(part.poses))
 
 
