@@ -28,7 +28,7 @@ MIN_INLIERS = 8
 RIDGE = 1e-4
 # How many right answers a wrong one counts for whose camera is not confirmed: one that is too sure does more harm than
 # one that is not sure enough.
-WRONG_WEIGHT = 3.0
+WRONG_WEIGHT = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,11 +119,16 @@ class IntrinsicsCheckOptions:
         "leaves out what contradicts it most.",
         chosen=ON_ZOOMED,
     )
-    unfitted_confidence: float = limit(
+    unsure_confidence: float = limit(
         0.89,
         "Largest confidence of an answer whose stated camera its matches leave open, or contradict without showing "
-        "another one.",
+        "another one, or whose accuracy by another camera is above max_sure_sigma_m.",
         chosen="By hand: below 0.9, where an answer counts as sure; such a camera may be off by more than is stated.",
+    )
+    max_sure_sigma_m: float = limit(
+        0.5,
+        "Largest standard deviation of the position of an answer that may be sure though its camera is not confirmed.",
+        chosen="By hand: a confidence is for an error below half a metre, which every third error of this one exceeds.",
     )
     refined_sigma: float = limit(
         0.12,

@@ -382,8 +382,8 @@ def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) 
     )
 
 
-# A wrong answer counts for three right ones, so that few of those at 0.9 or more are wrong.
-CAMERA_CONFIDENCE = CameraModel(2.01, (1.13, 2.49, -3.48))
+# A wrong answer counts for two right ones: one that is too sure does more harm than one that is not sure enough.
+CAMERA_CONFIDENCE = CameraModel(2.49, (1.02, 2.38, -3.35))
 
 
 def confidence_with(
@@ -394,5 +394,5 @@ def confidence_with(
     if trust == "confirmed":
         return confidence
     by_camera = model(camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust))
-    most = CAMERA.unfitted_confidence if trust in ("open", "contradicted") else 1.0
-    return min(confidence, by_camera, most)
+    is_unsure = trust in ("open", "contradicted") or accuracy.position_m > CAMERA.max_sure_sigma_m
+    return min(confidence, by_camera, CAMERA.unsure_confidence if is_unsure else 1.0)

@@ -56,6 +56,16 @@ def test_a_camera_that_is_not_confirmed_can_only_lower_the_confidence() -> None:
 def test_a_stated_camera_that_is_open_or_contradicted_is_never_sure(trust: CameraTrust) -> None:
     near = Accuracy(0.01, 0.3)
     features = camera_features_of(SURE_POSE.inlier_ratio, near.position_m, trust)
-    assert min(confidence_of(SURE_POSE), CAMERA_CONFIDENCE(features)) > CAMERA.unfitted_confidence
-    assert confidence_with(SURE_POSE, near, trust) == CAMERA.unfitted_confidence < 0.9
-    assert confidence_with(SURE_POSE, near, "refined") > CAMERA.unfitted_confidence
+    assert min(confidence_of(SURE_POSE), CAMERA_CONFIDENCE(features)) > CAMERA.unsure_confidence
+    assert confidence_with(SURE_POSE, near, trust) == CAMERA.unsure_confidence < 0.9
+    assert confidence_with(SURE_POSE, near, "refined") > CAMERA.unsure_confidence
+
+
+def test_an_answer_by_another_camera_that_may_be_half_a_metre_off_is_never_sure() -> None:
+    vague = Accuracy(1.01 * CAMERA.max_sure_sigma_m, 1.0)
+    features = camera_features_of(SURE_POSE.inlier_ratio, vague.position_m, "refined")
+    assert CAMERA_CONFIDENCE(features) > CAMERA.unsure_confidence
+    assert confidence_with(SURE_POSE, vague, "refined") == CAMERA.unsure_confidence
+    assert confidence_with(SURE_POSE, vague, "confirmed") > CAMERA.unsure_confidence
+    exacter = Accuracy(0.99 * CAMERA.max_sure_sigma_m, 1.0)
+    assert confidence_with(SURE_POSE, exacter, "refined") > CAMERA.unsure_confidence
