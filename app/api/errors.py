@@ -16,12 +16,15 @@ from starlette.routing import Match
 
 from app import errors
 from app.api.deps import ID_IN_WORDS, ID_PATTERN
+from app.api.requests.fields import NAME_IN_WORDS, NAME_PATTERN
 from app.api.schemas import PROBLEM_MEDIA_TYPE
 from app.limits import limit
 
 log = logging.getLogger("roomfix.api")
 # The version of the tus protocol that uploads speak.
 TUS_VERSION = "1.0.0"
+# Patterns of texts, as a sentence says them.
+IN_WORDS = {ID_PATTERN: ID_IN_WORDS, NAME_PATTERN: NAME_IN_WORDS}
 METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 # The first class that fits decides, so that special ones stand above their base.
@@ -105,8 +108,8 @@ def problem_of(error: errors.RoomfixError) -> JSONResponse:
 
 
 def allowed_methods(request: Request) -> list[str]:
-    """Return the methods that some route at a request's path takes."""
-    return [
+    """Return the methods that some route at a request's path takes, and HEAD where it takes GET."""
+    taken = [
         method
         for method in METHODS
         if any(
@@ -114,6 +117,7 @@ def allowed_methods(request: Request) -> list[str]:
             for route in request.app.routes
         )
     ]
+    return sorted({*taken, "HEAD"}) if "GET" in taken else taken
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -175,6 +179,6 @@ def headers_of(error: errors.RoomfixError, status: int) -> dict[str, str] | None
 def _field(entry: Any) -> dict[str, str]:
     place = ".".join(str(part) for part in entry["loc"] if part != "body")
     message = str(entry["msg"])
-    if entry["type"] == "string_pattern_mismatch" and entry["ctx"]["pattern"] == ID_PATTERN:
-        message = ID_IN_WORDS
+    if entry["type"] == "string_pattern_mismatch":
+        message = IN_WORDS.get(entry["ctx"]["pattern"], message)
     return {"field": place or "body", "message": message}

@@ -13,7 +13,7 @@ from app.api.deps import FloorId, State, VenueId, require
 from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.described import PLAN_FROM_WORLD_TYPES, DescribedAs
-from app.api.requests.fields import FIELDS
+from app.api.requests.fields import FIELDS, NAME_PATTERN
 from app.api.requests.json_body import RequestBody, whole
 from app.api.schemas import FILE_CONTENT, problems
 from app.engine.floors.plan_alignment import parse_plan_from_world
@@ -62,7 +62,7 @@ class NewFloor(RequestBody):
         }
     )
 
-    name: str = Field(min_length=1, max_length=FIELDS.max_name_characters)
+    name: str = Field(min_length=1, max_length=FIELDS.max_name_characters, pattern=NAME_PATTERN)
     level: Annotated[int, BeforeValidator(whole)] = Field(ge=FIELDS.min_level, le=FIELDS.max_level)
     z_min_m: float = Field(allow_inf_nan=False)
     z_max_m: float = Field(allow_inf_nan=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -22,6 +21,7 @@ from app.api.requests.axes import (
 from app.api.requests.axes import IN_WORDS as AXES_IN_WORDS
 from app.api.requests.contract_route import ContractRoute
 from app.api.requests.names import known_names, refuse_unknown_keys
+from app.api.requests.read_json import read_json
 from app.api.requests.several_frames import (
     CAMERAS_IN_WORDS,
     IMAGES_IN_WORDS,
@@ -305,8 +305,10 @@ def _rounded(value: float | None, digits: int) -> float | None:
 def _camera(text: str | None) -> CameraHint | None:
     if text is None or not text.strip():
         return None
-    if text.lstrip().startswith(("{", "[")):
-        return parse_camera_hint(_json(text, "camera"))
+    # In quotes where a client has made JSON of a text that was one already.
+    if text.lstrip().startswith(("{", "[", '"')):
+        value = read_json(text, "camera")
+        return _camera(value) if isinstance(value, str) else parse_camera_hint(value)
     return parse_camera_hint(text)
 
 
@@ -326,13 +328,13 @@ def _gravity(text: str | None, axes: Axes = OPENCV) -> tuple[float, float, float
 def _prior(text: str | None, axes: Axes = OPENCV) -> Prior | None:
     if text is None or not text.strip():
         return None
-    value = _json(text, "prior")
+    value = read_json(text, "prior")
     refuse_unknown_keys(value, known_names(("position", "radius_m")), "prior")
     try:
-        position = value["position"]  # type: ignore[index]
+        position = value["position"]
         refuse_unknown_keys(position, known_names("xyz"), "prior.position")
         numbers = [float(position[axis]) for axis in ("x", "y", "z")]
-        radius_m = float(value["radius_m"])  # type: ignore[index]
+        radius_m = float(value["radius_m"])
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InvalidInputError(
             'prior must be {"position": {"x", "y", "z"}, "radius_m"}, all numbers.'
@@ -340,10 +342,3 @@ def _prior(text: str | None, axes: Axes = OPENCV) -> Prior | None:
     if not np.isfinite([*numbers, radius_m]).all() or radius_m <= 0:
         raise InvalidInputError("prior must hold finite numbers, with radius_m above zero.")
     return Prior(axes.point_in((numbers[0], numbers[1], numbers[2])), radius_m)
-
-
-def _json(text: str, name: str) -> object:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{name} is not JSON: {error}.") from None

@@ -19,6 +19,7 @@ from app.api.errors import headers_of, problem, status_of
 from app.api.requests.axes import Axes, parse_axes, parse_frames
 from app.api.requests.contract_route import refuse_unknown_query
 from app.api.requests.names import known_names, refuse_unknown_keys
+from app.api.requests.read_json import read_json
 from app.api.sessions import frame_body, parse_motion, session_frame
 from app.api.stream.messages import StreamedFrame, StreamHints, StreamProblem
 from app.errors import (
@@ -116,10 +117,7 @@ class Stream:
         """Keep what a text message says of the next frame; raises `InvalidInputError`."""
         if len(text) > OPTIONS.max_hint_characters:
             raise InvalidInputError(f"Hints have at most {OPTIONS.max_hint_characters:,} characters.")
-        try:
-            values = json.loads(text)
-        except (ValueError, RecursionError):
-            raise InvalidInputError("A text message is JSON with hints for the next frame.") from None
+        values = read_json(text, "A text message with hints")
         if not isinstance(values, dict):
             raise InvalidInputError(f"Hints are an object with some of {', '.join(HINTS)}.")
         refuse_unknown_keys(values, known_names(HINTS))

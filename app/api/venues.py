@@ -15,7 +15,7 @@ from app.api.bodies.geojson import MEDIA_TYPE, VENUE_EXAMPLE, GeoJsonResponse, V
 from app.api.deps import ID_PATTERN, CallerOf, State, VenueId, require
 from app.api.requests.conditional import NOT_MODIFIED, unless_known
 from app.api.requests.contract_route import ContractRoute
-from app.api.requests.fields import FIELDS
+from app.api.requests.fields import FIELDS, NAME_PATTERN
 from app.api.requests.json_body import RequestBody
 from app.api.requests.paging import Paged
 from app.api.schemas import problems
@@ -45,7 +45,7 @@ class VenueRoute(ContractRoute):
 
 
 router = APIRouter(prefix="/venues", tags=["venues"], route_class=VenueRoute)
-Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters)]
+Name = Annotated[str, Field(min_length=1, max_length=FIELDS.max_name_characters, pattern=NAME_PATTERN)]
 
 
 class NewVenue(RequestBody):

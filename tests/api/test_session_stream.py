@@ -79,6 +79,7 @@ def test_of_many_waiting_frames_the_newest_is_answered(museum: Server, video: li
         ("not json", "invalid_input"),
         ("[1, 2]", "invalid_input"),
         ('{"destination": "x"}', "invalid_input"),
+        ('{"camera": {"\\ud800": 1}}', "invalid_input"),
         ("[" * 9_000, "invalid_input"),
         ("x" * 20_000, "invalid_input"),
     ],

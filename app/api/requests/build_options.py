@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.requests.described import GivenCamera
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refuse_unknown_keys
+from app.api.requests.read_json import read_json
 from app.engine.mapping.keyframe_rule import KEYS as KEYFRAME_KEYS
 from app.engine.mapping.options import ESTIMATE, FORMATS, KEYS
-from app.errors import InvalidInputError
 from app.importers.conventions import AXES_NAMES, DIRECTIONS, OWN_AXES, QUATERNION_ORDERS
 from app.vision.local_features import FEATURE_NAMES
 
@@ -207,10 +207,7 @@ def read_options(text: str) -> object:
 
     Raises `InvalidInputError` for text that is not JSON, and for unknown keys.
     """
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"options is not JSON: {error}.") from None
+    values = read_json(text, "options")
     refuse_unknown_keys(values, _known(BuildOptionsBody, sorted(KEYS)), "options")
     if isinstance(values, dict):
         keys = ("rule", *(key for keys in KEYFRAME_KEYS.values() for key in keys))

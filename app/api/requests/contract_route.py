@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, get_args, get_origin
 
 from fastapi import Depends, Request, Response, WebSocket, params
 from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute, APIWebSocketRoute
-from starlette.datastructures import FormData
+from starlette.datastructures import FormData, Headers
 from starlette.requests import HTTPConnection
 
 from app.api.access.gate import admit, scopes_of
@@ -27,7 +27,8 @@ from app.api.requests.form_request import (
 )
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
-from app.errors import InvalidInputError
+from app.api.requests.sent_values import value_errors
+from app.errors import InvalidInputError, UnsupportedMediaError
 
 URLENCODED = "application/x-www-form-urlencoded"
 FORM_MEDIA_TYPES = ("multipart/form-data", URLENCODED)
@@ -38,7 +39,8 @@ GEOJSON_MEDIA_TYPE = "application/geo+json"
 class DeclaredNames:
     """What a route declares.
 
-    `form`: the fields of its form; `files`: those of them that are files; `nested`: the keys of those that hold JSON.
+    `form`: the fields of its form; `files`: those of them that are files; `nested`: the keys of those that hold JSON;
+    `lists`: the fields and query parameters that may be sent more than once.
     `media_types`: those of a body that is not a JSON model, None when the call takes no body at all.
     """
 
@@ -46,7 +48,13 @@ class DeclaredNames:
     form: dict[str, Known] = field(default_factory=dict)
     files: frozenset[str] = frozenset()
     nested: dict[str, Known] = field(default_factory=dict)
+    lists: frozenset[str] = frozenset()
     media_types: tuple[str, ...] | None = None
+
+    @property
+    def texts(self) -> frozenset[str]:
+        """The fields of the form that are no files."""
+        return frozenset(self.form) - self.files
 
     @property
     def body_kind(self) -> Kind:
@@ -91,7 +99,8 @@ class ContractRoute(APIRoute):
         async def handle_admitted(request: Request) -> Response:
             await admit(request, self.scopes)
             request.scope[BODY].expect(self.body_kind or self.declared.body_kind)
-            response = await handle(FormRequest(request.scope, request.receive, self.declared.files))
+            files, texts = self.declared.files, self.declared.texts
+            response = await handle(FormRequest(request.scope, request.receive, files, texts))
             is_recorded = "record" in self.scopes and VENUE in request.scope
             if self.is_noted and ("admin" in self.scopes or is_recorded):
                 await log_act(request, response)
@@ -107,7 +116,8 @@ def summary_of(endpoint: Callable[..., Any]) -> str:
 
 
 async def refuse_unknown_names(request: Request) -> None:
-    """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant."""
+    """Raise `RequestValidationError` that names each unknown name, and the one that was probably meant, and each that
+    may be sent once only; and `UnsupportedMediaError` for a body that is neither the route's form nor its JSON."""
     declared = request.scope["route"].declared
     # A picture that is the body itself has the fields of its form in the query.
     is_raw_form = takes_picture(declared) and is_raw(request.headers)
@@ -118,23 +128,53 @@ async def refuse_unknown_names(request: Request) -> None:
             refuse_file_as_text(declared, request, form)
         others = {**declared.query, **declared.nested}
         errors += _errors("body", "form field", form, declared.form, others)
+        errors += value_errors("body", "form field", form.multi_items(), declared.lists, declared.form)
     elif declared.media_types is None and media_type(request.headers) == JSON_MEDIA_TYPE:
         errors += _errors("body", "field", _keys(await request.body()), {}, declared.query)
+    if form is None:
+        refuse_media_type(declared, request.headers)
     if errors:
         if form is not None:
             await form.close()
         raise RequestValidationError(errors)
 
 
+def refuse_media_type(declared: DeclaredNames, headers: Headers) -> None:
+    """Raise `UnsupportedMediaError` for a body that a route doesn't read, where the route leaves reading to FastAPI."""
+    has_body = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
+    if not has_body or declared.media_types is None:
+        return
+    kind = media_type(headers)
+    given = f"A body of {shown(kind)}" if kind else "A body without Content-Type"
+    if declared.media_types == FORM_MEDIA_TYPES:
+        raise UnsupportedMediaError(f"{given} is not read here: send {_form_in_words(declared)}.")
+    if not declared.media_types and not (kind.endswith("+json") or kind == JSON_MEDIA_TYPE):
+        raise UnsupportedMediaError(
+            f"{given} is not read here: send JSON with Content-Type: application/json (curl: -H 'Content-Type: "
+            "application/json' -d JSON)."
+        )
+    if GEOJSON_MEDIA_TYPE in declared.media_types and kind == FORM_MEDIA_TYPES[0]:
+        raise UnsupportedMediaError(
+            f"{given} is not read here: send the GeoJSON itself as the body (curl: --data-binary @FILE)."
+        )
+
+
+def _form_in_words(declared: DeclaredNames) -> str:
+    """Return how a route takes its form."""
+    name = "archive" if "archive" in declared.files else min(declared.files, default=min(declared.form))
+    raw = (
+        ", or the picture alone with its own Content-Type, such as image/jpeg"
+        if takes_picture(declared)
+        else ""
+    )
+    return f"multipart/form-data (curl: -F {name}=@FILE){raw}"
+
+
 def refuse_file_as_text(declared: DeclaredNames, request: Request, form: Iterable[str]) -> None:
     """Raise `InvalidInputError` for a file in the one kind of form that can't hold it; it is what `curl -d` sends."""
     holds_file = any(name in declared.files or name not in declared.form for name in form)
     if holds_file and media_type(request.headers) == URLENCODED:
-        name = "archive" if "archive" in declared.files else min(declared.files)
-        raw = ", or the picture alone with its own Content-Type" if takes_picture(declared) else ""
-        raise InvalidInputError(
-            f"A form of {URLENCODED} can't hold a file: send multipart/form-data (curl: -F {name}=@FILE){raw}."
-        )
+        raise InvalidInputError(f"A form of {URLENCODED} can't hold a file: send {_form_in_words(declared)}.")
 
 
 def takes_picture(declared: DeclaredNames) -> bool:
@@ -154,7 +194,11 @@ def _query_errors(declared: DeclaredNames, connection: HTTPConnection) -> list[d
         name: Known(f"the form field {entry.written}", entry.description)
         for name, entry in {**declared.nested, **declared.form}.items()
     }
-    return _errors("query", "query parameter", connection.query_params, declared.query, others)
+    given, kind = connection.query_params, "query parameter"
+    return [
+        *_errors("query", kind, given, declared.query, others),
+        *value_errors("query", kind, given.multi_items(), declared.lists, declared.query),
+    ]
 
 
 def declared_names(route: APIRoute | APIWebSocketRoute) -> DeclaredNames:
@@ -163,17 +207,16 @@ def declared_names(route: APIRoute | APIWebSocketRoute) -> DeclaredNames:
     A route that reads its body itself describes it by `openapi_extra`.
     """
     dependants = list(_with_dependencies(route.dependant))
-    query = {
-        parameter.alias: Known(parameter.alias, parameter.field_info.description or "")
-        for dependant in dependants
-        for parameter in dependant.query_params
-    }
+    asked = [parameter for dependant in dependants for parameter in dependant.query_params]
+    query = {item.alias: Known(item.alias, item.field_info.description or "") for item in asked}
     body = [parameter for dependant in dependants for parameter in dependant.body_params]
     fields = [parameter for parameter in body if isinstance(parameter.field_info, params.Form)]
+    lists = frozenset(item.alias for item in (*asked, *fields) if _is_list(item.field_info.annotation))
     if not fields:
-        return _described(route, query, has_model=bool(body))
+        return replace(_described(route, query, has_model=bool(body)), lists=lists)
     return DeclaredNames(
         query=query,
+        lists=lists,
         form={item.alias: Known(item.alias, item.field_info.description or "") for item in fields},
         files=frozenset(item.alias for item in fields if isinstance(item.field_info, params.File)),
         nested={
@@ -185,6 +228,11 @@ def declared_names(route: APIRoute | APIWebSocketRoute) -> DeclaredNames:
         },
         media_types=FORM_MEDIA_TYPES,
     )
+
+
+def _is_list(annotation: object) -> bool:
+    """Whether a parameter may be sent more than once: a list, or a list or nothing."""
+    return get_origin(annotation) is list or any(_is_list(each) for each in get_args(annotation))
 
 
 def _described(

@@ -64,3 +64,6 @@ class FieldOptions:
 
 
 FIELDS = FieldOptions()
+# Of a name that shows something.
+NAME_PATTERN = r"\S"
+NAME_IN_WORDS = "A name has at least one character that is not a space"

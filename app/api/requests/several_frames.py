@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from fastapi import UploadFile
 
 from app.api.requests.axes import Axes, pose_of
+from app.api.requests.read_json import read_json
 from app.errors import InvalidInputError, InvalidPoseError
 from app.geometry.camera_hint import CameraHint, parse_camera_hint
 from app.geometry.se3 import Pose
@@ -100,10 +100,7 @@ def _hints(text: str | None, count: int, camera: CameraHint | None) -> list[Came
 
 def _listed(text: str, name: str, count: int) -> list[object]:
     """Return the values of a field that has one for each of images."""
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{name} is not JSON: {error}.") from None
+    values = read_json(text, name)
     if not isinstance(values, list):
         raise InvalidInputError(f"{name} must be a JSON list with one entry for each of images.")
     if len(values) != count:
