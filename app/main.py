@@ -32,6 +32,7 @@ from app.api.access.open_host import OpenHostMiddleware
 from app.api.access.throttle import Throttle
 from app.api.answers.drain import Drain, LeavingMiddleware
 from app.api.answers.drawings import Drawings
+from app.api.answers.head import HeadMiddleware
 from app.api.answers.writing import WritingMiddleware
 from app.api.deps import AppState
 from app.api.errors import install_error_handlers
@@ -181,4 +182,5 @@ def install_middleware(app: FastAPI, settings: Settings, metrics: Metrics, drain
     # For the server that runs the app, which sees the signal to stop.
     app.state.drain = drain
     app.add_middleware(MetricsMiddleware, metrics)
+    app.add_middleware(HeadMiddleware)
     app.add_middleware(RequestIdMiddleware)

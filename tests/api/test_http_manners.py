@@ -115,8 +115,8 @@ def test_a_list_comes_in_pages(empty: Server) -> None:
 @pytest.mark.parametrize(
     ("path", "allowed"),
     [
-        ("/venues", "GET, POST"),
-        ("/venues/site", "DELETE, GET, PATCH"),
+        ("/venues", "GET, HEAD, POST"),
+        ("/venues/site", "DELETE, GET, HEAD, PATCH"),
         ("/healthz", "GET, HEAD"),
         ("/locate", "POST"),
     ],

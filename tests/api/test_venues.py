@@ -65,7 +65,7 @@ def test_the_address_of_imports_is_no_venues(empty: Server) -> None:
         refused = empty.client.request(method, "/venues/import")
         assert_problem(refused, 405, "method_not_allowed")
         assert refused.headers["allow"] == "POST"
-    assert empty.client.put("/venues/imports").headers["allow"] == "DELETE, GET, PATCH"
+    assert empty.client.put("/venues/imports").headers["allow"] == "DELETE, GET, HEAD, PATCH"
     assert empty.client.post("/venues", json={"id": "imports", "name": "Imports"}).status_code == 201
 
 
