@@ -24,7 +24,7 @@ from app.commands.console import (
 )
 from app.errors import ConflictError, RoomfixError
 from app.geometry.camera_hint import parse_camera_hint
-from app.importers.archives.archive import is_read
+from app.importers.archives.archive import is_named, is_read
 from app.jobs.local import finish_build_here
 from app.services.locate_result import LocateRequest
 from app.services.resources import Resources
@@ -82,8 +82,11 @@ def zip_folder(folder: Path, target: Path) -> Path:
     """Write the files of a scan's folder to a zip, stored as they are: images don't shrink."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
         for path in sorted(folder.rglob("*")):
-            if path.is_file() and is_read(path.relative_to(folder)):
-                archive.write(path, path.relative_to(folder))
+            name = path.relative_to(folder)
+            if path.is_file() and is_read(name):
+                archive.write(path, name)
+            elif path.is_file() and is_named(name):
+                archive.writestr(name.as_posix(), b"")
     return target
 
 

@@ -67,8 +67,9 @@ class ScanFolder:
         return None
 
     def files_in(self, folder: Path) -> list[Path]:
-        """Return the files of a folder in the order of their names."""
-        return [folder / name for name in sorted(self._listing(folder)) if (folder / name).is_file()]
+        """Return the files of a folder in the order of their names, without the hidden ones that macOS leaves."""
+        names = (name for name in sorted(self._listing(folder)) if not name.startswith("."))
+        return [folder / name for name in names if (folder / name).is_file()]
 
     def instead(self, name: str) -> str:
         """Return a sentence about what is there where the file `name` was looked for."""

@@ -19,7 +19,11 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
         ("camera_matrix.csv", r"camera_matrix\.csv"),
         ("rgb.mp4", r"rgb\.(?:mp4|mov)"),
     ),
-    "record3d": (("metadata and rgbd/0.depth, or a .r3d file", r"(?:[^/]+\.r3d|rgbd/\d+\.depth)"),),
+    "record3d": (
+        ("rgbd/0.depth", r"(?:[^/]+\.r3d|rgbd/\d+\.depth|depth/\d+\.exr)"),
+        ("rgbd/0.jpg", r"(?:[^/]+\.r3d|(?:rgbd|rgb|color)/\d+\.(?:jpe?g|png))"),
+        ("metadata", r"(?:[^/]+\.r3d|metadata(?:\.json)?)"),
+    ),
     "polycam": (
         ("keyframes/cameras", r"(?:keyframes/(?:corrected_)?cameras/[^/]+|(?:corrected_)?cameras/\d+)\.json"),
         ("keyframes/images", r"(?:keyframes/)?(?:corrected_)?images/[^/]+\.(?:jpe?g|png)"),

@@ -12,12 +12,13 @@ from app.importers import nerfstudio, redwood, scannet, seven_scenes, tum
 from app.importers.conventions import PoseArrays, PoseConvention
 from app.importers.frames import Scan, ScanOptions
 from app.importers.layouts import colmap, kapture, rtabmap_export, twelve_scenes
-from app.importers.other_formats import describe_other_format
 from app.importers.phones import arkit_scenes, polycam, record3d, scanner_app, stray_scanner
 from app.importers.recordings import ros_bag, rtabmap, sens
 from app.importers.time_offset import with_time_offset
 from app.importers.unposed import pictures
 from app.importers.unposed.scan import UnposedScan
+from app.importers.unread.incomplete import describe_incomplete
+from app.importers.unread.other_formats import describe_other_format
 from app.limits import limit
 
 
@@ -173,8 +174,9 @@ def _find_scan(directory: Path, importers: Mapping[str, Importer]) -> tuple[Path
     # A format that was asked for says itself what it misses.
     if len(importers) == 1:
         return directory, next(iter(importers))
+    incomplete = describe_incomplete(_files_below(directory))
     described = filter(None, (describe_other_format(folder) for folder in _folders(directory)))
-    raise InvalidScanError(next(described, None) or _nothing_found(directory))
+    raise InvalidScanError(incomplete or next(described, None) or _nothing_found(directory))
 
 
 def _scans(directory: Path, importers: Mapping[str, Importer]) -> Iterator[tuple[Path, str]]:
@@ -201,6 +203,15 @@ def _folders(directory: Path) -> Iterator[Path]:
             yield folder
             below += sorted(child for child in folder.iterdir() if child.is_dir() and not child.is_symlink())
         level = below
+
+
+def _files_below(directory: Path) -> list[str]:
+    """Return the paths of the files in the folders that are searched, hidden ones left out, each with the name of the
+    first folder: that may be part of a format, as `keyframes` is."""
+    files = (
+        path for folder in _folders(directory) for path in folder.iterdir() if not path.name.startswith(".")
+    )
+    return sorted(path.relative_to(directory.parent).as_posix() for path in files if path.is_file())
 
 
 def _nothing_found(directory: Path) -> str:

@@ -214,16 +214,12 @@ def test_a_zip_of_unknown_compression(tmp_path: Path) -> None:
 )
 def test_what_is_no_archive(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "scan.zip").write_bytes(data)
-    refused(tmp_path / "scan.zip", "not an archive|damaged")
+    refused(tmp_path / "scan.zip", "not an archive|damaged|a single picture")
 
 
 def test_archives_without_a_scan(tmp_path: Path) -> None:
     refused(make_zip(tmp_path / "a", {}), "holds no images")
     refused(make_zip(tmp_path / "a", {"notes.doc": b"x"}), "holds no images")
-    refused(
-        make_zip(tmp_path / "a", {"seq-01.zip": b"x", "readme.md": b"x"}),
-        "holds other archives: unpack those",
-    )
 
 
 @pytest.mark.parametrize("kind", ["zip", *TAR_MODES])

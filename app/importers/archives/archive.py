@@ -7,7 +7,7 @@ import re
 import shutil
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath, PurePosixPath
 from typing import BinaryIO
@@ -21,6 +21,7 @@ from app.importers.archives.archive_readers import (
     open_reader,
 )
 from app.importers.archives.lone_recording import lone_recording, suffix_of_recording
+from app.importers.unread.single_files import UNREAD_SUFFIXES
 
 # What the importers read, and image files that they refuse by name. All else in an archive, from thumbnails'
 # data bases to meshes, stays in it.
@@ -37,11 +38,8 @@ NEEDED_NAMES = frozenset({"metadata"})
 RECORDING_SUFFIXES = frozenset(
     {".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".bag", ".mcap", ".db", ".db3", ".sens", ".r3d"}
 )
-# Recordings that no importer reads. They are unpacked as empty files, so that what they are can be said.
-UNREAD_SUFFIXES = frozenset({".klg", ".oni", ".svo", ".svo2"})
 # What file managers add unasked.
 _OF_DESKTOPS = frozenset({"__macosx", "thumbs.db", "desktop.ini"})
-ARCHIVE_SUFFIXES = frozenset({".zip", ".tar", ".tgz", ".gz", ".xz", ".bz2", ".7z", ".rar"})
 
 # What file systems take: 255 bytes a name on all of them, and folders as deep as no scan has them.
 MAX_PATH_BYTES = 512
@@ -61,11 +59,10 @@ def extract_archive(
     """Unpack a scan's archive and return the scan's folder: the destination, or the one that holds it all.
 
     Zip and tar (plain, gzip, xz or bzip2) are told apart by their contents; a recording that was sent by itself becomes
-    the only file. `destination` must not exist or
-    be empty. `progress(done_bytes, total_bytes)` is called while writing; it cancels by raising. Only files
-    that the importers read are written, under names in Unicode's composed form (NFC); recordings that no importer
-    reads become empty files. An entry that is there twice is written once if both are the same. On any failure, the
-    cancellation too, the destination is removed.
+    the only file. `destination` must not exist or be empty. `progress(done_bytes, total_bytes)` is called while
+    writing; it cancels by raising. Only files that the importers read are written, under names in Unicode's composed
+    form (NFC); files that only say what was sent, such as models, become empty files. An entry that is there twice is
+    written once if both are the same. On any failure, the cancellation too, the destination is removed.
 
     Raises `InvalidScanError` for what is no archive, is damaged or encrypted; for absolute paths, `..`,
     links, devices, one name with different contents, and names that can't be used; and for more entries, bytes or
@@ -107,7 +104,6 @@ class _Listing:
     counts: Counter[PurePosixPath] = field(default_factory=Counter)
     unread: set[PurePosixPath] = field(default_factory=set)
     folders: set[PurePosixPath] = field(default_factory=set)
-    others: set[str] = field(default_factory=set)
 
     def add(self, path: PurePosixPath, entry: Entry, limits: ArchiveLimits) -> None:
         """Note a file; raises `InvalidScanError` if it was there before with another size."""
@@ -116,10 +112,8 @@ class _Listing:
         if is_read(path):
             limits.check_entry(entry, is_recording=path.suffix.lower() in RECORDING_SUFFIXES)
             self.counts[path] += 1
-        elif path.suffix.lower() in UNREAD_SUFFIXES and not _is_hidden(path):
+        elif is_named(path):
             self.unread.add(path)
-        else:
-            self.others.add(path.suffix.lower())
 
     @property
     def total_bytes(self) -> int:
@@ -148,15 +142,9 @@ def _check_listing(archive: Path, limits: ArchiveLimits) -> _Listing:
     if clash is not None:
         raise InvalidScanError(f"The archive holds {str(clash)!r} both as a file and as a folder.")
     if not written:
-        raise InvalidScanError(_nothing_needed(listing.others))
+        raise InvalidScanError("The archive holds no images and lists of a scan.")
     limits.check_total(listing.total_bytes, archive.stat().st_size)
     return listing
-
-
-def _nothing_needed(suffixes: Iterable[str]) -> str:
-    if ARCHIVE_SUFFIXES.intersection(suffixes):
-        return "The archive holds other archives: unpack those first, and send one archive of their files."
-    return "The archive holds no images and lists of a scan."
 
 
 def checked_path(name: str) -> PurePosixPath:
@@ -194,6 +182,11 @@ def is_read(path: PurePath) -> bool:
     """Whether an importer may need a file of this path below the scan's folder."""
     known = path.suffix.lower() in NEEDED_SUFFIXES | RECORDING_SUFFIXES or path.name in NEEDED_NAMES
     return known and not _is_hidden(path)
+
+
+def is_named(path: PurePath) -> bool:
+    """Whether a file is no importer's, but its name says what was sent: it is unpacked as an empty file."""
+    return path.suffix.lower() in UNREAD_SUFFIXES and not _is_hidden(path)
 
 
 def _is_hidden(path: PurePath) -> bool:

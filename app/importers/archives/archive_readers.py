@@ -20,6 +20,8 @@ from typing import IO, BinaryIO, Protocol, cast
 from app.errors import InvalidScanError
 from app.importers.archives.xz_stream import XzStream, check_zip_dictionary
 from app.importers.archives.zip_names import zip_name
+from app.importers.archives.zip_parts import is_last_part
+from app.importers.unread.single_files import SPLIT, refuse_single_file
 from app.limits import limit
 
 MIB = 1024 * 1024
@@ -196,6 +198,8 @@ def _reader(file: BinaryIO, archive_bytes: int, limits: ArchiveLimits) -> Archiv
     head = file.read(512)
     file.seek(0)
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        if is_last_part(file):
+            raise InvalidScanError(f"The upload is {SPLIT}.")
         return _ZipReader(file, limits)
     for magic, opener in (
         (b"\x1f\x8b", gzip.open),
@@ -203,14 +207,24 @@ def _reader(file: BinaryIO, archive_bytes: int, limits: ArchiveLimits) -> Archiv
         (b"\xfd7zXZ\x00", XzStream),
     ):
         if head.startswith(magic):
-            return _TarReader(cast(IO[bytes], opener(file)), archive_bytes, limits)
+            return _tar_in(cast(IO[bytes], opener(file)), archive_bytes, limits)
     # Before POSIX a tar file had no magic number; what is none fails on its checksum.
     if head[257:262] != b"ustar" and not _has_tar_checksum(head):
+        refuse_single_file(head)
         raise InvalidScanError(
             "The upload is not an archive, nor a recording or video that is read: send a zip, tar, tar.gz, tar.xz or "
             "tar.bz2 file, or a .bag, .mcap, .db3, .db, .sens, .mp4, .mov, .mkv, .avi or .webm file as it is."
         )
     return _TarReader(file, archive_bytes, limits)
+
+
+def _tar_in(stream: IO[bytes], archive_bytes: int, limits: ArchiveLimits) -> ArchiveReader:
+    try:
+        return _TarReader(stream, archive_bytes, limits)
+    except tarfile.ReadError:
+        raise InvalidScanError(
+            "The upload is compressed and holds no tar archive, or it is damaged: unpack it, and send what is in it."
+        ) from None
 
 
 def _has_tar_checksum(header: bytes) -> bool:

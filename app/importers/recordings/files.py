@@ -8,11 +8,15 @@ from app.errors import InvalidScanError
 
 
 def recordings_in(directory: Path, *suffixes: str) -> list[Path]:
-    """Return the files of a folder with one of these suffixes, in the order of their names, links left out."""
+    """Return the files of a folder with one of these suffixes, in the order of their names, without links and hidden
+    files."""
     return sorted(
         path
         for path in directory.iterdir()
-        if path.suffix.lower() in suffixes and path.is_file() and not path.is_symlink()
+        if path.suffix.lower() in suffixes
+        and path.is_file()
+        and not path.is_symlink()
+        and path.name[0] != "."
     )
 
 

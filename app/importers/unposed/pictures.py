@@ -10,6 +10,7 @@ from app.importers.frames import ScanOptions
 from app.importers.phones.video import open_video
 from app.importers.unposed.recording import is_recording, read_recording
 from app.importers.unposed.scan import UnposedScan
+from app.importers.unread.single_files import ARCHIVE_SUFFIXES
 
 FORMATS = ("video", "images", "recording")
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm"})
@@ -82,6 +83,10 @@ def find_format(directory: Path) -> str | None:
 
 
 def _files(directory: Path) -> list[Path]:
-    """Return the files below a folder in the order of their paths, without following links."""
+    """Return the files below a folder in the order of their paths, without links, hidden files and archives."""
     found = (path for path in directory.rglob("*") if path.is_file() and not path.is_symlink())
-    return sorted(path for path in found if not path.name.startswith("."))
+    return sorted(
+        path
+        for path in found
+        if not path.name.startswith(".") and path.suffix.lower() not in ARCHIVE_SUFFIXES
+    )
