@@ -93,6 +93,14 @@ class Trajectory:
         with np.errstate(invalid="ignore", divide="ignore"):
             return Trajectory(times, positions, quaternions / norms[:, None], valid)
 
+    @staticmethod
+    def still(times_s: Array) -> Trajectory:
+        """Return the same pose at all times (n,) in any order: it stands for poses that are estimated later."""
+        ordered = np.sort(times_s)
+        return Trajectory.from_rows(
+            np.column_stack([ordered, np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(ordered), 1))])
+        )
+
     def moved(self, offset_s: float) -> Trajectory:
         """Return the trajectory whose pose at a time is the one that was at the time plus an offset."""
         # Rows that were at the frames' times lie between them now.

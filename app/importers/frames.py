@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -27,6 +28,7 @@ from app.importers.images.depth_files import read_depth
 RAW_DEPTH_SATURATED = 65535
 # ARKit's levels are 0 (low), 1 (medium) and 2 (high); other apps spread them over 0 to 255, low being 0 there too.
 LOW_CONFIDENCE = 0
+NUMPY_MAGIC = b"\x93NUMPY"
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +187,7 @@ class Scan:
             )
         depth_m = metres(raw, self.depth)
         if frame.depth in self.depth.confidence:
-            depth_m[_is_of_low_confidence(self.depth.confidence[frame.depth], depth_m.shape)] = 0.0
+            depth_m[is_of_low_confidence(self.depth.confidence[frame.depth], depth_m.shape)] = 0.0
         if self.depth.along_rays:
             depth_m /= _ray_lengths(source)
         if self.depth.camera is not None:
@@ -206,18 +208,31 @@ def metres(raw: NDArray[np.generic], depth: DepthFormat) -> NDArray[np.float32]:
     return depth_m
 
 
-def _is_of_low_confidence(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def is_of_low_confidence(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return which pixels of a depth image (height, width) have low confidence by the image beside it."""
-    data = np.frombuffer(path.read_bytes(), np.uint8)
-    # OpenCV raises its own error for no bytes at all.
-    confidence = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    confidence = _confidence(path.read_bytes())
     if confidence is None:
         raise InvalidScanError(f"{path.name} is not an image, so it can't hold the depth's confidence.")
     if confidence.ndim == 3:
         confidence = confidence[..., 0]
-    if confidence.shape != shape:
-        confidence = cv2.resize(confidence, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
-    return np.asarray(confidence == LOW_CONFIDENCE)
+    if confidence.shape == shape:
+        return np.asarray(confidence == LOW_CONFIDENCE)
+    resized = cv2.resize(confidence, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(resized == LOW_CONFIDENCE)
+
+
+def _confidence(data: bytes) -> NDArray[np.uint8] | None:
+    """Return the values of an image of bytes, or of such a NumPy array; None for anything else."""
+    if data.startswith(NUMPY_MAGIC):
+        try:
+            values = np.load(io.BytesIO(data), allow_pickle=False)
+        except (ValueError, OSError, EOFError):
+            return None
+        is_image = values.ndim == 2 and values.dtype.itemsize == 1
+        return np.asarray(values, dtype=np.uint8) if is_image else None
+    # OpenCV raises its own error for no bytes at all.
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 @lru_cache(maxsize=4)

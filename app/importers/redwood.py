@@ -1,26 +1,34 @@
-"""Layout of Open3D and the Redwood data sets: `trajectory.log`, `color` and `depth` folders, `intrinsic.json`."""
+"""Layout of Open3D and the Redwood data sets: `trajectory.log` or `.json`, `color`, `depth`, and `intrinsic.json`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import Camera
-from app.geometry.camera_hint import hint_of
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import number_of, read_json_object
+from app.importers.frame_files.open3d_files import (
+    holds_open3d_camera,
+    is_open3d_trajectory,
+    open3d_camera,
+    open3d_trajectory,
+)
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.rows.matrices import poses_of_matrices
 from app.importers.scan_files import numbers, read_camera_file, read_gravity, read_text, rows
 
 COLOR_FOLDERS = ("color", "image", "rgb", "images")
 DEPTH_FOLDERS = ("depth", "depths")
-INTRINSIC_FILES = ("intrinsic.json", "camera_intrinsic.json", "intrinsics.json", "camera.json")
+INTRINSIC_FILES = (
+    "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json", "intrinsics.json", "camera.json",
+)  # fmt: skip
+LOG_SUFFIXES = (".log", ".txt")
 DEFAULT_DEPTH_SCALE = 1000.0
 FRAME_RATE_HZ = 30.0
 # Each pose takes five rows: three integers, then the matrix.
@@ -29,33 +37,36 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds a `.log` trajectory, colour and depth."""
+    """Return whether the folder holds a trajectory of Open3D, colour and depth."""
     folder = ScanFolder(directory)
     images = folder.subfolder(*COLOR_FOLDERS) and folder.subfolder(*DEPTH_FOLDERS)
-    return images is not None and bool(_logs(directory))
+    return images is not None and bool(_trajectories(directory))
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a folder in Open3D's layout.
 
-    The k-th pose of the log is that of the k-th colour image and depth image by name. Poses are `scan_from_camera`;
-    the camera is that of the options, of `camera.txt` or of `intrinsic.json`; depth is in 1000 per metre unless
-    stated. Raises `InvalidScanError` for counts that differ and files that are not this.
+    The k-th pose of the trajectory, a `.log` file or Open3D's JSON, is that of the k-th colour image and depth image by
+    name. Poses are `scan_from_camera` in a log, `camera_from_scan` in JSON; the camera is that of the options, of
+    `camera.txt`, of the JSON trajectory or of `intrinsic.json`; depth is in 1000 per metre unless stated. Raises
+    `InvalidScanError` for counts that differ and files that are not this.
     """
     folder = ScanFolder(directory)
-    logs = _logs(directory)
-    if len(logs) != 1:
-        names = " and ".join(log.name for log in logs)
+    trajectories = _trajectories(directory)
+    if len(trajectories) != 1:
+        names = " and ".join(path.name for path in trajectories)
         raise InvalidScanError(
-            f"The scan has {len(logs)} trajectories, {names}: send only one."
-            if logs
+            f"The scan has {len(trajectories)} trajectories, {names}: send only one."
+            if trajectories
             else "The scan has no .log file."
         )
-    poses = _poses(logs[0])
+    path = trajectories[0]
+    is_json = path.suffix.lower() == ".json"
+    poses, own_camera = open3d_trajectory(path) if is_json else (_poses(path), None)
     color, depth = _images(folder, COLOR_FOLDERS, "colour"), _images(folder, DEPTH_FOLDERS, "depth")
     if not len(color) == len(depth) == len(poses):
         raise InvalidScanError(
-            f"{logs[0].name} has {len(poses)} poses for {len(color)} colour and {len(depth)} depth images: poses and "
+            f"{path.name} has {len(poses)} poses for {len(color)} colour and {len(depth)} depth images: poses and "
             "images are paired by their order, so send as many of each."
         )
     discarded = Discarded()
@@ -66,21 +77,28 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             discarded.add("invalid_pose", name)
         else:
             frames.append(Frame(name, number / FRAME_RATE_HZ, image, depth_image, pose))
-    camera_file = read_camera_file(directory)
+    camera, scale = _camera(folder, options, own_camera)
     source = ScanSource(
-        camera=options.camera or (camera_file.camera if camera_file else hint_of(_camera(folder))),
-        depth_scale=camera_file.depth_scale if camera_file else None,
+        camera=camera,
+        depth_scale=scale,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
     )
     return assemble_scan(frames, discarded, source, options)
 
 
-def _logs(directory: Path) -> list[Path]:
-    """Return the files that begin like a trajectory log; reconstructions leave theirs in the folder `scene`."""
+def _trajectories(directory: Path) -> list[Path]:
+    """Return the files that begin like a trajectory; reconstructions leave theirs in the folder `scene`."""
     folders = [directory, directory / "scene"]
-    files = sorted(path for folder in folders if folder.is_dir() for path in folder.glob("*.[lL][oO][gG]"))
-    return [path for path in files if not path.is_symlink() and path.is_file() and _begins_with_a_pose(path)]
+    files = sorted(
+        path
+        for folder in folders
+        if folder.is_dir()
+        for path in folder.iterdir()
+        if path.is_file() and not path.is_symlink() and not path.name.startswith(".")
+    )
+    logs = [path for path in files if path.suffix.lower() in LOG_SUFFIXES and _begins_with_a_pose(path)]
+    return logs + [path for path in files if path.suffix.lower() == ".json" and is_open3d_trajectory(path)]
 
 
 def _begins_with_a_pose(path: Path) -> bool:
@@ -121,25 +139,35 @@ def _images(folder: ScanFolder, names: tuple[str, ...], content: str) -> list[Pa
     ]
 
 
-def _camera(folder: ScanFolder) -> Camera:
-    path = next(filter(None, (folder.find(name, "the scan") for name in INTRINSIC_FILES)), None)
-    if path is None:
-        raise InvalidScanError(
-            "The scan's camera is not known: give `camera` in the options, or add intrinsic.json with width, height "
-            "and intrinsic_matrix."
-        )
-    return _camera_of(read_json_object(path), path.name)
+def _camera(folder: ScanFolder, options: ScanOptions, own: Camera | None) -> tuple[CameraHint, float | None]:
+    """Return the camera, and the depth units per metre where a file states them."""
+    stated = read_camera_file(folder.path)
+    path = _intrinsic_file(folder)
+    content = {} if path is None else read_json_object(path)
+    scale = stated.depth_scale if stated else None
+    if scale is None and path is not None and content.get("depth_scale"):
+        scale = number_of(content, "depth_scale", path.name)
+    if options.camera is not None:
+        return options.camera, scale
+    if stated is not None:
+        return stated.camera, scale
+    if own is not None or path is None:
+        return hint_of(own or _no_camera()), scale
+    return hint_of(open3d_camera(content, path.name)), scale
 
 
-def _camera_of(content: dict[str, Any], name: str) -> Camera:
-    """Return the camera of Open3D's JSON, whose matrix stands by columns."""
-    values = content.get("intrinsic_matrix")
-    if not isinstance(values, list) or len(values) != 9:
-        raise InvalidScanError(f"{name}: intrinsic_matrix must be nine numbers, by columns.")
-    K = {str(i): value for i, value in enumerate(values)}
-    fx, fy, cx, cy = (number_of(K, key, f"{name}: intrinsic_matrix") for key in ("0", "4", "6", "7"))
-    width, height = (int(number_of(content, key, name)) for key in ("width", "height"))
-    try:
-        return Camera("PINHOLE", width, height, (fx, fy, cx, cy))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{name}: {error}") from None
+def _intrinsic_file(folder: ScanFolder) -> Path | None:
+    """Return the JSON file with Open3D's intrinsics: by its usual names, else the only one with a matrix in it."""
+    named = next(filter(None, (folder.find(name, "the scan") for name in INTRINSIC_FILES)), None)
+    if named is not None:
+        return named
+    files = (path for path in folder.files_in(folder.path) if path.suffix.lower() == ".json")
+    fitting = [path for path in files if not path.is_symlink() and holds_open3d_camera(path)]
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def _no_camera() -> Camera:
+    raise InvalidScanError(
+        "The scan's camera is not known: give `camera` in the options, or add intrinsic.json with width, height "
+        "and intrinsic_matrix."
+    )

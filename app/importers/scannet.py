@@ -37,7 +37,10 @@ class ScanNetOptions:
 
 OPTIONS = ScanNetOptions()
 _NUMBERED = re.compile(r"(\d{1,9})\.(?:jpe?g|png)$", re.IGNORECASE)
-_DEPTH_SUFFIXES = (".png", ".pgm", ".tiff", ".npy")
+# The folders beside the colour images, with the suffixes of their files.
+_OTHERS = (("depth", (".png", ".pgm", ".tiff", ".npy")), ("pose", (".txt",)))
+# Where the exporter, and the data set of 25,000 frames, have a camera's matrix.
+_INTRINSICS = ("intrinsic/intrinsic_{}.txt", "intrinsics_{}.txt", "intrinsic_{}.txt")
 
 
 def detect(directory: Path) -> bool:
@@ -50,10 +53,10 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a folder as ScanNet's exporter leaves it.
 
-    Colour and depth have a camera each, in `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`; the depth is
-    registered to the colour image, both cameras in one place, as the exporter's extrinsics say. Poses are
-    `scan_from_camera`; `-inf` stands for lost tracking. Raises `InvalidScanError` for images of another size than the
-    intrinsics are for, and for missing files.
+    Colour and depth have a camera each, in `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`, or in the scene's
+    own text file; the depth is registered to the colour image, both cameras in one place, as the exporter's extrinsics
+    say. Poses are `scan_from_camera`; `-inf` stands for lost tracking. Raises `InvalidScanError` for images of another
+    size than the intrinsics are for, and for missing files.
     """
     folder = ScanFolder(directory)
     color_folder = folder.subfolder("color")
@@ -61,8 +64,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     if not images:
         raise InvalidScanError("The scan has no color/0.jpg and so on.")
     source = ScanSource(
-        camera=options.camera or _intrinsics(folder, "intrinsic/intrinsic_color.txt"),
-        depth_camera=_intrinsics(folder, "intrinsic/intrinsic_depth.txt"),
+        camera=options.camera or _intrinsics(folder, "color"),
+        depth_camera=_intrinsics(folder, "depth"),
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
@@ -81,12 +84,11 @@ def _images(folder: ScanFolder, color: Path) -> dict[int, Path]:
 
 
 def _frames(folder: ScanFolder, images: dict[int, Path], discarded: Discarded) -> list[Frame]:
+    depths, poses_of = (_numbered(folder, name, suffixes) for name, suffixes in _OTHERS)
     complete = []
     for number, color in images.items():
         name, stem = folder.name_of(color), color.stem
-        depths = (folder.find(f"depth/{stem}{suffix}", "the scan") for suffix in _DEPTH_SUFFIXES)
-        depth = next(filter(None, depths), None)
-        pose = folder.find(f"pose/{stem}.txt", "the scan")
+        depth, pose = depths.get(number), poses_of.get(number)
         if depth is None:
             detail = f"depth/{stem}.png is missing; {folder.instead(f'depth/{stem}.png')}"
             discarded.add("no_depth", name, detail)
@@ -103,11 +105,39 @@ def _frames(folder: ScanFolder, images: dict[int, Path], discarded: Discarded) -
     ]
 
 
-def _intrinsics(folder: ScanFolder, name: str) -> CameraHint:
-    K = _matrix(folder, name)
-    if K is None:
-        raise InvalidScanError(f"{name} is missing: it holds the camera, a matrix of 3x3 or 4x4.")
-    return CameraHint(values=(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
+def _numbered(folder: ScanFolder, name: str, suffixes: tuple[str, ...]) -> dict[int, Path]:
+    """Return the files of a folder by their numbers, whatever zeros stand before these."""
+    found = folder.subfolder(name)
+    paths = [] if found is None else folder.files_in(found)
+    numbered = {int(path.stem): path for path in paths if path.stem.isdecimal() and path.suffix in suffixes}
+    # Links must not lead out of the scan.
+    return {n: path for n, path in numbered.items() if folder.find(folder.name_of(path), "the scan")}
+
+
+def _intrinsics(folder: ScanFolder, kind: str) -> CameraHint:
+    for name in (place.format(kind) for place in _INTRINSICS):
+        K = _matrix(folder, name)
+        if K is not None:
+            return CameraHint(values=(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
+    stated = _of_scene(folder, kind)
+    if stated is None:
+        raise InvalidScanError(
+            f"{_INTRINSICS[0].format(kind)} is missing: it holds the camera, a matrix of 3x3 or 4x4."
+        )
+    return stated
+
+
+def _of_scene(folder: ScanFolder, kind: str) -> CameraHint | None:
+    """Return the camera of the text file that the data set has for each scene, None where there is none."""
+    for path in folder.files_in(folder.path):
+        if path.suffix.lower() != ".txt" or folder.find(path.name, "the scan") is None:
+            continue
+        lines = (line.partition("=") for line in read_text(path).splitlines())
+        values = {key.strip(): value.strip() for key, sign, value in lines if sign}
+        keys = [f"{key}_{kind}" for key in ("fx", "fy", "mx", "my")]
+        if all(key in values for key in keys):
+            return CameraHint(values=tuple(numbers([values[key] for key in keys], path.name)))
+    return None
 
 
 def _matrix(folder: ScanFolder, name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:

@@ -191,7 +191,7 @@ def _poses(directory: Path, color: ImageRows, depth: ImageRows, options: ScanOpt
     """Return the trajectory of the scan, or that of the stated walk."""
     if options.estimate_poses:
         check_distinct({_file_of(color): color.times_s, _file_of(depth): depth.times_s})
-        return _Poses(_still(color.times_s), "no trajectory", "", ())
+        return _Poses(Trajectory.still(color.times_s), "no trajectory", "", ())
     truth = optional_file(directory, TRUTH)
     if options.motion is not None:
         if truth is not None:
@@ -236,11 +236,6 @@ def _walk(times_s: Times, motion: UniformMotion) -> Trajectory:
         [time_s, *p.translation, *p.quaternion] for time_s, p in zip(np.sort(times_s), poses, strict=True)
     ]
     return Trajectory.from_rows(np.array(rows))
-
-
-def _still(times_s: Times) -> Trajectory:
-    """Return the same pose at all times: it stands for those that are estimated later."""
-    return Trajectory.from_rows(np.array([[time_s, 0, 0, 0, 0, 0, 0, 1] for time_s in np.sort(times_s)]))
 
 
 def _other_trajectory(directory: Path, color: ImageRows) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import tempfile
 import weakref
@@ -53,6 +54,12 @@ class FrameFiles:
         """Write a depth image (height, width) of integers as PNG."""
         _, data = cv2.imencode(".png", raw, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         return self.write(name, data.tobytes())
+
+    def write_array(self, name: str, values: NDArray[np.float32]) -> Path:
+        """Write a depth image (height, width) of floats as a NumPy array."""
+        file = io.BytesIO()
+        np.save(file, values, allow_pickle=False)
+        return self.write(name, file.getvalue())
 
     def write_depth_m(self, name: str, depth_m: NDArray[np.float32]) -> Path:
         """Write a depth image (height, width) in metres, in millimetres; what is not finite or too far becomes 0."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import sqlite3
 import struct
 import zlib
+from collections.abc import Callable, Mapping
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,18 +19,62 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from app.geometry.se3 import Pose
-from bench.formats.frames import WrittenScan
+from bench.formats.frames import WrittenFrame, WrittenScan
 
 NANOSECONDS_PER_S = 1_000_000_000
 BASE_FROM_CAMERA = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.array([0.1, 0.0, 0.2]))
 COLOR_FRAME = "camera_color_optical_frame"
-TOPICS = {
-    "/camera/color/image_raw": "sensor_msgs/msg/Image",
-    "/camera/color/camera_info": "sensor_msgs/msg/CameraInfo",
-    "/camera/aligned_depth_to_color/image_raw": "sensor_msgs/msg/Image",
-    "/odom": "nav_msgs/msg/Odometry",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-}
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+INFO_TOPIC = "/camera/color/camera_info"
+
+
+def millimetres(frame: WrittenFrame) -> tuple[str, bytes]:
+    """Return a frame's depth as a message's encoding and data: 16 bits in millimetres."""
+    return "16UC1", np.ascontiguousarray(frame.depth_mm).tobytes()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BagKind:
+    """What a recorder puts into a bag: encoding and data of depth, whether images are compressed, poses on a topic or
+    as transforms, and the lens that it states."""
+
+    depth: Callable[[WrittenFrame], tuple[str, bytes]] = millimetres
+    compressed_depth: bool = False
+    compressed_color: bool = False
+    poses_as_transforms: bool = False
+    lens: tuple[float, ...] = (0.0,) * 5
+    lens_model: str = "plumb_bob"
+    states_camera: bool = True
+    has_poses: bool = True
+    prefix: str = "/camera"
+
+    @property
+    def color_topic(self) -> str:
+        """The topic of colour."""
+        return f"{self.prefix}/color/image_raw" + ("/compressed" if self.compressed_color else "")
+
+    @property
+    def depth_topic(self) -> str:
+        """The topic of depth."""
+        end = "/compressedDepth" if self.compressed_depth else ""
+        return f"{self.prefix}/aligned_depth_to_color/image_raw{end}"
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """The types of all topics."""
+        return {
+            self.color_topic: COMPRESSED if self.compressed_color else IMAGE,
+            INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
+            self.depth_topic: COMPRESSED if self.compressed_depth else IMAGE,
+            "/tf" if self.poses_as_transforms else "/odom": "tf2_msgs/msg/TFMessage"
+            if self.poses_as_transforms
+            else "nav_msgs/msg/Odometry",
+            "/tf_static": "tf2_msgs/msg/TFMessage",
+        }
+
+
+REALSENSE = BagKind()
 
 
 def sens(scan: WrittenScan, target: Path) -> Path:
@@ -99,21 +145,21 @@ def _calibration(scan: WrittenScan) -> bytes:
     return header + numbers + BASE_FROM_CAMERA.matrix[:3].astype("<f4").tobytes()
 
 
-def ros1(scan: WrittenScan, target: Path) -> Path:
+def ros1(scan: WrittenScan, target: Path, kind: BagKind = REALSENSE) -> Path:
     """Write a ROS 1 bag of a RealSense with odometry of the base."""
     target.parent.mkdir(parents=True, exist_ok=True)
     path = target.with_suffix(".bag")
     path.unlink(missing_ok=True)
     with Ros1Writer(path) as writer:
-        _write_bag(scan, writer, "1")
+        _write_bag(scan, writer, "1", kind)
     return path
 
 
-def ros2(storage: StoragePlugin, scan: WrittenScan, target: Path) -> Path:
+def ros2(storage: StoragePlugin, scan: WrittenScan, target: Path, kind: BagKind = REALSENSE) -> Path:
     """Write a folder with a ROS 2 bag of a RealSense with odometry of the base."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with Ros2Writer(target, version=9, storage_plugin=storage) as writer:
-        _write_bag(scan, writer, "2")
+        _write_bag(scan, writer, "2", kind)
     return target
 
 
@@ -130,8 +176,8 @@ def ros2_mcap(scan: WrittenScan, target: Path) -> Path:
 class _Bag:
     """Makes the messages of a bag in the types of ROS 1 or ROS 2, and writes them."""
 
-    def __init__(self, writer: Any, version: Literal["1", "2"]) -> None:
-        self.version = version
+    def __init__(self, writer: Any, version: Literal["1", "2"], topics: Mapping[str, str]) -> None:
+        self.version, self.topics = version, topics
         self.store = get_typestore(Stores.ROS1_NOETIC if version == "1" else Stores.ROS2_HUMBLE)
         if version == "1":
             definition = "geometry_msgs/TransformStamped[] transforms"
@@ -139,12 +185,12 @@ class _Bag:
         self.types: Any = self.store.types
         self.writer = writer
         self.connections = {
-            topic: writer.add_connection(topic, kind, typestore=self.store) for topic, kind in TOPICS.items()
+            topic: writer.add_connection(topic, kind, typestore=self.store) for topic, kind in topics.items()
         }
 
     def send(self, topic: str, time_ns: int, message: Any) -> None:
         serialize = self.store.serialize_ros1 if self.version == "1" else self.store.serialize_cdr
-        self.writer.write(self.connections[topic], time_ns, serialize(message, TOPICS[topic]))
+        self.writer.write(self.connections[topic], time_ns, serialize(message, self.topics[topic]))
 
     def header(self, time_ns: int, frame: str) -> Any:
         seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_S)
@@ -161,30 +207,42 @@ class _Bag:
         return self.types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
 
 
-def _write_bag(scan: WrittenScan, writer: Any, version: Literal["1", "2"]) -> None:
-    bag = _Bag(writer, version)
+def _write_bag(scan: WrittenScan, writer: Any, version: Literal["1", "2"], kind: BagKind) -> None:
+    bag = _Bag(writer, version, kind.topics)
     start_ns = round(1e9 * scan.frames[0].time_s)
-    placed = bag.types["geometry_msgs/msg/TransformStamped"](
-        header=bag.header(start_ns, "base_link"),
-        child_frame_id=COLOR_FRAME,
-        transform=bag.types["geometry_msgs/msg/Transform"](
-            translation=bag.vector("Vector3", BASE_FROM_CAMERA.translation),
-            rotation=bag.quaternion(BASE_FROM_CAMERA),
-        ),
-    )
-    bag.send("/tf_static", start_ns, bag.types["tf2_msgs/msg/TFMessage"](transforms=[placed]))
-    info = _camera_info(scan, bag.types, bag.header(start_ns, COLOR_FRAME), version)
-    bag.send("/camera/color/camera_info", start_ns, info)
+    bag.send("/tf_static", start_ns, _transform(bag, start_ns, ("base_link", COLOR_FRAME), BASE_FROM_CAMERA))
+    if kind.states_camera:
+        info = _camera_info(scan, bag.types, bag.header(start_ns, COLOR_FRAME), version, kind)
+        bag.send(INFO_TOPIC, start_ns, info)
     for frame in scan.frames:
         time_ns = round(1e9 * frame.time_s)
-        bag.send(
-            "/odom", time_ns, _odometry(bag, time_ns, frame.scan_from_camera @ BASE_FROM_CAMERA.inverse())
-        )
-        rgb = cv2.cvtColor(frame.bgr, cv2.COLOR_BGR2RGB)
+        base = frame.scan_from_camera @ BASE_FROM_CAMERA.inverse()
+        if not kind.has_poses:
+            pass
+        elif kind.poses_as_transforms:
+            bag.send("/tf", time_ns, _transform(bag, time_ns, ("odom", "base_link"), base))
+        else:
+            bag.send("/odom", time_ns, _odometry(bag, time_ns, base))
         header = bag.header(time_ns, COLOR_FRAME)
-        bag.send("/camera/color/image_raw", time_ns, _image(bag.types, header, np.asarray(rgb), "rgb8", 3))
-        depth = _image(bag.types, header, frame.depth_mm, "16UC1", 2)
-        bag.send("/camera/aligned_depth_to_color/image_raw", time_ns, depth)
+        rgb = np.ascontiguousarray(cv2.cvtColor(frame.bgr, cv2.COLOR_BGR2RGB))
+        color = (
+            ("rgb8; jpeg compressed bgr8", frame.jpeg) if kind.compressed_color else ("rgb8", rgb.tobytes())
+        )
+        bag.send(kind.color_topic, time_ns, _image(bag.types, header, rgb.shape, *color))
+        depth = _image(bag.types, header, frame.depth_m.shape, *kind.depth(frame))
+        bag.send(kind.depth_topic, time_ns, depth)
+
+
+def _transform(bag: _Bag, time_ns: int, frames: tuple[str, str], parent_from_child: Pose) -> Any:
+    placed = bag.types["geometry_msgs/msg/TransformStamped"](
+        header=bag.header(time_ns, frames[0]),
+        child_frame_id=frames[1],
+        transform=bag.types["geometry_msgs/msg/Transform"](
+            translation=bag.vector("Vector3", parent_from_child.translation),
+            rotation=bag.quaternion(parent_from_child),
+        ),
+    )
+    return bag.types["tf2_msgs/msg/TFMessage"](transforms=[placed])
 
 
 def _odometry(bag: _Bag, time_ns: int, base: Pose) -> Any:
@@ -201,23 +259,26 @@ def _odometry(bag: _Bag, time_ns: int, base: Pose) -> Any:
     )
 
 
-def _image(T: Any, header: Any, pixels: np.ndarray[Any, Any], encoding: str, pixel_bytes: int) -> Any:
-    height, width = pixels.shape[:2]
-    return T["sensor_msgs/msg/Image"](
+def _image(T: Any, header: Any, shape: tuple[int, ...], encoding: str, data: bytes) -> Any:
+    """Return a message of an image; the encoding of a compressed one names its compression."""
+    values = np.frombuffer(data, np.uint8)
+    if "compressed" in encoding.lower():
+        return T[COMPRESSED](header=header, format=encoding, data=values)
+    return T[IMAGE](
         header=header,
-        height=height,
-        width=width,
+        height=shape[0],
+        width=shape[1],
         encoding=encoding,
         is_bigendian=0,
-        step=width * pixel_bytes,
-        data=np.frombuffer(np.ascontiguousarray(pixels).tobytes(), np.uint8),
+        step=len(data) // shape[0],
+        data=values,
     )
 
 
-def _camera_info(scan: WrittenScan, T: Any, header: Any, version: Literal["1", "2"]) -> Any:
+def _camera_info(scan: WrittenScan, T: Any, header: Any, version: Literal["1", "2"], kind: BagKind) -> Any:
     K = scan.matrix.ravel()
     P = np.hstack([scan.matrix, np.zeros((3, 1))]).ravel()
-    matrices = {"D": np.zeros(5), "K": K, "R": np.eye(3).ravel(), "P": P}
+    matrices = {"D": np.array(kind.lens), "K": K, "R": np.eye(3).ravel(), "P": P}
     named = {name if version == "1" else name.lower(): values for name, values in matrices.items()}
     region = T["sensor_msgs/msg/RegionOfInterest"](
         x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
@@ -226,7 +287,7 @@ def _camera_info(scan: WrittenScan, T: Any, header: Any, version: Literal["1", "
         header=header,
         height=scan.camera.height,
         width=scan.camera.width,
-        distortion_model="plumb_bob",
+        distortion_model=kind.lens_model,
         binning_x=0,
         binning_y=0,
         roi=region,

@@ -19,9 +19,13 @@ MODELS = (
     ("OPENCV", 8),
     ("OPENCV_FISHEYE", 8),
     ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
 )
 # Models with one focal length, whose principal point is second.
-_ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 
 
 def camera_of_colmap(model: str, width: int, height: int, params: Sequence[float], where: str) -> Camera:
@@ -31,6 +35,8 @@ def camera_of_colmap(model: str, width: int, height: int, params: Sequence[float
     # Four zeros are no lens that was measured.
     if model == "OPENCV" and len(moved) == dict(MODELS)[model] and not any(moved[4:]):
         model, moved = "PINHOLE", moved[:4]
+    if model == "RADIAL_FISHEYE" and len(moved) == dict(MODELS)[model]:
+        model, moved = "OPENCV_FISHEYE", [moved[0], *moved, 0.0, 0.0]
     try:
         hint = parse_camera_hint({"model": model, "width": width, "height": height, "params": moved})
     except (InvalidCameraError, InvalidInputError) as error:

@@ -13,17 +13,18 @@ from typing import BinaryIO
 
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
-from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unread.exports import EXPORTS
 
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "model", "colmap", "colmap/sparse/0")
-IMAGE_FOLDERS = ("images", "image", "rgb", "color")
+IMAGE_FOLDERS = ("images", "image", "rgb", "color", "input", "frames", "photos")
 DEPTH_FOLDERS = ("depth", "depths", "depth_maps")
 DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".exr", ".npy", ".pgm")
 DEFAULT_DEPTH_SCALE = 1000.0
@@ -50,7 +51,8 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a model; without depth images its frames have none, and points are triangulated.
 
-    Raises `InvalidScanError` for several cameras, missing pictures, and files that are not this.
+    Pictures of several cameras, as COLMAP has one for each picture unless it is told otherwise, become those of one.
+    Raises `InvalidScanError` for cameras too different for that, missing pictures, and files that are not this.
     """
     model = _model_folder(directory)
     if model is None:
@@ -59,33 +61,41 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         )
     folder, files, discarded = ScanFolder(directory), FrameFiles(options.scratch), Discarded()
     cameras, images = _read_model(model)
-    used = sorted({image.camera for image in images})
-    if len(used) != 1 or used[0] not in cameras:
-        raise InvalidScanError(
-            f"The model's pictures are of {len(used)} cameras: send those of one, as the map has one camera."
+    unknown = next((image for image in images if image.camera not in cameras), None)
+    if not images or unknown is not None:
+        fault = (
+            "lists no pictures" if unknown is None else f"has no camera {unknown.camera} for {unknown.name}"
         )
-    camera = cameras[used[0]]
+        raise InvalidScanError(f"The COLMAP model {fault}: {EXPORTS['colmap'].remedy}.")
     depth_folder = folder.subfolder(*DEPTH_FOLDERS)
     frames = _frames(
         folder, images, None if depth_folder is None else folder.name_of(depth_folder), discarded
     )
-    notes = () if depth_folder else (WITHOUT_DEPTH, NO_SCALE)
-    blank = files.blank_depth(camera.width, camera.height)
+    has_depth = depth_folder is not None
+    seen = in_one_camera(
+        [item.frame for item in frames],
+        [cameras[item.camera] for item in frames],
+        options.camera,
+        files,
+        has_depth=has_depth,
+    )
     source = ScanSource(
-        camera=options.camera or hint_of(camera),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
-        has_depth=depth_folder is not None,
-        notes=notes,
+        has_depth=has_depth,
+        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH, NO_SCALE),
         keeps=files,
     )
-    placed = [Frame(f.name, f.timestamp_s, f.color, f.depth or blank, f.scan_from_camera) for f in frames]
-    return assemble_scan(placed, discarded, source, options)
+    return assemble_scan(seen.frames, discarded, source, options)
 
 
 def _model_folder(directory: Path) -> Path | None:
-    for name in MODEL_FOLDERS:
+    """Return the folder of the model; of several that COLMAP leaves in `sparse`, the one with the most pictures."""
+    several = sorted(directory.glob("sparse/[0-9]*/images.*"), key=lambda path: -path.stat().st_size)
+    largest = [path.parent.relative_to(directory).as_posix() for path in several]
+    for name in (*MODEL_FOLDERS[:1], *largest[:1], *MODEL_FOLDERS[1:]):
         for suffix in (".bin", ".txt"):
             if all((directory / name / f"{file}{suffix}").is_file() for file in ("cameras", "images")):
                 return directory / name
@@ -94,11 +104,10 @@ def _model_folder(directory: Path) -> Path | None:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    name: str
-    timestamp_s: float
-    color: Path
-    depth: Path | None
-    scan_from_camera: Pose
+    """A frame, and the number of its camera; in a model without depth its picture stands for it."""
+
+    frame: Frame
+    camera: int
 
 
 def _frames(
@@ -121,7 +130,9 @@ def _frames(
             invalid.append(image.name)
         else:
             pose = image.camera_from_world.inverse()
-            frames.append(_Candidate(folder.name_of(color), number / FRAME_RATE_HZ, color, depth, pose))
+            time_s = number / FRAME_RATE_HZ
+            frame = Frame(folder.name_of(color), time_s, color, depth or color, pose)
+            frames.append(_Candidate(frame, image.camera))
     check_pose_ratio(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
     return frames
 

@@ -6,19 +6,20 @@ w x y z, of a sensor or of a rig; depth images are 32-bit floats in metres witho
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
-from app.geometry.camera_hint import hint_of
+from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
 from app.importers.rows.times import in_seconds
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
@@ -61,15 +62,19 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     if len(sensors) != 1:
         raise InvalidScanError(f"The scan has pictures of {len(sensors)} cameras: send those of one.")
     camera = data.cameras.get(sensors[0])
-    if camera is None:
-        raise InvalidScanError(f"{SENSORS} has no camera {sensors[0]!r}.")
+    if camera is None and options.camera is None:
+        raise InvalidScanError(
+            f"{SENSORS} has no camera {sensors[0]!r} of a model that is known: give `camera` in the options."
+        )
     depth_sensors = sorted({sensor for _, sensor in data.depths})
     if len(depth_sensors) > 1:
         raise InvalidScanError(f"The scan has depth of {len(depth_sensors)} sensors: send that of one.")
-    frames = _frames(folder, data, camera, files, discarded)
+    frames = _frames(folder, data, files, discarded)
     depth_camera = data.cameras.get(depth_sensors[0]) if depth_sensors else None
+    if depth_camera is not None and options.color_from_depth is None:
+        options = _with_place_of_depth(options, data, sensors[0], depth_sensors[0], depth_camera)
     source = ScanSource(
-        camera=options.camera or hint_of(camera),
+        camera=options.camera or CameraHint(camera=camera),
         depth_camera=hint_of(depth_camera) if depth_camera and depth_camera != camera else None,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
@@ -81,9 +86,20 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     return assemble_scan(frames, discarded, source, options)
 
 
-def _frames(
-    folder: ScanFolder, data: _Data, camera: Camera, files: FrameFiles, discarded: Discarded
-) -> list[Frame]:
+def _with_place_of_depth(
+    options: ScanOptions, data: _Data, color: str, depth: str, camera: Camera
+) -> ScanOptions:
+    """Return the options with the place of the depth camera beside the colour camera, where both are on one rig."""
+    if color not in data.rigs or depth not in data.rigs or data.rigs[color][0] != data.rigs[depth][0]:
+        return options
+    color_from_depth = data.rigs[color][1].inverse() @ data.rigs[depth][1]
+    if np.allclose(color_from_depth.matrix, np.eye(4), atol=1e-4):
+        return options
+    given = options.depth_camera or hint_of(camera)
+    return replace(options, depth_camera=given, color_from_depth=color_from_depth)
+
+
+def _frames(folder: ScanFolder, data: _Data, files: FrameFiles, discarded: Discarded) -> list[Frame]:
     keys = sorted(data.pictures, key=lambda key: float(key[0]))
     times_s = in_seconds(np.array([float(time) for time, _ in keys])).times_s
     depth_of = {time: (sensor, name) for (time, sensor), name in data.depths.items()}
@@ -102,7 +118,7 @@ def _frames(
             discarded.add(pose, name)
             invalid += [name] if pose == "invalid_pose" else []
         else:
-            blank = depth or files.blank_depth(camera.width, camera.height)
+            blank = depth or files.blank_depth(*(color_size(color) or (1, 1)))
             frames.append(Frame(name, time_s, color, blank, pose))
     check_pose_ratio(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
     return frames

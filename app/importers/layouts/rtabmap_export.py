@@ -1,4 +1,4 @@
-"""RTAB-Map's export: folders `rgb`, `depth` and `calib`, and a file of poses, as rtabmap-export writes them.
+"""RTAB-Map's export: folders `rgb`, `depth` and `calib` (or one calibration file), and poses, by rtabmap-export.
 
 Source of the layout: tools/Export/main.cpp of github.com/introlab/rtabmap. Poses are those of the camera in a file
 whose name says so (`--poses_camera`), else those of the base; the camera's place on it is in the calibration.
@@ -12,15 +12,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from app.errors import InvalidPoseError, InvalidScanError
-from app.geometry.camera_hint import CameraHint
+from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
 from app.importers.rows.trajectory_rows import parse_trajectory
 from app.importers.scan_files import read_text, rows
+from app.importers.unpacked import FrameFiles
 
 DEFAULT_DEPTH_SCALE = 1000.0
 # With an id in the last column, which names the pictures.
@@ -57,18 +59,17 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             "The scan has no folders rgb, depth and calib with a file of poses beside them."
         )
     folder, discarded = ScanFolder(directory), Discarded()
-    calibrations = {
-        path.stem: _calibration(path) for path in folder.files_in(found.calibration) if _is_yaml(path)
-    }
-    if not calibrations:
-        raise InvalidScanError(
-            f"The scan's camera is not known: {found.calibration.name} holds no .yaml file."
-        )
+    calibrations = _calibrations(folder, found.calibration)
     poses = _poses(found.poses)
     depths = {path.stem: path for path in folder.files_in(found.depth)}
-    frames = []
+    frames, cameras = [], []
     for color in folder.files_in(found.color):
         name, row = folder.name_of(color), poses.get(_key(color.stem))
+        if color.stem not in calibrations and f"{color.stem}_1" in calibrations:
+            raise InvalidScanError(
+                f"{color.name} is of several cameras, by {color.stem}_0.yaml, {color.stem}_1.yaml and so on: export a "
+                "map that was made with one camera."
+            )
         calibration = calibrations.get(color.stem) or next(iter(calibrations.values()))
         if color.stem not in depths:
             detail = f"{found.depth.name} has no file {color.stem}"
@@ -79,17 +80,35 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             time_s, pose = row
             place = Pose.identity() if "camera" in found.poses.name else calibration.base_from_camera
             frames.append(Frame(name, time_s, color, depths[color.stem], pose @ place))
+            cameras.append(_camera(calibration, frames[-1]))
+    files = FrameFiles(options.scratch)
+    seen = in_one_camera(frames, cameras, options.camera, files)
     source = ScanSource(
-        camera=options.camera or _common(calibrations),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
+        notes=seen.notes,
+        keeps=files,
     )
-    return assemble_scan(frames, discarded, source, options)
+    return assemble_scan(seen.frames, discarded, source, options)
 
 
-def _common(calibrations: dict[str, _Calibration]) -> CameraHint:
-    names = [f"{stem}.yaml" for stem in calibrations]
-    return CameraHint(values=common_intrinsics([each.values for each in calibrations.values()], names))
+def _calibrations(folder: ScanFolder, found: Path) -> dict[str, _Calibration]:
+    """Return the calibrations by the pictures' names; one that old versions write for all stands under its own name."""
+    paths = folder.files_in(found) if found.is_dir() else [found]
+    paths = [path for path in paths if _is_yaml(path)]
+    if not paths:
+        raise InvalidScanError(f"The scan's camera is not known: {found.name} holds no .yaml file.")
+    return {path.stem: _calibration(path) for path in paths}
+
+
+def _camera(calibration: _Calibration, frame: Frame) -> Camera | None:
+    """Return the camera of a frame, None for a picture that can't be read."""
+    size = color_size(frame.color)
+    try:
+        return None if size is None else Camera.from_values(calibration.values, *size)
+    except InvalidCameraError as error:
+        raise InvalidScanError(f"{frame.name}: {error}") from None
 
 
 def _is_yaml(path: Path) -> bool:
@@ -107,6 +126,9 @@ def _folders(directory: Path) -> _Folders | None:
     )
     # The camera's own poses come first where both were exported.
     poses.sort(key=lambda path: "camera" not in path.name)
+    if not found["calib"]:
+        files = sorted(path for path in directory.iterdir() if path.is_file() and _is_yaml(path))
+        found["calib"] = files if len(files) == 1 else []
     if not poses or any(len(folders) != 1 for folders in found.values()):
         return None
     return _Folders(found["rgb"][0], found["depth"][0], found["calib"][0], poses[0])

@@ -12,21 +12,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidScanError
-from app.geometry.camera_hint import CameraHint
+from app.errors import InvalidCameraError, InvalidScanError
+from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.association import Trajectory
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.phones.arkit import confidence_files
 from app.importers.scan_files import numbers, read_text, rows
+from app.importers.unpacked import FrameFiles
+from app.importers.unread.exports import lacking
 
-COLOR = "lowres_wide"
+# The data set has the pictures in three sizes; the smallest is that of the depth images.
+COLORS = ("lowres_wide", "vga_wide", "wide")
 DEPTH = "lowres_depth"
 CONFIDENCE = "confidence"
-INTRINSICS = "lowres_wide_intrinsics"
 TRAJECTORY = "lowres_wide.traj"
 DOWN = (0.0, 0.0, -1.0)
 DEFAULT_DEPTH_SCALE = 1000.0
@@ -35,7 +37,7 @@ _NAMED_BY_TIME = re.compile(r".*?(\d+\.\d+)\.(?:png|jpe?g)$", re.IGNORECASE)
 
 def detect(directory: Path) -> bool:
     """Return whether the folder holds the data set's folders."""
-    return all((directory / name).is_dir() for name in (COLOR, DEPTH))
+    return (directory / DEPTH).is_dir() and any((directory / name).is_dir() for name in COLORS)
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -45,9 +47,10 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """
     folder = ScanFolder(directory)
     trajectory = _trajectory(folder)
+    colors = next((name for name in COLORS if (directory / name).is_dir()), COLORS[0])
     discarded = Discarded()
     frames = []
-    for color in folder.files_in(directory / COLOR):
+    for color in folder.files_in(directory / colors):
         match = _NAMED_BY_TIME.fullmatch(color.name)
         if match is None:
             continue
@@ -61,20 +64,25 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             discarded.add(pose, name)
         else:
             frames.append(Frame(name, float(match.group(1)), color, depth, pose))
+    files, confidence = FrameFiles(options.scratch), confidence_files(folder, DEPTH, CONFIDENCE)
+    cameras = [] if options.camera else _cameras(folder, f"{colors}_intrinsics", frames)
+    seen = in_one_camera(frames, cameras, options.camera, files, confidence=confidence)
     source = ScanSource(
-        camera=options.camera or _intrinsics(folder),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=DOWN,
-        confidence=confidence_files(folder, DEPTH, CONFIDENCE),
+        notes=seen.notes,
+        confidence=confidence,
+        keeps=files,
     )
-    return assemble_scan(frames, discarded, source, options)
+    return assemble_scan(seen.frames, discarded, source, options)
 
 
 def _trajectory(folder: ScanFolder) -> Trajectory:
     path = folder.find(TRAJECTORY, "the scan")
     if path is None:
-        raise InvalidScanError(f"The scan has no camera poses: {TRAJECTORY} is missing.")
+        raise lacking("arkitscenes", TRAJECTORY, "its camera poses")
     table = []
     for row in rows(read_text(path)):
         values = numbers(row.cells(), f"{path.name} line {row.line}")
@@ -96,15 +104,22 @@ def _row(values: list[float]) -> NDArray[np.float64]:
     return np.array([values[0], *pose.translation, *pose.quaternion])
 
 
-def _intrinsics(folder: ScanFolder) -> CameraHint:
-    files = [] if not (folder.path / INTRINSICS).is_dir() else folder.files_in(folder.path / INTRINSICS)
+def _cameras(folder: ScanFolder, name: str, frames: list[Frame]) -> list[Camera | None]:
+    """Return the camera of each frame: by the file of its name, else, as times are rounded differently, the median."""
+    files = [] if not (folder.path / name).is_dir() else folder.files_in(folder.path / name)
     files = [path for path in files if path.suffix.lower() == ".pincam"]
     if not files:
-        raise InvalidScanError(f"The scan's camera is not known: {INTRINSICS} holds no .pincam file.")
-    each = []
-    for path in files:
-        values = numbers([cell for row in rows(read_text(path)) for cell in row.cells()], path.name)
-        if len(values) != 6:
-            raise InvalidScanError(f"{path.name} must hold six numbers: width height fx fy cx cy.")
-        each.append(tuple(values[2:]))
-    return CameraHint(values=common_intrinsics(each, [path.name for path in files]))
+        raise lacking("arkitscenes", f"{name} with its .pincam files", "the camera's intrinsics")
+    each = {path.stem: _of_file(path) for path in files}
+    median = sorted(each.values(), key=lambda camera: camera.params[0])[len(each) // 2]
+    return [each.get(frame.color.stem, median) for frame in frames]
+
+
+def _of_file(path: Path) -> Camera:
+    values = numbers([cell for row in rows(read_text(path)) for cell in row.cells()], path.name)
+    if len(values) != 6 or not np.isfinite(values).all():
+        raise InvalidScanError(f"{path.name} must hold six numbers: width height fx fy cx cy.")
+    try:
+        return Camera("PINHOLE", int(values[0]), int(values[1]), tuple(values[2:]))
+    except InvalidCameraError as error:
+        raise InvalidScanError(f"{path.name}: {error}") from None

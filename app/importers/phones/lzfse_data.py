@@ -21,17 +21,25 @@ def unpacked_data(path: Path, dtype: np.dtype[np.generic], shape: tuple[int, int
     Raises `InvalidScanError` for a file of another size, a damaged one, and where the library for LZFSE is missing.
     """
     expected = dtype.itemsize * shape[0] * shape[1]
-    if path.stat().st_size > expected + _OVERHEAD_BYTES:
-        raise InvalidScanError(f"{path.name} is larger than {shape[1]} x {shape[0]} values are.")
-    data = path.read_bytes()
-    if data.startswith(_MAGIC):
-        data = _decompressed(data, path.name)
+    data = _unpacked(path, expected)
     if len(data) != expected:
         raise InvalidScanError(
             f"{path.name} holds {len(data)} bytes where {shape[1]} x {shape[0]} values take {expected}: it is damaged, "
             "or of another size than the metadata says."
         )
     return np.frombuffer(data, dtype).reshape(shape)
+
+
+def values_in(path: Path, dtype: np.dtype[np.generic], most: int) -> int:
+    """Return how many values a file of raw or LZFSE-compressed values holds; raises as `unpacked_data`."""
+    return len(_unpacked(path, dtype.itemsize * most)) // dtype.itemsize
+
+
+def _unpacked(path: Path, largest: int) -> bytes:
+    if path.stat().st_size > largest + _OVERHEAD_BYTES:
+        raise InvalidScanError(f"{path.name} is larger than {largest} bytes of values are.")
+    data = path.read_bytes()
+    return _decompressed(data, path.name) if data.startswith(_MAGIC) else data
 
 
 def _decompressed(data: bytes, name: str) -> bytes:

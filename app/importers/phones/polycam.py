@@ -13,18 +13,21 @@ import numpy as np
 
 from app.errors import InvalidCameraError, InvalidScanError
 from app.geometry.camera import Camera
-from app.geometry.camera_hint import hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.cameras import common_intrinsics
 from app.importers.frame_files.json_files import number_of, read_json_object
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, confidence_files, pose_of_arkit
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unread.exports import lacking
 
 DEFAULT_DEPTH_SCALE = 1000.0
 MICROSECONDS_PER_S = 1e6
 _PARENT = "keyframes/"
+_DEPTH = "depth"
 _CAMERAS = ("corrected_cameras", "cameras")
 _IMAGES = ("corrected_images", "images")
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -39,28 +42,59 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a raw export, its corrected poses and images if there are any.
 
     Depth is that of the colour picture resampled, in 1000 per metre, without what the export's confidence says to be
-    low. Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError` for files that are missing or not
-    this.
+    low; a phone without LiDAR records none. Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError`
+    for files that are missing or not this.
     """
-    folder = ScanFolder(directory)
+    folder, files, discarded = ScanFolder(directory), FrameFiles(options.scratch), Discarded()
     parent = "" if _is_keyframes(directory) else _PARENT
-    corrected = all((directory / parent / name).is_dir() for name in (_CAMERAS[0], _IMAGES[0]))
-    cameras, images = (f"{parent}{names[0 if corrected else 1]}" for names in (_CAMERAS, _IMAGES))
-    files = [path for path in folder.files_in(directory / cameras) if path.suffix.lower() == ".json"]
-    if not files:
-        raise InvalidScanError(f"The scan has no camera poses: {cameras} holds no .json file.")
-    found = [folder.find(folder.name_of(path), "the scan") for path in files]
-    entries = {path.stem: read_json_object(path) for path in found if path is not None}
-    discarded = Discarded()
+    cameras, images = _folders(folder, parent)
+    found = _json_files(folder, cameras)
+    if not found:
+        raise lacking("polycam", f"{cameras} with its .json files", "the camera poses")
+    entries = {path.stem: read_json_object(path) for path in found}
+    depths = directory / parent / _DEPTH
+    has_depth = depths.is_dir() and bool(folder.files_in(depths))
+    confidence = confidence_files(folder, f"{parent}{_DEPTH}", f"{parent}confidence")
+    frames = _frames(folder, entries, images, f"{parent}{_DEPTH}" if has_depth else None, discarded)
+    own = [_camera(entries[frame.color.stem], frame) for frame in frames] if options.camera is None else []
+    seen = in_one_camera(frames, own, options.camera, files, has_depth=has_depth, confidence=confidence)
     source = ScanSource(
-        camera=options.camera or hint_of(_camera(entries)),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
-        confidence=confidence_files(folder, f"{parent}depth", f"{parent}confidence"),
+        confidence=confidence,
+        has_depth=has_depth,
+        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH),
+        keeps=files,
     )
-    frames = _frames(folder, entries, images, f"{parent}depth", discarded)
-    return assemble_scan(frames, discarded, source, options)
+    return assemble_scan(seen.frames, discarded, source, options)
+
+
+def _json_files(folder: ScanFolder, cameras: str) -> list[Path]:
+    files = folder.files_in(folder.path / cameras)
+    found = (
+        folder.find(folder.name_of(path), "the scan") for path in files if path.suffix.lower() == ".json"
+    )
+    return [path for path in found if path is not None]
+
+
+def _folders(folder: ScanFolder, parent: str) -> tuple[str, str]:
+    """Return the folders of cameras and pictures: the corrected ones unless most of them are missing."""
+    pairs = [
+        (f"{parent}{cameras}", f"{parent}{images}")
+        for cameras, images in (*zip(_CAMERAS, _IMAGES, strict=True), (_CAMERAS[0], _IMAGES[1]))
+    ]
+    counts = [_complete(folder, *pair) for pair in pairs]
+    if counts[0] and 2 * counts[0] >= counts[1]:
+        return pairs[0]
+    return next((pair for pair, count in zip(pairs[1:], counts[1:], strict=True) if count), pairs[1])
+
+
+def _complete(folder: ScanFolder, cameras: str, images: str) -> int:
+    """Return how many cameras have a picture."""
+    pictures = {path.stem for path in folder.files_in(folder.path / images)}
+    return sum(path.stem in pictures for path in _json_files(folder, cameras))
 
 
 def _is_keyframes(directory: Path) -> bool:
@@ -77,28 +111,32 @@ def _is_keyframes(directory: Path) -> bool:
         return False
 
 
-def _camera(entries: dict[str, dict[str, Any]]) -> Camera:
-    names = [f"{stem}.json" for stem in entries]
-    each = [
-        tuple(number_of(entry, key, name) for key in ("fx", "fy", "cx", "cy"))
-        for entry, name in zip(entries.values(), names, strict=True)
-    ]
-    first = next(iter(entries.values()))
-    width, height = (int(number_of(first, key, names[0])) for key in ("width", "height"))
+def _camera(entry: dict[str, Any], frame: Frame) -> Camera | None:
+    """Return the camera of a frame for the size that the export states, else that of the picture, as new versions of
+    the app state none; None for a picture that can't be read."""
+    name, size = f"{frame.color.stem}.json", color_size(frame.color)
+    values = tuple(number_of(entry, key, name) for key in ("fx", "fy", "cx", "cy"))
+    if "width" in entry and "height" in entry:
+        size = int(number_of(entry, "width", name)), int(number_of(entry, "height", name))
     try:
-        return Camera("PINHOLE", width, height, common_intrinsics(each, names))
+        return None if size is None else Camera("PINHOLE", *size, values)
     except InvalidCameraError as error:
-        raise InvalidScanError(f"{names[0]}: {error}") from None
+        raise InvalidScanError(f"{name}: {error}") from None
 
 
 def _frames(
-    folder: ScanFolder, entries: dict[str, dict[str, Any]], images: str, depths: str, discarded: Discarded
+    folder: ScanFolder,
+    entries: dict[str, dict[str, Any]],
+    images: str,
+    depths: str | None,
+    discarded: Discarded,
 ) -> list[Frame]:
+    """Return the frames; in a scan without depth a frame's picture stands for it."""
     frames, invalid = [], []
     for stem, entry in entries.items():
         found = (folder.find(f"{images}/{stem}{suffix}", "the scan") for suffix in _IMAGE_SUFFIXES)
         color = next(filter(None, found), None)
-        depth = folder.find(f"{depths}/{stem}.png", "the scan")
+        depth = color if depths is None else folder.find(f"{depths}/{stem}.png", "the scan")
         name = f"{images}/{stem}.jpg" if color is None else folder.name_of(color)
         pose = _pose(entry, f"{stem}.json")
         if color is None:

@@ -14,28 +14,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidPoseError, InvalidScanError
-from app.geometry.camera_hint import CameraHint
+from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_quaternion
 from app.importers.archives.archive import extract_archive
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.cameras import common_intrinsics
 from app.importers.frame_files.json_files import number_of, read_json_object
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import LOW_CONFIDENCE, Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, pose_of_arkit
-from app.importers.phones.lzfse_data import unpacked_data
+from app.importers.phones.lzfse_data import unpacked_data, values_in
+from app.importers.recordings.files import recordings_in
 from app.importers.scan_files import optional_file
 from app.importers.unpacked import FrameFiles
+from app.importers.unread.exports import lacking
 
 METADATA = ("metadata", "metadata.json")
 RECORDING_SUFFIX = ".r3d"
 # Colour and depth of the recording itself, and of the app's export of EXR images.
 COLOR_FOLDERS = ("rgbd", "rgb", "RGB", "color")
 DEPTH_FOLDERS = ("depth", "Depth")
+EXPORTED_SUFFIXES = (".exr", ".tiff", ".png", ".npy")
 DEFAULT_DEPTH_SCALE = 1000.0
 DEFAULT_FPS = 60.0
+# Depth of LiDAR and of the Face ID camera as the app records them, held sideways; old versions don't state the size.
+DEPTH_SIZES = ((256, 192), (640, 480), (960, 720))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +50,25 @@ class _Recording:
     folder: ScanFolder
     metadata: dict[str, Any]
 
-    @property
-    def depth_size(self) -> tuple[int, int]:
-        """Width and height of the depth images."""
-        return tuple(int(number_of(self.metadata, key, "metadata")) for key in ("dw", "dh"))  # type: ignore[return-value]
+    def depth_size(self, depth: Path, color: Path) -> tuple[int, int]:
+        """Return width and height of the depth images: as the metadata says, else by the size of one of them."""
+        if all(key in self.metadata for key in ("dw", "dh")):
+            width, height = (int(number_of(self.metadata, key, "metadata")) for key in ("dw", "dh"))
+            return width, height
+        count = values_in(depth, np.dtype("<f4"), max(width * height for width, height in DEPTH_SIZES))
+        fitting = next((size for size in DEPTH_SIZES if size[0] * size[1] == count), None)
+        if fitting is None:
+            raise InvalidScanError(
+                f"The metadata of the recording states no size of its depth (dw, dh), and {depth.name} holds {count} "
+                "values, which is none of the sizes that Record3D records."
+            )
+        picture = color_size(color) or fitting
+        return fitting if picture[0] >= picture[1] else (fitting[1], fitting[0])
 
 
 def detect(directory: Path) -> bool:
     """Return whether the folder holds a `.r3d` file, or the files of one."""
-    return bool(_recordings(directory)) or _is_unpacked(directory)
+    return bool(recordings_in(directory, RECORDING_SUFFIX)) or _is_unpacked(directory)
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -65,22 +80,17 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     files, discarded = FrameFiles(options.scratch), Discarded()
     recording = _opened(directory, files)
     frames = _frames(recording, files, discarded)
+    cameras = [_camera(recording.metadata, frame) for frame in frames] if options.camera is None else []
+    seen = in_one_camera(frames, cameras, options.camera, files)
     source = ScanSource(
-        camera=options.camera or CameraHint(values=_intrinsics(recording.metadata, frames)),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
+        notes=seen.notes,
         keeps=files,
     )
-    return assemble_scan(frames, discarded, source, options)
-
-
-def _recordings(directory: Path) -> list[Path]:
-    return sorted(
-        path
-        for path in directory.iterdir()
-        if path.suffix.lower() == RECORDING_SUFFIX and path.is_file() and not path.is_symlink()
-    )
+    return assemble_scan(seen.frames, discarded, source, options)
 
 
 def _is_unpacked(directory: Path) -> bool:
@@ -89,14 +99,14 @@ def _is_unpacked(directory: Path) -> bool:
 
 
 def _opened(directory: Path, files: FrameFiles) -> _Recording:
-    recordings = _recordings(directory)
+    recordings = recordings_in(directory, RECORDING_SUFFIX)
     if len(recordings) > 1:
         names = " and ".join(path.name for path in recordings[:2])
         raise InvalidScanError(f"The scan has {len(recordings)} recordings, {names}: send only one.")
     folder = _extracted(recordings[0], files) if recordings else directory
     path = next(filter(None, (optional_file(folder, name) for name in METADATA)), None)
     if path is None:
-        raise InvalidScanError("The recording has no file `metadata`, so it is not one of Record3D.")
+        raise lacking("record3d", "metadata", "its camera and poses")
     return _Recording(ScanFolder(folder), read_json_object(path))
 
 
@@ -124,7 +134,7 @@ def _frames(recording: _Recording, files: FrameFiles, discarded: Discarded) -> l
     for number, color in sorted(pictures.items()):
         name = folder.name_of(color)
         pose = _pose(poses[number]) if number < len(poses) else None
-        depth = _depth(recording, color_folder, number, files)
+        depth = _depth(recording, color, number, files)
         if number >= len(poses):
             discarded.add("no_pose", name, f"the metadata has {len(poses)} poses, none for {name}")
         elif pose is None:
@@ -138,17 +148,19 @@ def _frames(recording: _Recording, files: FrameFiles, discarded: Discarded) -> l
     return frames
 
 
-def _depth(recording: _Recording, color_folder: Path, number: int, files: FrameFiles) -> Path | None:
+def _depth(recording: _Recording, color: Path, number: int, files: FrameFiles) -> Path | None:
     """Return a frame's depth image: that of the EXR export, or the recording's, written as PNG."""
     folder = recording.folder
     exported = folder.subfolder(*DEPTH_FOLDERS)
     if exported is not None:
-        return folder.find(f"{folder.name_of(exported)}/{number}.exr", "the scan")
-    stem = f"{folder.name_of(color_folder)}/{number}"
+        stem = f"{folder.name_of(exported)}/{number}"
+        found = (folder.find(f"{stem}{suffix}", "the scan") for suffix in EXPORTED_SUFFIXES)
+        return next(filter(None, found), None)
+    stem = f"{folder.name_of(color.parent)}/{number}"
     path, confidence = (folder.find(f"{stem}.{suffix}", "the scan") for suffix in ("depth", "conf"))
     if path is None:
         return None
-    width, height = recording.depth_size
+    width, height = recording.depth_size(path, color)
     depth_m = unpacked_data(path, np.dtype("<f4"), (height, width)).astype(np.float32)
     if confidence is not None:
         depth_m[unpacked_data(confidence, np.dtype(np.uint8), (height, width)) == LOW_CONFIDENCE] = 0.0
@@ -183,21 +195,43 @@ def _pose(values: object) -> Pose | None:
     return pose_of_arkit(matrix)
 
 
-def _intrinsics(metadata: Mapping[str, Any], frames: list[Frame]) -> tuple[float, ...]:
-    """Return the intrinsics for the pictures' size: the median of the frames' own, else the matrix K."""
+def _camera(metadata: Mapping[str, Any], frame: Frame) -> Camera | None:
+    """Return the camera of a frame's picture: by the frame's own intrinsics, else by the matrix K; None for a picture
+    that can't be read."""
+    number, size = int(frame.color.stem), color_size(frame.color)
     each = metadata.get("perFrameIntrinsicCoeffs")
-    if isinstance(each, list) and each and all(isinstance(row, list) and len(row) >= 4 for row in each):
-        rows = [tuple(number_of(dict(enumerate(row)), i, "metadata") for i in range(4)) for row in each]  # type: ignore[arg-type]
-        values = common_intrinsics(rows, [f"frame {i}" for i in range(len(rows))])
+    if (
+        isinstance(each, list)
+        and number < len(each)
+        and isinstance(each[number], list)
+        and len(each[number]) >= 4
+    ):
+        row = dict(enumerate(each[number]))
+        fx, fy, cx, cy = (number_of({str(i): row[i] for i in row}, str(i), "metadata") for i in range(4))
     else:
-        values = _of_matrix(metadata)
-    size = color_size(frames[0].color) if frames else None
-    width = metadata.get("w")
-    if size is None or not isinstance(width, int | float) or width <= 0:
-        return values
-    ratio = size[0] / float(width)
-    fx, fy, cx, cy = values
-    return fx * ratio, fy * ratio, (cx + 0.5) * ratio - 0.5, (cy + 0.5) * ratio - 0.5
+        fx, fy, cx, cy = _of_matrix(metadata)
+    width, height = (
+        float(value) if isinstance(value := metadata.get(key), int | float) and value > 0 else None
+        for key in ("w", "h")
+    )
+    if size is None:
+        return None
+    if width is None:
+        return _pinhole(size, (fx, fy, cx, cy))
+    if height is not None and (size[0] > size[1]) != (width > height):
+        raise InvalidScanError(
+            f"The pictures of the recording have {size[0]} x {size[1]} pixels, and its metadata is for {width:.0f} x "
+            f"{height:.0f}: they were turned, so send the .r3d file as the app writes it."
+        )
+    ratio = size[0] / width
+    return _pinhole(size, (fx * ratio, fy * ratio, (cx + 0.5) * ratio - 0.5, (cy + 0.5) * ratio - 0.5))
+
+
+def _pinhole(size: tuple[int, int], values: tuple[float, ...]) -> Camera:
+    try:
+        return Camera("PINHOLE", *size, values)
+    except InvalidCameraError as error:
+        raise InvalidScanError(f"metadata: {error}") from None
 
 
 def _of_matrix(metadata: Mapping[str, Any]) -> tuple[float, float, float, float]:

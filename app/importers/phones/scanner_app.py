@@ -13,17 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidScanError
-from app.geometry.camera_hint import CameraHint
+from app.errors import InvalidCameraError, InvalidScanError
+from app.geometry.camera import Camera
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.cameras import common_intrinsics
 from app.importers.frame_files.json_files import number_of, read_json_object
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, pose_of_arkit
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unread.exports import lacking
 
 DEFAULT_DEPTH_SCALE = 1000.0
 FRAME_RATE_HZ = 60.0
+_DEPTH = re.compile(r"depth_\d{1,9}\.png$", re.IGNORECASE)
 _PICTURE = re.compile(r"frame_(\d{1,9})\.(?:jpe?g|png)$", re.IGNORECASE)
 
 
@@ -37,13 +41,16 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of an export; only frames with a picture are taken, the app stores one in several.
 
-    Depth is that of the colour picture resampled, in 1000 per metre, without what has low confidence. Gravity is the
-    world's -y, as ARKit measures it. Raises `InvalidScanError` for files that are missing or not this.
+    Depth is that of the colour picture resampled, in 1000 per metre, without what has low confidence; a phone without
+    LiDAR records none. Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError` for files that are
+    missing or not this.
     """
     folder = ScanFolder(directory)
     pictures = [path for path in folder.files_in(directory) if _PICTURE.fullmatch(path.name)]
     if not pictures:
         raise InvalidScanError("The scan has no frame_00000.jpg and so on.")
+    has_depth = any(_DEPTH.fullmatch(path.name) for path in folder.files_in(directory))
+    files = FrameFiles(options.scratch)
     discarded, cameras = Discarded(), []
     frames, invalid, confidence = [], [], {}
     for picture in pictures:
@@ -58,7 +65,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             continue
         content = read_json_object(path)
         pose = pose_of_arkit(_numbers(content, "cameraPoseARFrame", path.name, 16).reshape(4, 4))
-        cameras.append((path.name, _numbers(content, "intrinsics", path.name, 9)))
+        depth = depth if has_depth else picture
         if depth is None:
             detail = f"depth_{stem}.png is missing; {folder.instead(f'depth_{stem}.png')}"
             discarded.add("no_depth", picture.name, detail)
@@ -67,23 +74,32 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             invalid.append(picture.name)
         else:
             frames.append(Frame(picture.name, _time_s(content, stem, path.name), picture, depth, pose))
+            cameras.append(_camera(content, path.name, picture))
             confidence.update({} if conf is None else {depth: conf})
     check_pose_ratio(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
+    if not frames and "no_pose" in discarded.names:
+        raise lacking("3d-scanner-app", "frame_00000.json and so on", "which hold camera and pose")
+    seen = in_one_camera(frames, cameras, options.camera, files, has_depth=has_depth, confidence=confidence)
     source = ScanSource(
-        camera=options.camera or _camera(cameras),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
         confidence=confidence,
+        has_depth=has_depth,
+        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH),
+        keeps=files,
     )
-    return assemble_scan(frames, discarded, source, options)
+    return assemble_scan(seen.frames, discarded, source, options)
 
 
-def _camera(cameras: list[tuple[str, NDArray[np.float64]]]) -> CameraHint:
-    if not cameras:
-        raise InvalidScanError("The scan has no frame_00000.json and so on, which hold camera and pose.")
-    rows = [tuple(float(K[i]) for i in (0, 4, 2, 5)) for _, K in cameras]
-    return CameraHint(values=common_intrinsics(rows, [name for name, _ in cameras]))
+def _camera(content: dict[str, Any], where: str, picture: Path) -> Camera | None:
+    """Return the camera of a picture, None where that can't be read."""
+    K, size = _numbers(content, "intrinsics", where, 9), color_size(picture)
+    try:
+        return None if size is None else Camera("PINHOLE", *size, tuple(float(K[i]) for i in (0, 4, 2, 5)))
+    except InvalidCameraError as error:
+        raise InvalidScanError(f"{where}: {error}") from None
 
 
 def _time_s(content: dict[str, Any], stem: str, where: str) -> float:

@@ -23,6 +23,11 @@ class Video:
     fps: float
     count: int
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.width, self.height
+
     def pictures(self, *, upright: bool = False) -> Iterator[NDArray[np.uint8]]:
         """Yield the pictures (height, width, 3), BGR, as they are stored, or turned `upright` as players show them."""
         capture = _opened(self.path)

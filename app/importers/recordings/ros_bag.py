@@ -6,6 +6,7 @@ Read with the library `rosbags`. Messages follow the definitions of sensor_msgs,
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from app.importers.frame_files.spacing import spaced_rows
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.recordings.files import recordings_in
+from app.importers.recordings.ros_camera import camera_of
 from app.importers.recordings.ros_images import depth_of, is_depth, picture_of
 from app.importers.recordings.ros_transforms import Transforms, pose_of
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
@@ -41,6 +43,15 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 COLOR_WORDS = ("color", "rgb", "image_raw", "image")
 DEPTH_WORDS = ("aligned", "registered", "depth_to_rgb", "depth")
 OTHER_WORDS = ("infra", "ir/", "/ir", "fisheye", "left", "right", "confidence", "mask")
+# What librealsense records by itself: no poses, and depth that is not aligned although all frames have one name.
+_VIEWER = re.compile(r"/device_\d+/sensor_\d+/")
+OF_VIEWER = (
+    "This is a recording of the RealSense Viewer, which has no camera poses and depth that is not aligned to colour: "
+    "play it to realsense2_camera with align_depth, and record its topics with those of a tracker as a new bag, or let "
+    "RTAB-Map track it and send its .db."
+)
+# A recording that was split has parts with numbers behind their names.
+_PART = re.compile(r"_\d+\.\w+$")
 # Poses are interpolated between rows that are as far apart as this.
 MAX_POSE_GAP_S = 0.2
 
@@ -82,7 +93,10 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     camera = options.camera or color.camera
     if camera is None:
         raise InvalidScanError(f"The bag has no CameraInfo for {topics.color}: give `camera` in the options.")
-    trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
+    if options.estimate_poses:
+        trajectory = Trajectory.still(np.array(color.times_s))
+    else:
+        trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
     frames = _frames(color, depth, trajectory, files, options, discarded)
     registered = depth is None or depth.frame == color.frame
     source = ScanSource(
@@ -109,8 +123,11 @@ def _opened(directory: Path) -> Iterator[Any]:
     except ImportError:
         raise InvalidScanError("ROS bags need the extra: pip install 'roomfix[scans]'.") from None
     bags = recordings_in(directory, *SUFFIXES)
-    ros1 = [path for path in bags if path.suffix.lower() == ".bag"]
-    paths = ros1 or ([directory] if (directory / METADATA).is_file() else bags[:1])
+    has_metadata = (directory / METADATA).is_file()
+    if not has_metadata and len(bags) > 1 and not all(_PART.search(path.name) for path in bags):
+        names = ", ".join(path.name for path in bags[:3])
+        raise InvalidScanError(f"The scan has {len(bags)} bags, {names}: send those of one recording only.")
+    paths = [directory] if has_metadata and bags[0].suffix.lower() != ".bag" else bags
     try:
         with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             yield reader
@@ -119,7 +136,11 @@ def _opened(directory: Path) -> Iterator[Any]:
 
 
 def _chosen_topics(reader: Any) -> _Topics:
-    kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+    if any(_VIEWER.match(connection.topic) for connection in reader.connections):
+        raise InvalidScanError(OF_VIEWER)
+    # A topic may have been recorded without a message; a bag without an index counts none of any.
+    counted = [connection for connection in reader.connections if connection.msgcount]
+    kinds = {connection.topic: connection.msgtype for connection in counted or reader.connections}
     images = [topic for topic, kind in kinds.items() if kind in IMAGES]
     depth = [topic for topic in images if "depth" in topic.lower() and not _has(topic, OTHER_WORDS)]
     color = [topic for topic in images if topic not in depth and not _has(topic, OTHER_WORDS)]
@@ -139,8 +160,10 @@ def _has(topic: str, words: tuple[str, ...]) -> bool:
 
 
 def _best(topics: list[str], words: tuple[str, ...]) -> str:
-    def rank(topic: str) -> tuple[int, int, str]:
+    def rank(topic: str) -> tuple[bool, int, int, str]:
         return (
+            # Depth beside its own compression may have been compressed as a photo.
+            words == DEPTH_WORDS and topic.endswith("/compressed"),
             next((i for i, word in enumerate(words) if word in topic.lower()), len(words)),
             len(topic),
             topic,
@@ -186,25 +209,23 @@ def _add(stream: _Stream, message: Any, files: FrameFiles, kind: str) -> None:
         path = picture_of(message, files, name)
     else:
         raise InvalidScanError(
-            f"The bag's depth is encoded as {getattr(message, 'encoding', '?')}: 16UC1 and 32FC1 are read."
+            f"The bag's depth is encoded as {_encoding(message)}: 16UC1 and 32FC1 are read."
         )
     stream.times_s.append(_time_s(message))
     stream.paths.append(path)
     stream.frame = stream.frame or message.header.frame_id
 
 
+def _encoding(message: Any) -> str:
+    return str(message.encoding if hasattr(message, "encoding") else message.format)
+
+
 def _add_camera(topic: str, message: Any, topics: _Topics, color: _Stream, depth: _Stream) -> None:
     """Keep the intrinsics for the stream with the same namespace."""
-    namespace = topic.rpartition("/")[0]
-    K = np.asarray(message.K if hasattr(message, "K") else message.k, dtype=np.float64)
-    D = np.asarray(message.D if hasattr(message, "D") else message.d, dtype=np.float64)
-    values = tuple(float(K[i]) for i in (0, 4, 2, 5))
-    if len(D) in (4, 5) and np.any(D):
-        values += tuple(D.tolist())
-    if topics.color.startswith(f"{namespace}/") and color.camera is None:
-        color.camera = CameraHint(values=values)
-    if topics.depth is not None and topics.depth.startswith(f"{namespace}/") and depth.camera is None:
-        depth.camera = CameraHint(values=values)
+    namespace = f"{topic.rpartition('/')[0]}/"
+    for of_stream, stream in ((topics.color, color), (topics.depth, depth)):
+        if of_stream is not None and of_stream.startswith(namespace) and stream.camera is None:
+            stream.camera = camera_of(message, is_rectified="rect" in of_stream.removeprefix(namespace))
 
 
 def _frames(

@@ -19,12 +19,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidPoseError, InvalidScanError
-from app.geometry.camera_hint import CameraHint
+from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
-from app.importers.frame_files.cameras import common_intrinsics
+from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
+from app.importers.images.color_files import color_size
+from app.importers.images.depth_files import LIMITS
+from app.importers.images.rvl import decode_rvl
 from app.importers.recordings.files import recordings_in, the_recording
 from app.importers.unpacked import FrameFiles
 
@@ -34,6 +37,9 @@ EXPORT = "export it with rtabmap-export --images --poses_camera, and send that f
 # Header of a serialized camera: version (3), type, width, height, numbers in K, D, R, P and the local transform.
 _HEADER = struct.Struct("<11i")
 _MONO = 0
+# Depth of newer versions: this, width, height, and the compressed values.
+_RVL = b"DEPTHRVL"
+_RVL_HEADER = struct.Struct("<8s2I")
 _MAX_UNPACKED_BYTES = 256 * 1024 * 1024
 
 
@@ -74,22 +80,30 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             poses, notes = _poses(connection)
             frames = _frames(connection, path.name, poses, files, discarded, cameras)
     except sqlite3.DatabaseError as error:
-        raise InvalidScanError(f"{path.name} can't be read as a database of RTAB-Map: {error}.") from None
+        raise InvalidScanError(
+            f"{path.name} can't be read as a database of RTAB-Map, or its version is older than those that are read "
+            f"({error}): open it in a newer RTAB-Map and save it, or {EXPORT}."
+        ) from None
     if options.camera is None and not cameras:
         raise InvalidScanError(f"{path.name} holds no calibrated pictures.")
+    own = [_own(camera, frame) for camera, frame in zip(cameras, frames, strict=True)]
+    seen = in_one_camera(frames, own, options.camera, files)
     source = ScanSource(
-        camera=options.camera or _common(cameras),
+        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
-        notes=notes,
+        notes=(*notes, *seen.notes),
         keeps=files,
     )
-    return assemble_scan(frames, discarded, source, options)
+    return assemble_scan(seen.frames, discarded, source, options)
 
 
-def _common(cameras: list[_Camera]) -> CameraHint:
-    names = [f"node {i}" for i in range(len(cameras))]
-    return CameraHint(values=common_intrinsics([camera.values for camera in cameras], names))
+def _own(camera: _Camera, frame: Frame) -> Camera | None:
+    size = color_size(frame.color)
+    try:
+        return None if size is None else Camera.from_values(camera.values, *size)
+    except InvalidCameraError as error:
+        raise InvalidScanError(f"{frame.name}: {error}") from None
 
 
 def _connected(path: Path) -> sqlite3.Connection:
@@ -232,13 +246,25 @@ def _camera(node: _Node, label: str) -> _Camera:
 
 
 def _write_depth(node: _Node, label: str, files: FrameFiles) -> Path:
-    """Write a node's depth: 16 bits in millimetres as stored, or floats in metres, whose bytes stand as RGBA."""
+    """Write a node's depth: 16 bits in millimetres as PNG or RVL, or floats in metres, whose bytes stand as RGBA."""
     name = f"depth/{node.number:06d}.png"
+    if node.depth.startswith(_RVL):
+        return files.write_depth(name, _rvl_depth(node.depth, label))
     image = cv2.imdecode(np.frombuffer(node.depth, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InvalidScanError(f"The depth of {label} is not stored as PNG, which is needed: {EXPORT}.")
+        raise InvalidScanError(f"The depth of {label} is stored neither as PNG nor as RVL: {EXPORT}.")
     if image.dtype == np.uint16 and image.ndim == 2:
         return files.write(name, node.depth)
     if image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 4:
         return files.write_depth_m(name, np.ascontiguousarray(image).view("<f4")[..., 0])
     raise InvalidScanError(f"The depth of {label} is a picture of 8 bits, which holds no depth: {EXPORT}.")
+
+
+def _rvl_depth(data: bytes, label: str) -> NDArray[np.uint16]:
+    width, height = _RVL_HEADER.unpack_from(data)[1:] if len(data) >= _RVL_HEADER.size else (0, 0)
+    depth = None
+    if 0 < width * height <= LIMITS.max_pixels:
+        depth = decode_rvl(data[_RVL_HEADER.size :], width, height)
+    if depth is None:
+        raise InvalidScanError(f"The depth of {label} is damaged: it is no RVL image.")
+    return depth
