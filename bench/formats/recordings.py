@@ -48,6 +48,8 @@ class BagKind:
     states_camera: bool = True
     has_poses: bool = True
     prefix: str = "/camera"
+    depth_frame: str = COLOR_FRAME
+    depth_name: str = "aligned_depth_to_color"
 
     @property
     def color_topic(self) -> str:
@@ -58,7 +60,7 @@ class BagKind:
     def depth_topic(self) -> str:
         """The topic of depth."""
         end = "/compressedDepth" if self.compressed_depth else ""
-        return f"{self.prefix}/aligned_depth_to_color/image_raw{end}"
+        return f"{self.prefix}/{self.depth_name}/image_raw{end}"
 
     @property
     def topics(self) -> dict[str, str]:
@@ -229,7 +231,8 @@ def _write_bag(scan: WrittenScan, writer: Any, version: Literal["1", "2"], kind:
             ("rgb8; jpeg compressed bgr8", frame.jpeg) if kind.compressed_color else ("rgb8", rgb.tobytes())
         )
         bag.send(kind.color_topic, time_ns, _image(bag.types, header, rgb.shape, *color))
-        depth = _image(bag.types, header, frame.depth_m.shape, *kind.depth(frame))
+        of_depth = bag.header(time_ns, kind.depth_frame)
+        depth = _image(bag.types, of_depth, frame.depth_m.shape, *kind.depth(frame))
         bag.send(kind.depth_topic, time_ns, depth)
 
 

@@ -99,6 +99,11 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
     frames = _frames(color, depth, trajectory, files, options, discarded)
     registered = depth is None or depth.frame == color.frame
+    if depth is not None and not registered and not (depth.camera or options.depth_camera):
+        raise InvalidScanError(
+            f"The bag's depth is in the frame {depth.frame}, colour in {color.frame}, and there is no CameraInfo for "
+            f"{topics.depth}: record its camera_info and /tf_static too, or depth that is aligned to colour."
+        )
     source = ScanSource(
         camera=camera,
         depth_camera=None if registered or depth is None else depth.camera,

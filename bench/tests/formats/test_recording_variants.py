@@ -120,8 +120,12 @@ def test_a_split_bag_is_one_recording_and_two_bags_are_not(tmp_path: Path) -> No
     halves = WrittenScan(CAMERA, scan.frames[:3], scan.down), WrittenScan(CAMERA, scan.frames[3:], scan.down)
     for number, half in enumerate(halves):
         recordings.ros1(half, tmp_path / f"split/walk_{number}")
+        folder = recordings.ros2(StoragePlugin.MCAP, half, tmp_path / f"half{number}/walk")
+        (tmp_path / "mcap").mkdir(exist_ok=True)
+        (folder / "walk.mcap").rename(tmp_path / f"mcap/walk_{number}.mcap")
         recordings.ros1(half, tmp_path / f"two/walk{number}")
     assert_is(open_scan(tmp_path / "split"), scan)
+    assert_is(open_scan(tmp_path / "mcap"), scan)
     with pytest.raises(
         InvalidScanError, match=r"2 bags, walk0\.bag, walk1\.bag: send those of one recording"
     ):
@@ -142,3 +146,22 @@ def test_a_recording_of_the_realsense_viewer_is_named(tmp_path: Path) -> None:
     path = recordings.ros1(tiny_scan(), tmp_path / "scan", kind)
     with pytest.raises(InvalidScanError, match=r"recording of the RealSense Viewer.*align_depth"):
         open_scan(unpack_scan(path, tmp_path / "unpacked"))
+
+
+def test_depth_of_another_frame_without_a_camera_is_not_taken_for_aligned(tmp_path: Path) -> None:
+    kind = recordings.BagKind(depth_frame="camera_depth_optical_frame", depth_name="depth")
+    path = recordings.ros1(tiny_scan(), tmp_path / "scan", kind)
+    with pytest.raises(
+        InvalidScanError, match=r"no CameraInfo for /camera/depth/image_raw: record its camera_info"
+    ):
+        open_scan(unpack_scan(path, tmp_path / "unpacked"))
+
+
+def test_a_database_of_an_old_version_of_rtabmap_says_what_to_do(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "map.db")) as connection, connection:
+        connection.execute("CREATE TABLE Node (id INTEGER, stamp FLOAT, pose BLOB)")
+        connection.execute("CREATE TABLE Data (id INTEGER, image BLOB)")
+    with pytest.raises(
+        InvalidScanError, match=r"older than those that are read .*newer RTAB-Map and save it, or"
+    ):
+        open_scan(tmp_path)
