@@ -42,12 +42,16 @@ _LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE_LENS = ("k1", "k2", "k3", "k4")
 # Paths may stand without these.
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+# A path in the beginning of a list that leads out of its folder.
+_LEADS_OUT = re.compile(rb'_path"\s*:\s*"(?:\./)?\.\.[/\\]')
+_HEAD_BYTES = 8192
 _NUMBERS = re.compile(r"(\d+)")
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds `transforms.json`, or that of training frames alone."""
-    return any(optional_file(directory, name) is not None for name in (FILE, SPLIT_FILES[0]))
+    """Return whether the folder holds `transforms.json`, or that of training frames alone, or has it in a folder beside
+    that of the pictures."""
+    return _list_folder(directory) is not None
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -58,7 +62,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     `InvalidScanError` for a file that is not this, for frames without depth and for lenses that are not known.
     """
     folder = ScanFolder(directory)
-    content, listed = _content(directory)
+    content, listed = _content(_list_folder(directory) or directory)
     has_depth = any(_depth_name(frame) for frame in listed)
     files, discarded = FrameFiles(options.scratch), Discarded()
     entries = sorted(listed, key=lambda frame: _natural(str(frame.get("file_path", ""))))
@@ -77,6 +81,17 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         keeps=files,
     )
     return assemble_scan(seen.frames, discarded, source, options)
+
+
+def _list_folder(directory: Path) -> Path | None:
+    """Return the folder of the list: the scan's, or the only one in it whose list names files outside of itself."""
+    if any(optional_file(directory, name) is not None for name in (FILE, SPLIT_FILES[0])):
+        return directory
+    below = [path.parent for path in directory.glob(f"*/{FILE}") if not path.parent.is_symlink()]
+    if len(below) != 1 or (below[0] / FILE).is_symlink():
+        return None
+    with (below[0] / FILE).open("rb") as file:
+        return below[0] if _LEADS_OUT.search(file.read(_HEAD_BYTES)) else None
 
 
 def _content(directory: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:

@@ -125,6 +125,11 @@ def _frames(recording: _Recording, files: FrameFiles, discarded: Discarded) -> l
     poses = metadata.get("poses")
     if color_folder is None or not isinstance(poses, list):
         raise InvalidScanError("The recording has no folder rgbd, or no list of poses in its metadata.")
+    if len(poses) > 1 and all(pose == poses[0] for pose in poses):
+        raise InvalidScanError(
+            "All poses of the recording are the same: Record3D follows the phone's way only with the LiDAR at its "
+            "back, so record with that, not with the Face ID camera, and walk."
+        )
     pictures = {
         int(path.stem): path
         for path in folder.files_in(color_folder)

@@ -37,6 +37,15 @@ def as_nerf_capture(frame: dict[str, Any]) -> None:
     without_suffix(frame)
 
 
+def leading_out(frame: dict[str, Any]) -> None:
+    frame.update({key: f"../{frame[key]}" for key in ("file_path", "depth_file_path")})
+
+
+def beside(folder: Path) -> None:
+    (folder / "nerf").mkdir()
+    (folder / "transforms.json").rename(folder / "nerf/transforms.json")
+
+
 def camera_in_each_frame(folder: Path) -> None:
     def change(content: dict[str, Any]) -> None:
         camera = {key: content.pop(key) for key in ("fl_x", "fl_y", "cx", "cy", "w", "h")}
@@ -58,6 +67,7 @@ NERFSTUDIO: dict[str, Change] = {
     "NeRFCapture": both(each_frame(as_nerf_capture), top(integer_depth_scale=0.001)),
     "camera in each frame": camera_in_each_frame,
     "a simple model": top(camera_model="SIMPLE_RADIAL", k1=0.0, k2=0.0, k3=0.0),
+    "in a folder beside the pictures": both(each_frame(leading_out), beside),
     "split": lambda folder: (folder / "transforms.json").rename(folder / "transforms_train.json"),
 }
 

@@ -15,6 +15,7 @@ from app.errors import InvalidScanError
 from app.importers.registry import find_scan, open_scan
 from app.importers.unpack_scan import unpack_scan
 from bench.formats import phones
+from bench.formats.frames import PHONE_DEPTH
 from bench.formats.writers import WRITERS
 from bench.tests.formats.changes import CX, CY, FX, FY, Change, both, edited
 from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, WIDTH, tiny_scan
@@ -82,6 +83,43 @@ def record3d_without_sizes(path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         for name, data in files.items():
             archive.writestr(name, data)
+
+
+def exported_as_exr(path: Path, folder: Path) -> Path:
+    """Write the app's other export of a recording: EXR images in metres, pictures, and the metadata with a suffix."""
+    for i, frame in enumerate(tiny_scan().with_depth_of(*PHONE_DEPTH).frames):
+        (folder / "EXR_RGBD/rgb").mkdir(parents=True, exist_ok=True)
+        (folder / "EXR_RGBD/depth").mkdir(exist_ok=True)
+        (folder / f"EXR_RGBD/rgb/{i}.jpg").write_bytes(frame.jpeg)
+        (folder / f"EXR_RGBD/depth/{i}.exr").write_bytes(cv2.imencode(".exr", frame.depth_m)[1].tobytes())
+    with zipfile.ZipFile(path) as archive:
+        (folder / "EXR_RGBD/metadata.json").write_bytes(archive.read("metadata"))
+    return folder
+
+
+def test_record3d_exported_as_exr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENCV_IO_ENABLE_OPENEXR", "1")
+    expected = tiny_scan()
+    folder = exported_as_exr(phones.record3d_plain(expected, tmp_path / "scan"), tmp_path / "export")
+    scan = open_scan(folder)
+    assert_is(scan, expected)
+    assert scan.depth_m(scan.frames[0])[120, 160] == pytest.approx(
+        expected.frames[0].depth_m[120, 160], abs=4e-3
+    )
+    # Intrinsics of each frame come before the matrix; here they are those of another one.
+    values = [[FX * 2, FY * 2, 2 * CX + 0.5, 2 * CY + 0.5, 0, 0]] * FRAMES
+    change = {"w": 2 * WIDTH, "h": 2 * HEIGHT, "perFrameIntrinsicCoeffs": values, "K": [1.0] * 9}
+    edited(folder / "EXR_RGBD/metadata.json", lambda content: content.update(change))
+    assert_is(open_scan(folder), expected)
+
+
+def test_a_recording_of_the_face_id_camera_has_no_way(tmp_path: Path) -> None:
+    path = phones.record3d_plain(tiny_scan(), tmp_path / "scan")
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "still")
+    edited(tmp_path / "still/metadata", lambda content: content.update(poses=[[0.0] * 7] * FRAMES))
+    with pytest.raises(InvalidScanError, match=r"All poses of the recording are the same.*LiDAR"):
+        open_scan(tmp_path / "still")
 
 
 def test_pictures_of_record3d_that_were_turned_are_refused(tmp_path: Path) -> None:
