@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
@@ -172,19 +174,33 @@ def _text_cameras(text: str) -> dict[int, Camera]:
 
 
 def _text_images(text: str) -> list[_Image]:
-    images = []
-    # Each picture takes two lines; the second, of its points, may be blank.
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
-    for number, line in enumerate(lines[::2]):
+    """Return the pictures of `images.txt`: each takes two lines, the second of its points, which may be blank or, as
+    other tools write models without points, not there."""
+    images: list[_Image] = []
+    expects_points = False
+    for number, line in enumerate(text.splitlines(), start=1):
         cells = line.split(maxsplit=9)
-        if not cells:
+        if cells and cells[0].startswith("#"):
             continue
-        where = f"images.txt, picture {number + 1}"
+        was_expected, expects_points = expects_points, False
+        if not cells or (was_expected and _are_points(cells)):
+            continue
+        where = f"images.txt line {number}"
         if len(cells) != 10:
             raise InvalidScanError(f"{where}: expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME.")
         values = numbers(cells[1:9], where)
-        images.append(_Image(cells[9], int(values[7]), _pose(values[:7])))
+        images.append(_Image(cells[9].rstrip(), int(values[7]), _pose(values[:7])))
+        expects_points = True
     return images
+
+
+def _are_points(cells: list[str]) -> bool:
+    """Whether a line begins with numbers alone, as X Y POINT3D_ID; a picture's tenth column is its name."""
+    first = [*cells[:9], *(cell.split(maxsplit=1)[0] for cell in cells[9:])]
+    try:
+        return all(np.isfinite([float(cell) for cell in first]))
+    except ValueError:
+        return False
 
 
 def _binary_cameras(file: BinaryIO) -> dict[int, Camera]:

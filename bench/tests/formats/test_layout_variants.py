@@ -166,6 +166,16 @@ def test_a_colmap_model_with_files_of_newer_versions_and_without_points(tmp_path
     assert_is(open_scan(folder), tiny_scan())
 
 
+@pytest.mark.parametrize("points", [None, "", "1.5 2.5 -1 3.5 4.5 7 8.5 9.5 -1 10.5 11.5 12", "# none"])
+def test_lines_of_points_in_a_colmap_model(tmp_path: Path, points: str | None) -> None:
+    folder = layouts.colmap_text(tiny_scan(), tmp_path)
+    path = folder / "sparse/0/images.txt"
+    pictures = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
+    between = "" if points is None else f"{points}\n"
+    path.write_text("# pictures\n" + "".join(f"{line}\n{between}" for line in pictures))
+    assert_is(open_scan(folder), tiny_scan())
+
+
 def test_of_several_colmap_models_the_largest_is_read(tmp_path: Path) -> None:
     folder = layouts.colmap_text(tiny_scan(), tmp_path)
     shutil.move(folder / "sparse/0", folder / "sparse/1")
