@@ -146,6 +146,11 @@ def _poses(path: Path) -> dict[str, tuple[float, Pose]]:
     """Return time and pose of each row by its id where the rows have one, and by its time."""
     text = read_text(path)
     table = parse_trajectory(text, path.name).values
+    if np.isnan(table[:, 0]).all():
+        raise InvalidScanError(
+            f"{path.name} names neither times nor pictures: export it with rtabmap-export --images_id --poses_camera "
+            "--poses_format 11."
+        )
     # A header that names the columns in words is a comment in these files.
     cells = [row.cells() for row in rows(text)]
     ids = [row[-1] for row in cells if len(row) == ID_COLUMNS]

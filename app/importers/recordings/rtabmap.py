@@ -37,6 +37,8 @@ EXPORT = "export it with rtabmap-export --images --poses_camera, and send that f
 # Header of a serialized camera: version (3), type, width, height, numbers in K, D, R, P and the local transform.
 _HEADER = struct.Struct("<11i")
 _MONO = 0
+# Bytes of a camera before version 0.18: floats fx fy cx cy, width and height from version 0.11.2 on, and its place.
+_OLD_SIZES = (4 * (4 + 12), 4 * (6 + 12))
 # Depth of newer versions: this, width, height, and the compressed values.
 _RVL = b"DEPTHRVL"
 _RVL_HEADER = struct.Struct("<8s2I")
@@ -216,7 +218,9 @@ def _pose(matrix: NDArray[np.float64]) -> Pose | None:
 
 
 def _camera(node: _Node, label: str) -> _Camera:
-    """Return a node's calibration; raises `InvalidScanError` for stereo, several cameras and old versions."""
+    """Return a node's calibration; raises `InvalidScanError` for stereo and several cameras."""
+    if len(node.calibration) in _OLD_SIZES:
+        return _old_camera(node, label)
     if len(node.calibration) < _HEADER.size:
         raise InvalidScanError(f"{label} has no calibration that can be read: {EXPORT}.")
     header = _HEADER.unpack_from(node.calibration)
@@ -224,7 +228,9 @@ def _camera(node: _Node, label: str) -> _Camera:
     place_count = header[10]
     size = _HEADER.size + 8 * sum(counts) + 4 * place_count
     if header[3] != _MONO or counts[0] != 9 or min(counts) < 0 or place_count not in (0, 12):
-        raise InvalidScanError(f"The camera of {label} is a stereo camera or of an old version: {EXPORT}.")
+        raise InvalidScanError(
+            f"The camera of {label} is a stereo camera, or its calibration is damaged: {EXPORT}."
+        )
     if len(node.calibration) != size:
         raise InvalidScanError(f"{label} has several cameras, of which one is read: {EXPORT}.")
     doubles = np.frombuffer(node.calibration, "<f8", sum(counts), _HEADER.size)
@@ -243,6 +249,14 @@ def _camera(node: _Node, label: str) -> _Camera:
     if base_from_camera is None:
         raise InvalidScanError(f"The place of the camera of {label} is no rigid transform: {EXPORT}.")
     return _Camera(tuple(values), base_from_camera)
+
+
+def _old_camera(node: _Node, label: str) -> _Camera:
+    values = np.frombuffer(node.calibration, "<f4").astype(np.float64)
+    base_from_camera = _pose(values[-12:].reshape(3, 4))
+    if base_from_camera is None or not (np.isfinite(values).all() and values[:2].min() > 0):
+        raise InvalidScanError(f"{label} has no calibration that can be read: {EXPORT}.")
+    return _Camera(tuple(values[:4].tolist()), base_from_camera)
 
 
 def _write_depth(node: _Node, label: str, files: FrameFiles) -> Path:

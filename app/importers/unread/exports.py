@@ -45,7 +45,7 @@ EXPORTS: Mapping[str, Export] = {
     ),
     "rtabmap-export": Export(
         "an export of RTAB-Map",
-        "run rtabmap-export --images --poses_camera, and send all that it writes, or send the .db file",
+        "run rtabmap-export --images_id --poses_camera --poses_format 11, and send all that it writes, or send the .db",
     ),
     "kapture": Export("a data set of kapture", "send the folder sensors with its tables and records_data"),
     "colmap": Export(

@@ -288,6 +288,16 @@ def test_an_export_of_rtabmap_with_one_calibration_for_all(tmp_path: Path) -> No
     assert_is(open_scan(folder), tiny_scan())
 
 
+def test_poses_of_rtabmap_without_times_are_asked_for_with_them(tmp_path: Path) -> None:
+    folder = layouts.rtabmap_export(tiny_scan(), tmp_path)
+    rows = [" ".join(map(str, frame.scan_from_camera.matrix[:3].ravel())) for frame in tiny_scan().frames]
+    (folder / "rtabmap_poses.txt").write_text("\n".join(rows) + "\n")
+    with pytest.raises(
+        InvalidScanError, match=r"rtabmap_poses\.txt names neither times .*--poses_format 11"
+    ):
+        open_scan(folder)
+
+
 def test_an_export_of_rtabmap_with_several_cameras(tmp_path: Path) -> None:
     folder = layouts.rtabmap_export(tiny_scan(), tmp_path)
     for path in sorted((folder / "rtabmap_calib").iterdir()):

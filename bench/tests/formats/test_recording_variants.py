@@ -18,7 +18,7 @@ from app.importers.registry import open_scan
 from app.importers.unpack_scan import unpack_scan
 from bench.formats import recordings
 from bench.formats.frames import WrittenFrame, WrittenScan
-from bench.tests.formats.scans import CAMERA, FRAMES, tiny_scan
+from bench.tests.formats.scans import CAMERA, FRAMES, HEIGHT, WIDTH, tiny_scan
 from bench.tests.formats.test_formats import assert_is
 from tests.importers.test_rvl import encode_rvl
 
@@ -155,6 +155,21 @@ def test_depth_of_another_frame_without_a_camera_is_not_taken_for_aligned(tmp_pa
         InvalidScanError, match=r"no CameraInfo for /camera/depth/image_raw: record its camera_info"
     ):
         open_scan(unpack_scan(path, tmp_path / "unpacked"))
+
+
+@pytest.mark.parametrize("size", [(), (WIDTH, HEIGHT)])
+def test_calibrations_of_older_versions_of_rtabmap(tmp_path: Path, size: tuple[int, ...]) -> None:
+    expected = tiny_scan()
+    path = recordings.rtabmap(expected, tmp_path / "scan")
+    place = recordings.BASE_FROM_CAMERA.matrix[:3].ravel()
+    values = np.array([*CAMERA.params[:4], *size, *place], "<f4").tobytes()
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE Data SET calibration = ?", (values,))
+    assert_is(open_scan(unpack_scan(path, tmp_path / "unpacked")), expected)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE Data SET calibration = ?", (bytes(len(values)),))
+    with pytest.raises(InvalidScanError, match="no calibration that can be read"):
+        open_scan(unpack_scan(path, tmp_path / "damaged"))
 
 
 def test_a_database_of_an_old_version_of_rtabmap_says_what_to_do(tmp_path: Path) -> None:
