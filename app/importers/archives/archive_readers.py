@@ -49,7 +49,7 @@ class HeaderLimits:
 _HEADERS = HeaderLimits()
 
 
-_DAMAGE = "The archive is damaged or was cut off; pack and send it again."
+_DAMAGE = "The archive is damaged or was cut off, or is one part of several; pack and send it again, as one file."
 _DAMAGED = (
     zipfile.BadZipFile,
     tarfile.TarError,

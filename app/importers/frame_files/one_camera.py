@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import InvalidCameraError, InvalidScanError
-from app.geometry.camera import Camera
+from app.geometry.camera import REFERENCE_FOCAL_PX, Camera
 from app.geometry.camera_hint import CameraHint, hint_of
 from app.importers.frames import Frame, is_of_low_confidence
 from app.importers.images.color_files import color_size
@@ -33,7 +33,7 @@ class OneCameraOptions:
 
     tolerance_px: float = limit(
         0.3,
-        "A picture whose own camera sees the same rays within this many pixels stays as it is.",
+        "A picture whose own camera sees the same rays within this many pixels, at 525 px of focal length, is left.",
         chosen="By hand: below the noise of a feature's place.",
     )
     max_focal_ratio: float = limit(
@@ -124,7 +124,8 @@ def _is_near(own: Camera, camera: Camera) -> bool:
         return True
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 5), np.linspace(0, camera.height - 1, 5))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    return bool(np.abs(_of_own(pixels, own, camera) - pixels).max() <= OPTIONS.tolerance_px)
+    tolerance_px = OPTIONS.tolerance_px * camera.params[0] / REFERENCE_FOCAL_PX
+    return bool(np.abs(_of_own(pixels, own, camera) - pixels).max() <= tolerance_px)
 
 
 def _of_own(pixels: NDArray[np.float64], own: Camera, camera: Camera) -> NDArray[np.float64]:

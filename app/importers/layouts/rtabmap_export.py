@@ -127,7 +127,11 @@ def _folders(directory: Path) -> _Folders | None:
     # The camera's own poses come first where both were exported.
     poses.sort(key=lambda path: "camera" not in path.name)
     if not found["calib"]:
-        files = sorted(path for path in directory.iterdir() if path.is_file() and _is_yaml(path))
+        files = sorted(
+            path
+            for path in directory.iterdir()
+            if path.is_file() and not path.is_symlink() and _is_yaml(path)
+        )
         found["calib"] = files if len(files) == 1 else []
     if not poses or any(len(folders) != 1 for folders in found.values()):
         return None
