@@ -23,4 +23,6 @@ def test_all_that_the_importers_read_is_sent_and_nothing_else(tmp_path: Path) ->
         (scan / name).parent.mkdir(parents=True, exist_ok=True)
         (scan / name).write_bytes(b"x")
     with zipfile.ZipFile(zip_folder(scan, tmp_path / "scan.zip")) as archive:
-        assert sorted(archive.namelist()) == sorted(kept)
+        # Of a model the name alone is sent: it says what there is.
+        assert sorted(archive.namelist()) == sorted([*kept, "mesh.ply"])
+        assert archive.getinfo("mesh.ply").file_size == 0

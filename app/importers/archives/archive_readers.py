@@ -49,7 +49,9 @@ class HeaderLimits:
 _HEADERS = HeaderLimits()
 
 
-_DAMAGE = "The archive is damaged or was cut off, or is one part of several; pack and send it again, as one file."
+_DAMAGE = (
+    "The archive is damaged or was cut off, or is one part of several; pack and send it again, as one file."
+)
 _DAMAGED = (
     zipfile.BadZipFile,
     tarfile.TarError,

@@ -292,9 +292,7 @@ def test_poses_of_rtabmap_without_times_are_asked_for_with_them(tmp_path: Path) 
     folder = layouts.rtabmap_export(tiny_scan(), tmp_path)
     rows = [" ".join(map(str, frame.scan_from_camera.matrix[:3].ravel())) for frame in tiny_scan().frames]
     (folder / "rtabmap_poses.txt").write_text("\n".join(rows) + "\n")
-    with pytest.raises(
-        InvalidScanError, match=r"rtabmap_poses\.txt names neither times .*--poses_format 11"
-    ):
+    with pytest.raises(InvalidScanError, match=r"rtabmap_poses\.txt names neither times .*--poses_format 11"):
         open_scan(folder)
 
 
