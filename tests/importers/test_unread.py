@@ -12,8 +12,11 @@ import pytest
 
 from app.commands.build import zip_folder
 from app.errors import InvalidScanError
+from app.importers.recognition import PARTS
 from app.importers.registry import find_scan, open_scan
 from app.importers.unpack_scan import unpack_scan
+from app.importers.unread.exports import EXPORTS
+from app.importers.unread.incomplete import SIGNS
 from tests.importers.scans import write_color, write_tum
 
 
@@ -142,6 +145,10 @@ def test_half_a_scan_says_what_it_lacks(tmp_path: Path, said: str) -> None:
     found = said_of(packed(tmp_path / "a.zip", *INCOMPLETE[said]), tmp_path / "unpacked")
     assert found.startswith(f"This looks like {said}")
     assert "missing: " in found
+
+
+def test_each_sign_is_of_a_format_with_parts_and_a_remedy() -> None:
+    assert set(SIGNS) <= set(PARTS) & set(EXPORTS)
 
 
 def test_little_of_a_scan_is_called_none(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from app.importers.recognition import PARTS
 from app.importers.unread.exports import EXPORTS
 
 # Names that no other format has, by regular expressions of paths below a scan's folder.
-_SIGNS: Mapping[str, str] = {
+SIGNS: Mapping[str, str] = {
     "stray-scanner": r"(?:odometry|camera_matrix)\.csv",
     "record3d": r"(?:rgbd/\d+\.(?:jpg|depth|conf)|rgb/\d+\.(?:jpg|png)|depth/\d+\.exr)",
     "polycam": r"keyframes/(?:corrected_)?(?:images|cameras|depth|confidence)/[^/]+",
@@ -37,7 +37,7 @@ class _Found:
 
 def describe_incomplete(names: Sequence[str]) -> str:
     """Return a sentence on the scan of which half or more is among paths with forward slashes, nothing if none is."""
-    all_found = (item for name in _SIGNS if (item := _parts(name, names)) is not None)
+    all_found = (item for name in SIGNS if (item := _parts(name, names)) is not None)
     found = [item for item in all_found if item.missing and item.there >= len(item.missing)]
     if not found:
         return ""
@@ -50,7 +50,7 @@ def describe_incomplete(names: Sequence[str]) -> str:
 
 
 def _parts(name: str, names: Sequence[str]) -> _Found | None:
-    sign = re.compile(rf"((?:.*?/)??){_SIGNS[name]}", re.IGNORECASE)
+    sign = re.compile(rf"((?:.*?/)??){SIGNS[name]}", re.IGNORECASE)
     folder = next((match.group(1) for path in names if (match := sign.fullmatch(path))), None)
     if folder is None:
         return None
