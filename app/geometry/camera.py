@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -116,7 +117,11 @@ class Camera:
                 f"Camera model {self.model!r} is not known; use one of {', '.join(MODEL_PARAMETERS)}."
             )
         if len(self.params) != expected:
-            raise InvalidCameraError(f"{self.model} takes {expected} parameters, got {len(self.params)}.")
+            others = [model for model, count in MODEL_PARAMETERS.items() if count == len(self.params)]
+            meant = f"; as many has {' or '.join(others)}" if others else ""
+            raise InvalidCameraError(
+                f"{self.model} takes {expected} parameters, got {len(self.params)}{meant}."
+            )
         if not np.isfinite(self.params).all():
             raise InvalidCameraError("Camera parameters must be finite numbers.")
         if self.width < 1 or self.height < 1:
@@ -125,12 +130,16 @@ class Camera:
 
     def _check_plausible(self) -> None:
         fx, fy, cx, cy = self.params[:4]
+        shares = as_shares(self.params, self.width, self.height)
+        if shares is not None:
+            raise InvalidCameraError(shares)
         size = max(self.width, self.height)
         for name, focal in (("fx", fx), ("fy", fy)):
             if not OPTIONS.min_focal_ratio * size <= focal <= OPTIONS.max_focal_ratio * size:
                 raise InvalidCameraError(
                     f"{name} = {focal:g} px can't belong to an image of {self.width} x {self.height} pixels: a lens "
-                    "sees between 5 and 150 degrees. Give focal lengths in pixels of this very image."
+                    "sees between 5 and 150 degrees. Give focal lengths in pixels of this very image, not in "
+                    "millimetres, and not an angle of view."
                 )
         if not 1.0 / OPTIONS.max_pixel_aspect_ratio <= fx / fy <= OPTIONS.max_pixel_aspect_ratio:
             raise InvalidCameraError(f"fx = {fx:g} and fy = {fy:g} differ by more than a factor of two.")
@@ -138,7 +147,7 @@ class Camera:
         if max(offsets) > OPTIONS.max_principal_point_offset_ratio:
             raise InvalidCameraError(
                 f"The principal point ({cx:g}, {cy:g}) is far from the centre of an image of "
-                f"{self.width} x {self.height} pixels."
+                f"{self.width} x {self.height} pixels: give the intrinsics of this very image."
             )
         if any(abs(k) > OPTIONS.max_distortion for k in self.params[4:]):
             raise InvalidCameraError(
@@ -289,6 +298,19 @@ class Camera:
         with np.errstate(invalid="ignore"):
             inside = (p >= -0.5) & (p <= np.array([self.width, self.height]) - 0.5)
         return np.asarray(inside.all(axis=1))
+
+
+def as_shares(params: Sequence[float], width: int, height: int) -> str | None:
+    """Return the sentence for intrinsics that are shares of an image's width and height in place of pixels, None for
+    others."""
+    fx, fy, cx, cy = params[:4]
+    # In pixels a principal point this near to the corner is none.
+    if not (0 < cx < 1 and 0 < cy < 1 and max(fx, fy) <= OPTIONS.max_focal_ratio):
+        return None
+    return (
+        f"The intrinsics {fx:g}, {fy:g}, {cx:g}, {cy:g} seem to be shares of the image's width and height; give "
+        f"pixels: multiply fx and cx by {width}, fy and cy by {height}."
+    )
 
 
 def off_centre_ratio(cx: float, cy: float, width: float, height: float) -> float:

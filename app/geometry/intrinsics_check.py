@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import cv2
@@ -170,6 +171,10 @@ def changed_camera(camera: Camera, change: ArrayLike) -> Camera:
 
 
 def zoomed_cameras(camera: Camera, zooms: Sequence[float]) -> list[Camera]:
-    """Return the cameras whose focal lengths are those of a camera times each zoom."""
+    """Return the cameras whose focal lengths are those of a camera times each zoom, where a lens can have them."""
     fx, fy, *rest = camera.params
-    return [Camera(camera.model, camera.width, camera.height, (fx * z, fy * z, *rest)) for z in zooms]
+    found = []
+    for zoom in zooms:
+        with suppress(InvalidCameraError):
+            found.append(Camera(camera.model, camera.width, camera.height, (fx * zoom, fy * zoom, *rest)))
+    return found

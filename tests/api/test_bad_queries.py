@@ -129,6 +129,16 @@ def test_a_camera_that_can_not_be_is_refused(museum: Server, queries: list[View]
         assert_problem(museum.post_image(queries[0].jpeg(), fields), 422)
 
 
+@pytest.mark.parametrize("focal_px", [44, 60, 3600])
+def test_a_camera_at_the_edge_of_what_is_possible_is_no_error(
+    museum: Server, queries: list[View], focal_px: int
+) -> None:
+    """Zooms that are tried lie beyond it."""
+    camera = f"{focal_px},{focal_px},159,119"
+    answer = museum.post_image(queries[0].jpeg(), {"venue": "museum", "camera": camera})
+    assert answer.status_code == 200, answer.text
+
+
 BAD_FIELDS = {
     "gravity": [
         "down", "0,0,0", "nan,0,1", "inf,0,1", "1,2", "1,2,3,4", ",,", "[0,1,0]", "1e-9,0,0", "9" * 400 + ",1,1",

@@ -13,7 +13,21 @@ SIZE = {"width": 640, "height": 480}
 FOUR = (500.0, 501.0, 320.0, 240.0)
 
 
-@pytest.mark.parametrize("value", [list(FOUR), "500, 501,320,240", [[500, 0, 320], [0, 501, 240], [0, 0, 1]]])
+@pytest.mark.parametrize(
+    "value",
+    [
+        list(FOUR),
+        "500, 501,320,240",
+        "500 501 320 240",
+        "500;501; 320;240",
+        [[500, 0, 320], [0, 501, 240], [0, 0, 1]],
+        # Column by column, as ARKit's simd matrices, and as nine numbers, as ROS's K.
+        [[500, 0, 0], [0, 501, 0], [320, 240, 1]],
+        [500, 0, 320, 0, 501, 240, 0, 0, 1],
+        [500, 0, 0, 0, 501, 0, 320, 240, 1],
+        "500,0,320,0,501,240,0,0,1",
+    ],
+)
 def test_numbers_are_for_images_of_any_size(value: object) -> None:
     hint = parse_camera_hint(value)
     assert hint == CameraHint(values=FOUR)
@@ -65,9 +79,18 @@ def test_the_json_form_is_read_back() -> None:
         ("a,b,c,d", "not a number"),
         ([0, 500, 320, 240], "above zero"),
         ([np.nan, 500, 320, 240], "finite"),
-        ([[500, 0, 320], [0, 500, 240], [0, 0, 2]], "row by row"),
+        ([[500, 0, 320], [0, 500, 240], [0, 0, 2]], "3x3 matrix must be"),
+        ([500, 0, 320, 0, 500, 240, 0, 0, 2], "3x3 matrix must be"),
         ([[500, 3, 320], [0, 500, 240], [0, 0, 1]], "skew"),
-        ([[500, 0, 0], [0, 500, 0], [320, 240, 1]], "row by row"),
+        ([[500, 0, 0], [3, 500, 0], [320, 240, 1]], "skew"),
+        ("500,5;501,5;320,0;240,0", "commas between its numbers and points in them"),
+        ("500,5 501,5 320,0 240,0", "commas between its numbers and points in them"),
+        ("500,5,501,5,320,2,240,7", "commas between its numbers and points in them"),
+        ([True, 500, 320, 240], "true or false"),
+        ([0.78, 1.04, 0.5, 0.49], "shares of the image's width and height"),
+        ({**SIZE, "width": "640", "params": FOUR}, "all numbers"),
+        ({**SIZE, "width": True, "params": FOUR}, "all numbers"),
+        ({**SIZE, "params": "5555"}, "all numbers"),
         ({"model": "SIMPLE", **SIZE, "params": [1]}, "SIMPLE_RADIAL"),
         ({**SIZE, "params": FOUR, "fov": 60}, "fov"),
         ({"params": FOUR}, "width, height"),

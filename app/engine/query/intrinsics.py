@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -13,6 +14,7 @@ from app.engine.query.intrinsics_options import OPTIONS
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
 from app.engine.query.zooms import agreement, limit_px_of, most_agreeing_zoom
+from app.errors import InvalidCameraError
 from app.geometry.camera import Camera
 from app.geometry.covariance import SIGMA_PER_MAD
 from app.geometry.intrinsics_check import FreeIntrinsics, changed_camera, free_intrinsics, square_pixels
@@ -267,7 +269,9 @@ def _starts(
         searched = search(best.matches)
         if searched is not None:
             zoom = float(np.log(searched.focal_px / camera.focal_px))
-            others.append(changed_camera(camera, [zoom, 0.0, 0.0]))
+            # Of pixels that are far from square one side may have a focal length that no lens has.
+            with suppress(InvalidCameraError):
+                others.append(changed_camera(camera, [zoom, 0.0, 0.0]))
     yield from (_Start(square) for square in square_pixels(camera))
     centred = _fit(best, camera, keep_centre=True)
     if centred is not None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from app.errors import InvalidCameraError
-from app.geometry.camera import Camera, off_centre_ratio
+from app.geometry.camera import Camera, as_shares, off_centre_ratio
 from app.geometry.camera_hint import CameraHint
 from app.geometry.turns import turned_camera
 from app.limits import limit
@@ -30,7 +31,12 @@ class StatedCameraOptions:
         chosen="By hand.",
     )
     aspect_tolerance: float = limit(
-        0.02, "Relative tolerance of the aspect ratio of the image that numbers are for.", chosen="By hand."
+        0.05,
+        "Largest relative difference of the two scales of numbers that are for an image of another size.",
+        chosen="By hand: as far as lenses move principal points, and less than usual shapes differ.",
+    )
+    usual_aspect_tolerance: float = limit(
+        0.02, "The same for the usual shapes of images, of which there are several.", chosen="By hand."
     )
 
 
@@ -92,6 +98,9 @@ def _likely_cause(  # noqa: PLR0911 - one line for each reading of the numbers
     if hint.camera is not None and (hint.camera.width, hint.camera.height) != (width, height):
         # It states another size, so that the numbers are not for this one.
         return None
+    shares = as_shares(values, width, height)
+    if shares is not None:
+        return shares
     cx, cy = values[2], values[3]
     if off_centre_ratio(cx, cy, width, height) <= OPTIONS.max_offset_ratio:
         return None
@@ -103,27 +112,45 @@ def _likely_cause(  # noqa: PLR0911 - one line for each reading of the numbers
             f"These are the intrinsics of a {other} image, but the upright image is {one}: {where} {width} x {height} "
             f"pixels. Turn the intrinsics with the image: swap fx and fy, cx and cy."
         )
+    whole = None if hint.camera is not None else _cut_from(cx, cy, width, height)
+    if whole is not None:
+        return (
+            f"These seem to be the intrinsics of an image of {whole[0]} x {whole[1]} pixels of which this one was cut: "
+            f"{where} {width} x {height} pixels. Subtract what was cut off from cx and cy."
+        )
     own_width, own_height = 2 * cx + 1, 2 * cy + 1
     if min(own_width, own_height) <= 0:
         return None
+    seem = f"These seem to be the intrinsics of an image of {own_width:.0f} x {own_height:.0f} pixels"
     ratio = own_width / width, own_height / height
     if abs(ratio[0] / ratio[1] - 1) <= OPTIONS.aspect_tolerance:
         return (
-            f"These seem to be the intrinsics of an image of {own_width:.0f} x {own_height:.0f} pixels: {where} "
-            f"{width} x {height} pixels. Scale fx, fy, cx, cy by {1 / ratio[0]:.3g}, or send the camera as JSON "
-            "with the width and height that it is for."
+            f"{seem}: {where} {width} x {height} pixels. Scale fx, fy, cx, cy by "
+            f"{1 / math.sqrt(ratio[0] * ratio[1]):.3g}, or send the camera as JSON with the width and height that it "
+            "is for."
         )
-    if hint.camera is not None:
-        # A whole camera states the size of the cut image.
+    # A whole camera states the size of the cut image.
+    if hint.camera is not None or not _is_usual(own_width / own_height):
         return None
-    aspect = max(own_width, own_height) / min(own_width, own_height)
-    known = any(abs(aspect / each - 1) <= OPTIONS.aspect_tolerance for each in ASPECTS)
-    if known and (abs(ratio[0] - 1) <= OPTIONS.fit_ratio or abs(ratio[1] - 1) <= OPTIONS.fit_ratio):
-        return (
-            f"These seem to be the intrinsics of an image of {own_width:.0f} x {own_height:.0f} pixels of which this "
-            f"one was cut: {where} {width} x {height} pixels. Subtract what was cut off from cx and cy."
-        )
-    return None
+    return (
+        f"{seem}, which has another shape: {where} {width} x {height} pixels. Give the intrinsics of the image that is "
+        "sent: of ARCore its image intrinsics, not those of the texture."
+    )
+
+
+def _cut_from(cx: float, cy: float, width: int, height: int) -> tuple[int, int] | None:
+    """Return the size of the image with a principal point in its middle of which an image is the upper or left part, as
+    wide or as high as it; None for none of a usual shape."""
+    upright = (aspect if width >= height else 1 / aspect for aspect in ASPECTS)
+    sizes = [size for a in upright for size in ((width, round(width / a)), (round(height * a), height))]
+    larger = [size for size in sizes if size[0] >= width and size[1] >= height and size != (width, height)]
+    best = min(larger, key=lambda size: off_centre_ratio(cx, cy, *size), default=None)
+    return best if best is not None and off_centre_ratio(cx, cy, *best) <= OPTIONS.fit_ratio else None
+
+
+def _is_usual(aspect: float) -> bool:
+    """Whether a sensor records images of about this shape."""
+    return any(abs(max(aspect, 1 / aspect) / each - 1) <= OPTIONS.usual_aspect_tolerance for each in ASPECTS)
 
 
 def _far_off(camera: Camera) -> str:

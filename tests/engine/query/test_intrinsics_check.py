@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.engine.query.hypothesis import Hypothesis
-from app.engine.query.intrinsics import CheckedCamera, check_intrinsics, fitted_camera
+from app.engine.query.intrinsics import CheckedCamera, _starts, check_intrinsics, fitted_camera
 from app.engine.query.intrinsics_options import OPTIONS
 from app.engine.query.matches import Matches
 from app.geometry.camera import Camera
+from app.geometry.focal import pinhole
+from app.geometry.intrinsics_check import square_pixels, zoomed_cameras
 from app.geometry.pnp import PnpEstimate, estimate_poses_lo_ransac
 from app.geometry.se3 import Pose
 from tests.scenes import CAMERA
@@ -178,3 +182,20 @@ def test_inliers_that_the_first_pose_missed_are_no_gain_of_another_camera() -> N
     # Nearly all agree with the stated camera as well, and the first pose has two thirds of them.
     found = checked(matches_of(points_seen(zoomed(1.02), 300, (1.0, 6.0))), agreeing=200)
     assert (found.trust, found.camera) == ("contradicted", CAMERA)
+
+
+def test_zooms_are_those_that_a_lens_can_have() -> None:
+    wide, long = (Camera("PINHOLE", 640, 480, (f, f, 320.0, 240.0)) for f in (100.0, 7000.0))
+    assert [each.focal_px for each in zoomed_cameras(wide, (0.57, 0.89, 2.2))] == pytest.approx([89.0, 220.0])
+    assert [each.focal_px for each in zoomed_cameras(long, (0.57, 0.89, 2.2))] == pytest.approx([3990, 6230])
+
+
+def test_refining_starts_at_no_camera_that_a_lens_can_not_have() -> None:
+    """The focal length that was searched for is possible, but not with the stated ratio of both."""
+    camera = Camera("PINHOLE", 640, 480, (1000.0, 700.0, 320.0, 240.0))
+    fit, best = (
+        SimpleNamespace(log_focal=2 * OPTIONS.search_log, focal_sigma=0.0),
+        SimpleNamespace(matches=None),
+    )
+    starts = _starts(cast(Any, best), camera, cast(Any, fit), lambda _: pinhole(640, 480, 7300.0), None)
+    assert next(starts).camera == square_pixels(camera)[0]
