@@ -17,7 +17,7 @@ from app.limits import limit
 from app.vision.image_files.formats import (
     DAMAGE,
     FORMATS_IN_WORDS,
-    RAW_PHOTO,
+    NAMED,
     name_of_other_format,
     open_image,
 )
@@ -141,8 +141,8 @@ def decode_photo(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Photo:
             f"The image has more than {max_pixels:,} pixels; send a smaller one."
         ) from None
     except DAMAGE as error:
-        if str(error) == RAW_PHOTO:
-            raise UnsupportedImageError(f"The file is {RAW_PHOTO}; send {FORMATS_IN_WORDS}.") from None
+        if str(error) in NAMED:
+            raise UnsupportedImageError(f"The file is {error}; send {FORMATS_IN_WORDS}.") from None
         raise InvalidImageError(f"The image is damaged or cut short ({error}).") from None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import struct
 import zlib
@@ -177,6 +178,28 @@ def test_other_formats_are_refused_by_name(kind: str, name: str) -> None:
         (b"\xff\x0a" + bytes(100), "a JPEG XL image"),
         (b"PK\x03\x04" + bytes(100), "an archive"),
         (b"<svg>" + bytes(100), "a text file"),
+        *[
+            (base64.b64encode(file_of(Image.fromarray(picture()), kind)), "a picture as base64 text")
+            for kind in ("JPEG", "PNG", "WEBP", "HEIF")
+        ],
+        (b"data:image/jpeg;base64,/9j/4AAQ", "a picture as base64 text"),
+        *[
+            (
+                file_of(Image.fromarray(picture()), kind).decode(*how).encode(),
+                "a picture that was read as text",
+            )
+            for kind in ("JPEG", "PNG")
+            for how in (("utf-8", "replace"), ("latin-1",))
+        ],
+        (b"[object Object]", "text"),
+        (b"/sdcard/DCIM/photo.jpg", "text"),
+        (b"x" * 1000, "text"),
+        (
+            file_of(
+                Image.fromarray(picture()), "AVIF", save_all=True, append_images=[Image.fromarray(picture())]
+            ),
+            "an animated AVIF",
+        ),
     ],
 )
 def test_what_is_sent_by_mistake_is_named(data: bytes, name: str) -> None:

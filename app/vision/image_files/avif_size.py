@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
+ANIMATED = "an animated AVIF"
 _FULL_BOX_BYTES = 4
 _SEQUENCE_HEADER = 1
 _CODED_ITEM = b"av01"
@@ -24,8 +25,10 @@ def largest_coded_pixels(data: bytes) -> int:
     Raises `ValueError` for what is not a file of still pictures or is damaged.
     """
     top = dict(_boxes(data))
-    if b"moov" in top or b"meta" not in top:
-        raise ValueError("an animated picture, or none")
+    if b"moov" in top:
+        raise ValueError(ANIMATED)
+    if b"meta" not in top:
+        raise ValueError("no picture in it")
     meta = dict(_boxes(top[b"meta"][_FULL_BOX_BYTES:]))
     try:
         coded = _coded_items(meta[b"iinf"])

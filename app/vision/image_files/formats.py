@@ -9,7 +9,7 @@ from typing import BinaryIO
 import pillow_heif
 from PIL import Image
 
-from app.vision.image_files.avif_size import largest_coded_pixels
+from app.vision.image_files.avif_size import ANIMATED, largest_coded_pixels
 
 # Only the photo itself is wanted: no thumbnails, depth maps or other pictures that a HEIC file may hold.
 pillow_heif.register_heif_opener(decode_threads=1, thumbnails=False, depth_images=False, aux_images=False)
@@ -28,6 +28,8 @@ DAMAGE = (
 )  # fmt: skip
 
 RAW_PHOTO = "a raw photo"
+# What `open_image` refuses by name.
+NAMED = (RAW_PHOTO, ANIMATED)
 # What people send by mistake: the first bytes, and what a file that begins with them is.
 _OTHER_FORMATS = (
     (rb"GIF8", "a GIF image"),
@@ -44,6 +46,17 @@ _OTHER_FORMATS = (
     (rb"\x1aE\xdf\xa3|(?s:RIFF....AVI )", "a video"),
     (rb"(?s)II\x2a\x00....CR\x02|II\x55\x00|IIR[OS]|FUJIFILMCCD-RAW|(?s:....ftypcrx)", RAW_PHOTO),
     (rb"PK\x03\x04|\x1f\x8b|7z\xbc\xaf|Rar!", "an archive"),
+    # The first bytes of JPEG, PNG, WebP and HEIC in base64.
+    (
+        rb"/9j/[\w+/]{4}|iVBORw0KGgo|UklGR[\w+/]{4}|AAAA\w{2}Z0eXB|data:image/",
+        "a picture as base64 text, not its bytes",
+    ),
+    # Of JPEG and PNG as text: bytes replaced, or taken for Latin-1, by a client that reads the file as text.
+    (
+        rb"\xef\xbf\xbd(?:\xef\xbf\xbd\xef\xbf\xbd|PNG)|\xc3\xbf\xc3\x98\xc3\xbf|\xc2\x89PNG",
+        "a picture that was read as text, which destroys its bytes",
+    ),
+    (rb"[\t\n\r -~]{1,64}\Z", "text"),
 )
 # A coded picture is larger than the image by up to a block of 128 pixels on each side.
 CODED_MARGIN = 2
@@ -62,7 +75,8 @@ def open_image(file: BinaryIO) -> Image.Image:
     """Return the image of a file with nothing but its header read.
 
     Raises `PIL.UnidentifiedImageError` for other formats, and `ValueError` for raw photos, whose first image is a
-    small preview, and for files whose header understates what would be decoded.
+    small preview, for animated AVIF (both with a word of `NAMED`), and for files whose header understates what would be
+    decoded.
     """
     if name_of_other_format(file.read(64)) == RAW_PHOTO:
         raise ValueError(RAW_PHOTO)
