@@ -166,6 +166,10 @@ REFUSED: dict[str, tuple[object, str]] = {
     "origin is text": (collection(A, origin="here"), "origin must be"),
     "origin on the pole": (collection(A, origin={"longitude": 0, "latitude": 90}), "89 degrees"),
     "origin without latitude": (collection(A, origin={"longitude": 0}), "latitude must be a number"),
+    "origin with another turn": (
+        collection(landmark("a", 2, 48), origin={"longitude": 2, "latitude": 48, "rotation": 30}),
+        "no member 'rotation': it takes longitude, latitude, rotation_deg",
+    ),
     "swapped": (collection(landmark("a", 48, 2), origin={"longitude": 2, "latitude": 48}), "swapped"),
     "the same id twice": (collection(A, landmark("a", 1, 1)), "Feature 1 ('a'): there is another landmark"),
     "no id": (collection({**A, "properties": {"kind": "landmark", "name": "A", "id": 1.5}}), "id must be"),

@@ -13,6 +13,7 @@ from app.engine.floors.coordinate_checks import check_coordinates
 from app.engine.floors.floor import PlanImage
 from app.engine.floors.model import KINDS, Area, FloorFeatures, Kind, Landmark, Link
 from app.engine.floors.origin import Origin, read_origin
+from app.engine.floors.other_formats import other_format, other_json
 from app.engine.floors.reading import (
     GeoJson,
     Value,
@@ -65,8 +66,12 @@ def parse_json(data: bytes) -> object:
     except RecursionError:
         raise InvalidInputError(TOO_DEEP) from None
     except UnicodeError:
-        raise InvalidInputError("The body is not valid UTF-8 text.") from None
+        found = other_format(data) or "The body is not valid UTF-8 text"
+        raise InvalidInputError(f"{found}; send a GeoJSON FeatureCollection.") from None
     except ValueError as error:
+        what = other_format(data)
+        if what is not None:
+            raise InvalidInputError(f"{what}; send a GeoJSON FeatureCollection.") from None
         reason = f": {error}" if isinstance(error, json.JSONDecodeError) else " with finite numbers"
         raise InvalidInputError(f"The body must be a GeoJSON FeatureCollection{reason}.") from None
     return value
@@ -110,7 +115,9 @@ def read_collection(value: object, floor_id: str) -> tuple[GeoJson, FloorFeature
     """Return the features as they are stored and as values. Features are not checked against each other, except that
     ids must differ."""
     if not isinstance(value, Mapping) or value.get("type") != "FeatureCollection":
-        raise InvalidInputError('The body must be a GeoJSON object with "type": "FeatureCollection".')
+        raise InvalidInputError(
+            f'The body must be a GeoJSON object with "type": "FeatureCollection"{other_json(value)}.'
+        )
     check_bbox(value)
     entries = value.get("features")
     if not isinstance(entries, list):
@@ -158,7 +165,9 @@ class _Reader:
         check_bbox(entry.get("geometry"))
         properties = entry.get("properties")
         if not isinstance(properties, Mapping):
-            raise InvalidInputError("it has no properties.")
+            raise InvalidInputError(
+                f"it has no properties; it needs at least kind, one of {', '.join(KINDS)}, and a name."
+            )
         kind = kind_of(properties)
         feature_id = given_id(entry, properties)
         value: Value

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.floors.floor import PlanImage
 from app.engine.floors.model import FloorFeatures
+from app.engine.floors.plan_units import UNITS
 from app.errors import InvalidInputError
 from app.geometry.plan import pixels_from_plan
 from app.limits import limit
@@ -41,6 +42,16 @@ class CoordinateOptions:
         "Part of the positions that must lie outside for them to be pixels.",
         chosen="By hand: of features in pixels only those near the upper left corner of the image lie inside.",
     )
+    min_filled_ratio: float = limit(
+        0.3,
+        "Part of the plan image's width or height that features must span in another unit for it to be theirs.",
+        chosen="By hand: landmarks of a floor lie all over it; divided by 1000 any features lie in one corner.",
+    )
+    min_unit_ratio: float = limit(
+        10.0,
+        "Units of which fewer make a metre are not looked for.",
+        chosen="By hand: inches and smaller; feet are as near as the other wing of a building whose image shows one.",
+    )
 
 
 OPTIONS = CoordinateOptions()
@@ -68,6 +79,11 @@ def check_coordinates(features: FloorFeatures, plan: PlanImage | None) -> None:
             "The features lie far outside the plan image, but inside it if their coordinates are pixels. Give plan "
             "metres: x = (u - u0) * meters_per_pixel and y = (v0 - v) * meters_per_pixel, with u0, v0 from origin_px."
         )
+    unit = None if plan is None else _unit_of(points, plan)
+    if unit is not None:
+        raise InvalidInputError(
+            f"The features lie far outside the plan image, but inside it if their coordinates are {unit}. Give metres."
+        )
 
 
 def _positions(features: FloorFeatures) -> Points:
@@ -87,11 +103,32 @@ def _can_be_degrees(points: Points) -> bool:
 
 
 def _are_pixels(points: Points, plan: PlanImage) -> bool:
-    size = np.array([plan.width_px, plan.height_px], dtype=np.float64)
-    if (points < 0).any() or (points > size).any():
+    if (points < 0).any() or (points > _size_px(plan)).any():
         return False
+    return bool(_outside(points, plan, OPTIONS.image_margin_ratio).mean() > OPTIONS.outside_ratio)
+
+
+def _unit_of(points: Points, plan: PlanImage) -> str | None:
+    """Return the unit in which all features lie inside the plan image, None where most lie about it in metres.
+
+    Feet are too near to metres to be told from features of a larger building than the image shows.
+    """
+    if _outside(points, plan, OPTIONS.image_margin_ratio).mean() <= OPTIONS.outside_ratio:
+        return None
+    size_m = _size_px(plan) * plan.meters_per_pixel
+    for unit, count in sorted(UNITS.items(), key=lambda item: item[1]):
+        is_filled = bool((np.ptp(points / count, axis=0) >= OPTIONS.min_filled_ratio * size_m).any())
+        if count > OPTIONS.min_unit_ratio and is_filled and not _outside(points / count, plan, 0.0).any():
+            return unit
+    return None
+
+
+def _outside(points: Points, plan: PlanImage, margin_ratio: float) -> NDArray[np.bool_]:
+    """Return which plan points (n, 2) lie outside the image by more than its size times a ratio."""
     u, v = pixels_from_plan(points[:, 0], points[:, 1], plan.meters_per_pixel, plan.origin_px)
-    margin = OPTIONS.image_margin_ratio * size
-    pixels = np.column_stack([u, v])
-    outside = ((pixels < -margin) | (pixels > size + margin)).any(axis=1)
-    return bool(outside.mean() > OPTIONS.outside_ratio)
+    size, pixels = _size_px(plan), np.column_stack([u, v])
+    return np.asarray(((pixels < -margin_ratio * size) | (pixels > (1 + margin_ratio) * size)).any(axis=1))
+
+
+def _size_px(plan: PlanImage) -> Points:
+    return np.array([plan.width_px, plan.height_px], dtype=np.float64)

@@ -18,6 +18,7 @@ from app.geometry.geodesy import east_north_from_geodetic
 from app.limits import limit
 
 NAMES = {"longitude": ("longitude", "lon", "lng"), "latitude": ("latitude", "lat")}
+MEMBERS = frozenset({*NAMES["longitude"], *NAMES["latitude"], "rotation_deg", "plan", "height_m"})
 # EPSG codes of longitude and latitude, in WGS 84 and in systems that differ from it by less than two metres.
 GEODETIC_CODES = {"84", "4326", "4979", "4258", "4269", "4490"}
 CODED = re.compile(r"(?:EPSG|ESRI|CRS)\D*(?:[\d.]+[:/]+)?(\d+)$", re.IGNORECASE)
@@ -77,6 +78,11 @@ def read_origin(collection: Mapping[str, Any]) -> Origin | None:
         return None
     if not isinstance(value, Mapping):
         raise InvalidInputError('origin must be {"longitude", "latitude", "rotation_deg", "plan": [x, y]}.')
+    unknown = [key for key in value if key not in MEMBERS]
+    if unknown:
+        raise InvalidInputError(
+            f"origin has no member {short(unknown[0])}: it takes longitude, latitude, rotation_deg, plan and height_m."
+        )
     longitude, latitude = (_number(value, *names) for names in NAMES.values())
     rotation_deg = _number(value, "rotation_deg", default=0.0)
     height_m = _number(value, "height_m", default=0.0)

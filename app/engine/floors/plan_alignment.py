@@ -21,7 +21,7 @@ class AlignmentOptions:
 
     max_coordinate_m: float = limit(
         1e8,
-        "Largest absolute value of a coordinate of a correspondence.",
+        "Largest absolute value of a coordinate of a correspondence, and of a matrix.",
         chosen="By hand: larger than every map grid; larger numbers lose millimetres to rounding.",
     )
 
@@ -56,6 +56,10 @@ def parse_plan_from_world(value: object, height_m: float | None = None) -> PlanA
         matrix = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInputError("plan_from_world must be a 4x4 matrix of numbers.") from None
+    if matrix.size and not np.abs(matrix).max() <= OPTIONS.max_coordinate_m:
+        raise InvalidInputError(
+            f"plan_from_world must hold finite numbers of at most {OPTIONS.max_coordinate_m:,.0f}."
+        )
     check_matrix(matrix)
     transform = PlanTransform(matrix)
     return PlanAlignment(transform.matrix, None, transform.scale)

@@ -68,6 +68,16 @@ class PlanCheckOptions:
         "Largest cosine of the angle between the axes of a drawing that is only stretched.",
         chosen="By hand: stretching keeps the axes of the drawing perpendicular.",
     )
+    min_metres_per_degree: float = limit(
+        10_000.0,
+        "Points are degrees only when so many metres of the others are one unit of theirs, or more.",
+        chosen="By hand: a degree of latitude is 111 km, one of longitude 10 km at 85 degrees north.",
+    )
+    min_degrees: float = limit(
+        0.1,
+        "Points that are all nearer than this to 0 in both numbers are no degrees.",
+        chosen="By hand: 11 km of the sea where the equator meets the first meridian.",
+    )
     vertical_slack_m: float = limit(
         1.0,
         "Points of one floor may differ in height by the height of the floor and this much.",
@@ -152,6 +162,12 @@ def fit_checked(world: Array, plan: Array, height_m: float | None = None) -> Pla
     residuals or the scale are far from what a survey leaves, or the points have no fit.
     """
     points = _Points(world, plan, height_m)
+    for name, own, other in (("plan", plan, world[:, :2]), ("world", world[:, :2], plan)):
+        if _are_degrees(own, other):
+            raise InvalidInputError(
+                f"The {name} points look like longitude and latitude: all lie within {np.ptp(own, axis=0).max():.2g} "
+                f"of each other, the other ones within {np.ptp(other, axis=0).max():.3g} m. Give metres."
+            )
     try:
         given = _read("", "", world[:, :2], plan)
     except DegenerateGeometryError as error:
@@ -171,6 +187,15 @@ def fit_checked(world: Array, plan: Array, height_m: float | None = None) -> Pla
             f"The correspondences give {given.fit.scale:.4g} plan units for each metre of the world. {cause}"
         )
     return given.fit
+
+
+def _are_degrees(points: Array, others: Array) -> bool:
+    """Return whether points (n, 2) can be longitude and latitude of what others (n, 2) are in metres."""
+    extent, other_m = float(np.ptp(points, axis=0).max()), float(np.ptp(others, axis=0).max())
+    if not 0 < extent * OPTIONS.min_metres_per_degree <= other_m:
+        return False
+    # A drawing of that scale begins near (0, 0), which is in the sea.
+    return bool((np.abs(points).max(axis=0) > OPTIONS.min_degrees).any() and (np.abs(points) <= 180.0).all())
 
 
 def check_matrix(matrix: Array) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+from unicodedata import category
 
 import shapely  # type: ignore[import-untyped]
 
@@ -166,8 +167,14 @@ def _reference(value: object, key: str) -> str | None:
     """Return an id, a whole number as text."""
     if value is None:
         return None
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**18:
-        return str(value)
+    if (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and value == value // 1
+        and abs(value) < 10**18
+    ):
+        # Tables write a column of whole numbers as 7.0.
+        return str(int(value))
     return _text(value, key)
 
 
@@ -195,9 +202,17 @@ def _flag(properties: Mapping[str, Any], key: str, default: bool) -> bool:
 
 def _text(value: object, name: str) -> str:
     text = value.strip() if isinstance(value, str) else ""
-    if not text or len(text) > OPTIONS.max_text or not text.isprintable():
-        raise InvalidInputError(f"{name} must be a text of 1 to {OPTIONS.max_text} printable characters.")
+    if not any(map(str.isprintable, text)) or len(text) > OPTIONS.max_text or not _is_one_line(text):
+        raise InvalidInputError(
+            f"{name} must be a text of 1 to {OPTIONS.max_text} printable characters, without line breaks."
+        )
     return text
+
+
+def _is_one_line(text: str) -> bool:
+    """Whether a text holds no control character and no line break. Other spaces than the usual one, and what joins or
+    directs the letters of a script, belong to names in many languages."""
+    return not any(category(character) in ("Cc", "Cs", "Zl", "Zp") for character in text)
 
 
 def position_count(value: Value) -> int:

@@ -122,6 +122,43 @@ def test_pixels_of_the_plan_image_are_not_metres() -> None:
     assert len(read(in_metres, PLAN).landmarks) == 3
 
 
+@pytest.mark.parametrize(("unit", "count"), [("millimetres", 1000), ("centimetres", 100)])
+def test_features_in_another_unit_are_named(unit: str, count: float) -> None:
+    places = {"a": (1.5, 1), "b": (15, 10), "c": (9, 12), "d": (16, 3)}
+    drawn = collection(*(landmark(name, x * count, y * count) for name, (x, y) in places.items()))
+    assert f"inside it if their coordinates are {unit}" in refusal(drawn, PLAN)
+    # Without an image nothing says how large the floor is.
+    assert len(read(drawn).landmarks) == 4
+
+
+def test_a_wing_whose_image_shows_a_part_keeps_its_metres() -> None:
+    """Far outside in metres, and in no other unit inside."""
+    far = collection(landmark("a", -70, 3), landmark("b", 150, 40), landmark("c", 90, -60))
+    assert len(read(far, PLAN).landmarks) == 3
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["会議室\u3000A", "Salle\u00a0101", "کتاب\u200cخانه", "👩\u200d⚕️", "חדר\u200f 5", "Co\u00adop"],
+    ids=["full-width space", "no-break space", "non-joiner", "joiner", "direction", "soft hyphen"],
+)
+def test_names_in_every_script_are_taken(name: str) -> None:
+    (mark,) = read(collection(feature("Point", [0, 0], kind="landmark", name=name))).landmarks.values()
+    assert (mark.name, mark.id) == (name, name)
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\tb", "a\u2028b", "a\x7f", "\u200b", "\u3000"])
+def test_names_that_are_no_line_of_text_are_refused(name: str) -> None:
+    assert "without line breaks" in refusal(collection(feature("Point", [0, 0], kind="landmark", name=name)))
+
+
+def test_a_whole_number_as_tables_write_it_is_an_id() -> None:
+    marks = read(
+        collection({**landmark("x", 0, 0), "id": 7.0, "properties": {"kind": "poi", "name": "A"}})
+    ).pois
+    assert list(marks) == ["7"]
+
+
 def test_a_multi_geometry_of_one_part_is_that_part() -> None:
     ring = [[0, 0], [10, 0], [10, 4], [0, 4], [0, 0]]
     found = read(

@@ -158,6 +158,25 @@ def test_two_points_on_different_heights_show_a_y_up_world() -> None:
     assert parse_plan_from_world(pairs(world, plan), 8.0) is not None
 
 
+def degrees(points: Array) -> Array:
+    """Return longitude and latitude of points (n, 2) in metres, in Berlin."""
+    return np.array([13.377, 52.516]) + points / [67_800.0, 111_250.0]
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6])
+def test_longitude_and_latitude_are_named(count: int) -> None:
+    world, plan = survey(5, count, 0.05)
+    for in_degrees in (degrees(plan), degrees(plan)[:, ::-1]):
+        assert "The plan points look like longitude and latitude" in refusal(pairs(world, in_degrees))
+    ground = np.column_stack([degrees(world[:, :2]), world[:, 2]])
+    assert "The world points look like longitude and latitude" in refusal(pairs(ground, plan))
+
+
+def test_a_drawing_to_a_reduced_scale_is_not_taken_for_degrees() -> None:
+    world, plan = survey(5, 4, 0.0)
+    assert "reduced scale" in refusal(pairs(world, (plan - plan.mean(axis=0)) / 20_000))
+
+
 def test_points_of_several_floors_are_taken_together() -> None:
     world, plan = survey(3, 6, 0.05)
     world[:, 2] += [0, 0, 4, 4, 8, 8]
@@ -176,6 +195,7 @@ MATRICES: dict[str, tuple[Array, str]] = {
     "reduced": (matrix(0.01, 0.01, 0.01), "reduced scale"),
     "half": (matrix(0.7, 0.7, 0.7), "not true to size"),
     "mirrored": (matrix(1, -1, 1), "mirrors the world"),
+    "far away": (matrix(1, 1, 1) + np.eye(4, k=3) * 1e9, "at most 100,000,000"),
     "transposed": (np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [4, 5, 0, 1.0]]), "transposed"),
     "y up": (
         np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]),

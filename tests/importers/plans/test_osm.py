@@ -122,6 +122,15 @@ def test_multipolygons_are_areas_with_holes(tmp_path: Path) -> None:
     assert all(polygon.buffer(0.01).covers(line) for line in lines)
 
 
+def test_names_keep_what_joins_their_letters(tmp_path: Path) -> None:
+    name = "کتاب\u200cخانه"
+    made = Drawing()
+    made.box(0, 0, 5, 5, indoor="room", level="0", name=name)
+    made.box(5, 0, 5, 5, indoor="room", level="0", name="\u200b")
+    (level,) = read_indoor_map(write_osm(tmp_path / "library.osm", made)).levels
+    assert [one["properties"]["name"] for one in of_kind(level, "area")] == [name, "Room"]
+
+
 def test_levels_between_storeys_and_their_names(tmp_path: Path) -> None:
     made = Drawing()
     for level in ("-1", "0", "0.5", "1"):

@@ -7,6 +7,7 @@ Key:level, Key:repeat_on and Tag:highway=elevator.
 
 from __future__ import annotations
 
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -296,7 +297,9 @@ def _mode(tags: Mapping[str, str]) -> str | None:
 
 def _name(tags: Mapping[str, str]) -> str | None:
     text = " ".join((tags.get("name") or tags.get("ref") or "").split())[:200]
-    return text if text and text.isprintable() else None
+    # What joins the letters of a script isn't printable, and belongs to names.
+    is_line = not any(unicodedata.category(character) in ("Cc", "Cs") for character in text)
+    return text if is_line and any(map(str.isprintable, text)) else None
 
 
 def _word(tags: Mapping[str, str]) -> str:
