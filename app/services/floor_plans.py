@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import sys
 import warnings
@@ -18,15 +19,53 @@ from app.engine.floors.floor import Floor, PlanImage, PlanTiles
 from app.errors import InvalidInputError, NotFoundError, StorageError
 from app.importers.plan_images.order import INCH_M, OPTIONS, SHOWN_KINDS, Drawn, DrawOrder, kind_of
 from app.importers.plan_images.tiles import TileGrid, read_tile
+from app.limits import limit
 from app.services.plans.draw_plan import draw_plan
 from app.services.resources import Resources
 from app.storage.db import hold_blobs
 from app.storage.floors import get_floor, set_plan_image
-from app.vision.image_files.formats import DAMAGE
+from app.vision.image_files.formats import DAMAGE, name_of_other_format
 from app.vision.images import decode_image
 
 PLAN_FORMATS_IN_WORDS = "PNG, JPEG, TIFF, PDF, SVG or DXF"
+# Files of drawings that are not read, by how they begin.
+OTHER_DRAWINGS = (
+    (b"AC10", "DWG (save it as DXF)"),
+    (b"ISO-10303-21", "IFC or STEP (export the storey as PDF or DXF)"),
+    (b"%!PS", "PostScript (save it as PDF)"),
+    (b"RIFF", "WebP"),
+    (b"\x1f\x8b", "gzip (unpack an SVGZ to SVG)"),
+    (b"\xd0\xcf\x11\xe0", "a file of Visio or Office (export it as PDF)"),
+)
+MIN_METERS_PER_PIXEL = 1e-5
+MAX_METERS_PER_PIXEL = 10
+# Of pages larger than 200 inches, by which PDFium doesn't multiply; 1 is the default.
+USER_UNIT = re.compile(rb"/UserUnit\s+(?!1(?:\.0*)?[^\d.])[\d.]+")
 SCALE = re.compile(r"(?:1\s*:)?\s*(\d+(?:\.\d+)?)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredPlanOptions:
+    """Which plans are stored."""
+
+    max_size_m: float = limit(
+        10_000.0,
+        "Longer side of a plan.",
+        chosen="By hand: no venue is larger; a scale upside down, or millimetres taken for metres, is.",
+    )
+    max_origin_px: float = limit(
+        1e9,
+        "Largest distance of plan (0, 0) from the picture's first pixel.",
+        chosen="By hand: drawings in coordinates of a map grid have it thousands of kilometres away.",
+    )
+    agreement_ratio: float = limit(
+        0.02,
+        "Relative difference of two statements of a plan's scale that agree.",
+        chosen="By hand: numbers that were rounded.",
+    )
+
+
+PLAN = StoredPlanOptions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,14 +108,16 @@ def store_plan_image(resources: Resources, venue_id: str, floor_id: str, file: P
 
     Raises `InvalidImageError`, `InvalidInputError`, `NotFoundError`.
     """
+    _check_fields(file)
     meters_per_pixel = _meters_per_pixel(file)
-    if file.origin_px is not None and not np.isfinite(file.origin_px).all():
-        raise InvalidInputError("origin_px must be two finite numbers: the pixel of plan (0, 0).")
+    if file.origin_px is not None and not all(abs(each) <= PLAN.max_origin_px for each in file.origin_px):
+        raise InvalidInputError("origin_px must be two numbers: the pixel of plan (0, 0), near the plan.")
     picture = _picture(resources, file, has_tiles=True)
     drawn = picture.drawn
     meters_per_pixel = meters_per_pixel or drawn.meters_per_pixel
     if meters_per_pixel is None:
         raise InvalidInputError("Give meters_per_pixel, or scale (such as 1:100) and dpi.")
+    _check_size(meters_per_pixel, drawn)
     _check_scale(meters_per_pixel)
     origin = file.origin_px or drawn.origin_px or (0.0, drawn.height_px - 1.0)
     # A pixel of a reduced picture is the middle of the pixels that it was made from.
@@ -136,9 +177,21 @@ def plan_picture(resources: Resources, file: PlanFile) -> tuple[bytes, str]:
 
 def _meters_per_pixel(file: PlanFile) -> float | None:
     """Return what one pixel shows, by `meters_per_pixel`, or by `scale` and `dpi`; None when neither is given."""
-    if file.meters_per_pixel is not None:
-        _check_scale(file.meters_per_pixel)
-        return file.meters_per_pixel
+    by_scale = _by_scale(file)
+    if file.meters_per_pixel is None:
+        return by_scale
+    _check_scale(file.meters_per_pixel)
+    if by_scale is not None and not math.isclose(
+        by_scale, file.meters_per_pixel, rel_tol=PLAN.agreement_ratio
+    ):
+        raise InvalidInputError(
+            f"scale says {by_scale:.4g} m for a pixel, meters_per_pixel {file.meters_per_pixel:g}: give one."
+        )
+    return file.meters_per_pixel
+
+
+def _by_scale(file: PlanFile) -> float | None:
+    """Return what one pixel shows by `scale` and `dpi`, None without a scale."""
     if file.scale is None:
         return None
     stated = SCALE.fullmatch(file.scale.strip())
@@ -152,16 +205,51 @@ def _meters_per_pixel(file: PlanFile) -> float | None:
     return INCH_M / (file.dpi or DrawOrder(kind="pdf").dpi) * float(stated[1])
 
 
+def _check_fields(file: PlanFile) -> None:
+    """Raise `InvalidInputError` for what is said of a plan's file and is nothing that files of its kind have."""
+    kind = kind_of(file.data)
+    if kind == "dxf" and file.scale is not None:
+        raise InvalidInputError(
+            "A DXF is drawn to its own size: leave scale out, and give units where the file states none."
+        )
+    if kind == "pdf" and file.scale is not None and USER_UNIT.search(file.data):
+        raise InvalidInputError(
+            "The PDF states its size in a unit of its own (UserUnit): give meters_per_pixel in place of scale."
+        )
+    if kind not in ("pdf", "tiff", None) and file.page != 1:
+        raise InvalidInputError(f"page is {file.page}, but the file has 1.")
+
+
 def _check_scale(meters_per_pixel: float) -> None:
-    if not (np.isfinite(meters_per_pixel) and 1e-5 <= meters_per_pixel <= 10):
-        raise InvalidInputError("meters_per_pixel must be between 0.00001 and 10.")
+    if not (
+        np.isfinite(meters_per_pixel) and MIN_METERS_PER_PIXEL <= meters_per_pixel <= MAX_METERS_PER_PIXEL
+    ):
+        raise InvalidInputError(
+            f"meters_per_pixel must be between 0.00001 and {MAX_METERS_PER_PIXEL}. Is it the number of pixels in a "
+            "metre? Then give 1 divided by it."
+        )
+
+
+def _check_size(meters_per_pixel: float, drawn: Drawn) -> None:
+    """Raise `InvalidInputError` for a plan that is larger than any venue."""
+    size_m = meters_per_pixel * max(drawn.width_px, drawn.height_px)
+    if size_m > PLAN.max_size_m and drawn.meters_per_pixel is not None:
+        raise InvalidInputError(
+            f"The drawing is {size_m / 1000:,.0f} km long; at most {PLAN.max_size_m / 1000:g} km are taken. Give its "
+            "units, and delete what lies far outside of the storey."
+        )
+    if size_m > PLAN.max_size_m:
+        raise InvalidInputError(
+            f"With {meters_per_pixel:g} meters_per_pixel the plan would be {size_m / 1000:,.0f} km long; at most "
+            f"{PLAN.max_size_m / 1000:g} km are taken. Is it the number of pixels in a metre?"
+        )
 
 
 def _picture(resources: Resources, file: PlanFile, *, has_tiles: bool) -> _Picture:
     """Return the picture that is stored; with `has_tiles` those of a large one are stored already."""
     kind = kind_of(file.data)
     if kind is None and file.data:
-        raise InvalidInputError(f"A plan must be a {PLAN_FORMATS_IN_WORDS} file.")
+        raise InvalidInputError(f"A plan must be a {PLAN_FORMATS_IN_WORDS} file{_not_that(file.data)}.")
     shown_pixels = resources.settings.max_image_pixels
     if kind is None or (kind in SHOWN_KINDS and _pixels(file.data) <= shown_pixels):
         height, width = decode_image(file.data, shown_pixels).shape[:2]
@@ -189,6 +277,13 @@ def _picture(resources: Resources, file: PlanFile, *, has_tiles: bool) -> _Pictu
         drawn=made.drawn,
         tiles=tiles,
     )
+
+
+def _not_that(data: bytes) -> str:
+    """Return what a file is that is no plan, as the end of a sentence; empty where that is unknown."""
+    drawing = next((name for magic, name in OTHER_DRAWINGS if data.startswith(magic)), None)
+    name = drawing or name_of_other_format(data[:64])
+    return f", not {name}" if name else ""
 
 
 def _pixels(data: bytes) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import re
 from pathlib import Path
 from typing import Any
@@ -129,6 +131,81 @@ def test_nothing_says_how_large_a_pixel_is(site: Server) -> None:
 def test_scales_that_are_none(site: Server, scale: str) -> None:
     with site.unchanged():
         assert_problem(send(site, pdf(ROOM), scale=scale), 422)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "words"),
+    [
+        ("dxf", {"scale": "1:100"}, "leave scale out"),
+        ("dxf", {"meters_per_pixel": "0.0001"}, "give a larger meters_per_pixel"),
+        ("dxf", {"page": "2"}, "page is 2, but the file has 1"),
+        ("png", {"meters_per_pixel": "0.05", "page": "2"}, "page is 2, but the file has 1"),
+        ("png", {"meters_per_pixel": "50"}, "1 divided by it"),
+        ("png", {"meters_per_pixel": "9"}, None),
+        ("pdf", {"scale": "1:100", "meters_per_pixel": "0.5"}, "scale says 0.01693 m for a pixel"),
+        ("pdf", {"scale": "1:100", "meters_per_pixel": "0.01693"}, None),
+        ("user unit", {"scale": "1:100"}, "UserUnit"),
+        ("user unit", {"meters_per_pixel": "0.02"}, None),
+    ],
+)
+def test_what_is_said_of_a_plan_fits_its_file(
+    site: Server, tmp_path: Path, kind: str, fields: dict[str, str], words: str | None
+) -> None:
+    files = {
+        "dxf": dxf(tmp_path),
+        "png": picture("PNG"),
+        "pdf": pdf(ROOM),
+        "user unit": pdf(ROOM).replace(b"/Type /Page ", b"/UserUnit 10 /Type /Page "),
+    }
+    if words is None:
+        put_plan(site, files[kind], **fields)
+        return
+    with site.unchanged():
+        answer = send(site, files[kind], **fields)
+        assert words in assert_problem(answer, answer.status_code)
+    assert answer.status_code in (413, 422)
+
+
+def test_a_plan_longer_than_any_venue_is_refused(site: Server) -> None:
+    with site.unchanged():
+        answer = send(site, picture("PNG", size=(4000, 300)), meters_per_pixel="9")
+        assert "36 km long" in assert_problem(answer, 422, "invalid_input")
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (b"AC1032" + bytes(100), "DWG (save it as DXF)"),
+        (b"ISO-10303-21;\nHEADER;", "IFC or STEP"),
+        (b"%!PS-Adobe-3.0 EPSF-3.0", "PostScript"),
+        (gzip.compress(svg()), "gzip (unpack an SVGZ to SVG)"),
+        (picture("WEBP", mode="L"), "WebP"),
+        (picture("GIF"), "a GIF image"),
+        (picture("BMP"), "a BMP image"),
+        (base64.b64encode(picture("PNG")), "a picture as base64 text"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_files_that_are_no_plan_are_named(site: Server, data: bytes, name: str) -> None:
+    with site.unchanged():
+        answer = send(site, data, meters_per_pixel="0.05")
+        assert f"not {name}" in assert_problem(answer, 422, "invalid_input")
+
+
+def test_an_svg_may_begin_with_a_long_comment(site: Server) -> None:
+    before = f'<?xml version="1.0"?><!-- {"x" * 10_000} -->'
+    assert put_plan(site, svg(before=before), scale="1:100")["width_px"] == pytest.approx(591, abs=1)
+
+
+@pytest.mark.parametrize("origin", ["1e300,0", "0,nan", "0,-inf"])
+def test_an_origin_that_is_nowhere_is_refused(site: Server, origin: str) -> None:
+    with site.unchanged():
+        answer = send(site, picture("PNG"), meters_per_pixel="0.05", origin_px=origin)
+        assert "origin_px must be two numbers" in assert_problem(answer, 422, "invalid_input")
+
+
+def test_a_dxf_may_begin_with_a_byte_order_mark(site: Server, tmp_path: Path) -> None:
+    assert put_plan(site, b"\xef\xbb\xbf" + dxf(tmp_path))["width_px"] > 1000
 
 
 ENTITIES = '<!DOCTYPE svg [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'

@@ -48,7 +48,7 @@ def draw_dxf(data: bytes, order: DrawOrder) -> tuple[Image.Image, Drawn]:
     size_m = high - low
     scale_m = order.meters_per_pixel or max(float(size_m.max()) / OPTIONS.drawn_dxf_px, 1e-4)
     width, height = (math.ceil(side / scale_m) + 2 * MARGIN_PX for side in size_m)
-    check_pixels(width, height, order.max_pixels)
+    check_pixels(width, height, order.max_pixels, "give a larger meters_per_pixel")
     image = Image.new("L", (width, height), 255)
     pen = ImageDraw.Draw(image)
     for points in _polylines(entities, OPTIONS.dxf_curve_px * scale_m / meter):

@@ -12,6 +12,8 @@ UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": INCH_M, "ft": 0.3048}
 # Where the name of a format must stand in a file.
 HEAD_BYTES = 8192
 PDF_HEAD_BYTES = 1024
+# Programs write long comments and definitions before it.
+SVG_HEAD_BYTES = 1_000_000
 MAGIC = {
     "png": (b"\x89PNG",),
     "jpeg": (b"\xff\xd8\xff",),
@@ -103,7 +105,7 @@ class Drawn:
 
 def kind_of(data: bytes) -> str | None:
     """Return the kind of a plan file by its first bytes: png, jpeg, tiff, pdf, svg or dxf."""
-    head = data[:HEAD_BYTES]
+    head = data[:HEAD_BYTES].removeprefix(b"\xef\xbb\xbf")
     for kind, magics in MAGIC.items():
         if head.startswith(magics):
             return kind
@@ -111,5 +113,5 @@ def kind_of(data: bytes) -> str | None:
         return "pdf"
     if TEXT_DXF.match(head):
         return "dxf"
-    is_xml = head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
-    return "svg" if is_xml and b"<svg" in head else None
+    is_xml = head.lstrip().startswith(b"<")
+    return "svg" if is_xml and b"<svg" in data[:SVG_HEAD_BYTES] else None

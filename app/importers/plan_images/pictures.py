@@ -40,12 +40,13 @@ def check_page(page: int, pages: int) -> None:
         raise InvalidInputError(f"page is {page}, but the file has {pages}.")
 
 
-def check_pixels(width: float, height: float, max_pixels: int) -> None:
-    """Raise `ImageTooLargeError` for a picture of too many pixels."""
+def check_pixels(
+    width: float, height: float, max_pixels: int, remedy: str = "send a smaller one, or choose a lower dpi"
+) -> None:
+    """Raise `ImageTooLargeError`, which says the remedy, for a picture of too many pixels."""
     if not width * height <= max_pixels:
         raise ImageTooLargeError(
-            f"The plan has {width:,.0f} x {height:,.0f} pixels, the limit is {max_pixels:,} in all; send a smaller "
-            "one, or choose a lower dpi."
+            f"The plan has {width:,.0f} x {height:,.0f} pixels, the limit is {max_pixels:,} in all; {remedy}."
         )
 
 
