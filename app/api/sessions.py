@@ -355,7 +355,8 @@ def parse_motion(text: str | None, axes: Axes = OPENCV) -> Pose | None:
     motion = axes.motion_in(given)
     if float(np.linalg.norm(motion.translation)) > OPTIONS.max_motion_m:
         raise InvalidInputError(
-            f"motion is longer than {OPTIONS.max_motion_m:g} m, too far between two frames."
+            f"motion is {np.linalg.norm(motion.translation):.4g} m long, and at most {OPTIONS.max_motion_m:g} m lie "
+            "between two frames. Is it in millimetres, or a pose in the world?"
         )
     return motion
 
@@ -368,8 +369,12 @@ def parse_timestamp(text: str | None) -> float | None:
         seconds = float(text)
     except ValueError:
         seconds = float("nan")
-    if not abs(seconds) <= OPTIONS.max_timestamp_s:
-        raise InvalidInputError("timestamp must be a finite number of seconds.")
+    if not np.isfinite(seconds):
+        raise InvalidInputError("timestamp must be a finite number of seconds, such as 12.34.")
+    if abs(seconds) > OPTIONS.max_timestamp_s:
+        raise InvalidInputError(
+            f"timestamp is {seconds:.4g} s. Is it in milliseconds or nanoseconds? Give seconds of the phone's clock."
+        )
     return seconds
 
 

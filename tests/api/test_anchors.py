@@ -202,6 +202,10 @@ def test_another_room_is_not_located(server: Server, monitor: View) -> None:
         ({"camera": {**CAMERA_BODY, "params": [0, 0, 0, 0]}}, "fx"),
         ({"max_age_s": 0}, "max_age_s"),
         ({"heading_deg": 180.0}, "behind"),
+        ({"height_m": 2600}, "far from the heights -1 to 3"),
+        ({"height_m": -60}, "far from the heights -1 to 3"),
+        ({"camera": [[262, 0, 0], [0, 262, 0], [160, 3, 1.5]]}, "3x3 matrix"),
+        ({"camera": "0.8,1.1,0.5,0.5"}, "shares"),
     ],
 )
 def test_a_bad_camera_is_refused(server: Server, monitor: View, change: dict[str, Any], word: str) -> None:
@@ -221,12 +225,28 @@ def test_a_bad_camera_is_refused(server: Server, monitor: View, change: dict[str
         ({"region_px": [[10, 10], [11, 10], [11, 11]]}, "covers"),
         ({"region_px": [[10, 10], [40, 40]]}, "region_px"),
         ({"position": {"x": 11.2, "y": 21.5}}, "own position"),
+        ({"distance_m": 250}, "above or below it. Give metres"),
+        ({"distance_m": 9.0, "height_m": 1.5}, "by their places on the plan and their heights"),
+        ({"region_px": [[10, 10], [90, 60], [90, 10], [10, 60]]}, "crosses itself"),
+        ({"region_px": [[0.1, 0.2], [0.4, 0.2], [0.4, 0.5]]}, "shares of the image"),
     ],
 )
 def test_a_bad_poi_is_refused(server: Server, monitor: View, change: dict[str, Any], word: str) -> None:
     with server.unchanged_rows():
         body = anchor_body(monitor, pois=[{**poi(monitor, 170, 110), **change}])
         assert word in assert_problem(server.client.put("/anchors/bad", json=body), 422)
+
+
+def test_a_region_may_be_closed_and_its_height_stated(server: Server, monitor: View) -> None:
+    drawn = poi(monitor, 170, 110)
+    region = [*drawn["region_px"], drawn["region_px"][0]]
+    point = CAMERA.unproject(np.array([[170, 110]]), np.array([monitor.depth_m[110, 170]]))
+    height_m = float(monitor.world_from_camera.apply(point)[0][2])
+    for closed in (region, region[::-1]):
+        body = anchor_body(monitor, pois=[{**drawn, "region_px": closed, "height_m": height_m}])
+        answer = server.client.put("/anchors/closed", json=body)
+        assert answer.status_code == 200, answer.text
+    server.client.delete("/anchors/closed")
 
 
 def test_a_camera_off_the_plan_image_is_refused(server: Server, monitor: View) -> None:

@@ -240,6 +240,24 @@ def test_a_frame_that_can_not_be_used_changes_nothing(
     assert send(museum, session, video[2], 0.2)["tracking"] == "tracking"
 
 
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"timestamp": "1790000000000"}, "in milliseconds or nanoseconds"),
+        ({"timestamp": "-1e300"}, "in milliseconds or nanoseconds"),
+        ({"timestamp": "inf"}, "finite number of seconds"),
+        ({"timestamp": "12,5"}, "such as 12.34"),
+        ({"motion": motion_text(500.0, 1.0)}, "motion is 500 m long"),
+    ],
+    ids=str,
+)
+def test_hints_in_other_units_are_named(
+    museum: Server, video: list[View], fields: dict[str, str], words: str
+) -> None:
+    session = start(museum)
+    assert words in assert_problem(post(museum, session, video[0].jpeg(), **fields), 422)
+
+
 def test_a_frame_without_an_image_or_of_no_session(museum: Server, video: list[View]) -> None:
     session = start(museum)
     assert_problem(museum.client.post(f"/sessions/{session}/frames", data={"timestamp": "1"}), 422)

@@ -61,7 +61,10 @@ def language_of(asked: str | None, accepted: str | None = None) -> str:
     wishes = []
     for position, part in enumerate((accepted or "")[:500].split(",")):
         tag, _, parameters = part.partition(";")
-        wishes.append((-_quality(parameters), position, _code(tag)))
+        quality = _quality(parameters)
+        # Of quality 0 is what the reader doesn't understand (RFC 9110, section 12.4.2).
+        if quality > 0:
+            wishes.append((-quality, position, _code(tag)))
     return next((code for _, _, code in sorted(wishes) if code in catalogues()), DEFAULT_LANGUAGE)
 
 
@@ -76,7 +79,7 @@ def _code(tag: str) -> str:
 def _quality(parameters: str) -> float:
     name, _, value = parameters.strip().partition("=")
     try:
-        return float(value) if name == "q" else 1.0
+        return float(value) if name.strip().lower() == "q" else 1.0
     except ValueError:
         return 0.0
 

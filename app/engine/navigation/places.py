@@ -13,6 +13,8 @@ from app.errors import InvalidInputError, NotFoundError
 
 NUMBER = r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?\s*"
 POINT = re.compile(rf"([^:]*):({NUMBER}),({NUMBER})")
+# What can be a point that was written in another way.
+NUMBERS = re.compile(r"[-+\d.,;\s]*\d[-+\d.,;\s]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,8 @@ def parse_place(text: str, network: Network, field: str) -> Place:
         raise InvalidInputError(f"{field}: {short(wanted)} is on several floors; say which: {choices}.")
     floor_id, colon, rest = wanted.partition(":")
     if not colon:
-        raise NotFoundError(f"{field}: there is no landmark or poi {short(wanted)} in this venue.")
+        meant = _probably_meant(wanted, network)
+        raise NotFoundError(f"{field}: there is no landmark or poi {short(wanted)} in this venue{meant}.")
     part = network.parts.get(floor_id)
     if part is None:
         raise NotFoundError(
@@ -64,8 +67,24 @@ def parse_place(text: str, network: Network, field: str) -> Place:
         return NamedPlace(floor_id, mark)
     point = POINT.fullmatch(wanted)
     if point is None:
-        raise NotFoundError(f"{field}: floor {short(floor_id)} has no landmark or poi {short(rest)}.")
+        meant = _probably_meant(rest, network)
+        raise NotFoundError(f"{field}: floor {short(floor_id)} has no landmark or poi {short(rest)}{meant}.")
     x, y = float(point[2]), float(point[3])
     if not max(abs(x), abs(y)) <= FLOOR.max_coordinate_m:
         raise InvalidInputError(f"{field}: x and y must be within {FLOOR.max_coordinate_m:,.0f} m.")
     return PlanPlace(floor_id, x, y)
+
+
+def _probably_meant(text: str, network: Network) -> str:
+    """Return the end of the sentence about a text that is no id: the ids of what has it as its name, or how a point is
+    written; empty where nothing is like it."""
+    if NUMBERS.fullmatch(text):
+        return "; a point is floor:x,y, such as 0:12.5,3"
+    wanted, floors = text.casefold(), [part.places.features for part in network.parts.values()]
+    marks = [mark for one in floors for group in (one.landmarks, one.pois) for mark in group.values()]
+    same = [mark.id for mark in marks if wanted in (mark.id.casefold(), mark.name.casefold())]
+    if same:
+        return f"; did you mean {listed(same)}? Places are named by their ids"
+    if any(wanted in (area.id.casefold(), area.name.casefold()) for one in floors for area in one.areas):
+        return "; it is an area, and routes lead to a landmark or a point, floor:x,y"
+    return ""

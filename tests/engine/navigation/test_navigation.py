@@ -233,6 +233,23 @@ def test_places_that_are_none(site: Network, text: str, error: type[Exception]) 
 
 
 @pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("book shelf", "did you mean 'shelf'"),
+        ("DESK", "did you mean 'desk'"),
+        ("upper:Book shelf", "did you mean 'shelf'"),
+        ("library", "is an area"),
+        ("14.0,17.0", "a point is floor:x,y"),
+        ("ground:14,5,17,2", "a point is floor:x,y"),
+        ("ground:14;17", "a point is floor:x,y"),
+    ],
+)
+def test_what_was_probably_meant_is_named(site: Network, text: str, words: str) -> None:
+    with pytest.raises(NotFoundError, match=words):
+        parse_place(text, site, "from")
+
+
+@pytest.mark.parametrize(
     ("angle_deg", "turn"),
     [
         (0, "straight"), (29, "straight"), (45, "slight_left"), (-45, "slight_right"), (90, "left"), (-90, "right"),
@@ -321,6 +338,8 @@ def test_every_language_says_the_same_things() -> None:
         (None, "fr, de;q=0.5, en;q=0.2", "de"),
         (None, "de;q=zero, en;q=0.1", "en"),
         (None, "*", "en"),
+        (None, "fr, de;q=0", "en"),
+        (None, "de;Q=0.1, en;Q=0.2", "en"),
         (" ", "de", "de"),
     ],
 )
