@@ -18,6 +18,7 @@ from app.vision.image_files.formats import (
     DAMAGE,
     FORMATS_IN_WORDS,
     NAMED,
+    begun_format,
     name_of_other_format,
     open_image,
 )
@@ -135,7 +136,7 @@ def decode_photo(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Photo:
                 ImageOps.exif_transpose(whole, in_place=True)
                 return Photo(_to_rgb(whole), turns)
     except UnidentifiedImageError:
-        raise UnsupportedImageError(f"The file is not a {FORMATS_IN_WORDS} image.") from None
+        raise _unidentified(data) from None
     except Image.DecompressionBombError:
         raise ImageTooLargeError(
             f"The image has more than {max_pixels:,} pixels; send a smaller one."
@@ -144,6 +145,21 @@ def decode_photo(data: bytes, max_pixels: int = OPTIONS.max_pixels) -> Photo:
         if str(error) in NAMED:
             raise UnsupportedImageError(f"The file is {error}; send {FORMATS_IN_WORDS}.") from None
         raise InvalidImageError(f"The image is damaged or cut short ({error}).") from None
+
+
+def _unidentified(data: bytes) -> InvalidImageError:
+    """Return the error of a file that no decoder takes."""
+    begun = begun_format(data[:64])
+    if begun == "TIFF":
+        return UnsupportedImageError(
+            "The file is a TIFF of a kind that is not read, or cut short; save it with 8 or 16 bits a colour, or "
+            "as JPEG or PNG."
+        )
+    if begun:
+        return InvalidImageError(
+            f"The image is damaged or cut short: it begins like {begun} and goes on otherwise."
+        )
+    return UnsupportedImageError(f"The file is not a {FORMATS_IN_WORDS} image.")
 
 
 def quarter_turns_of(data: bytes) -> int:

@@ -207,6 +207,18 @@ def test_what_is_sent_by_mistake_is_named(data: bytes, name: str) -> None:
         decode_image(data)
 
 
+@pytest.mark.parametrize(("kind", "name"), [("PNG", "PNG"), ("JPEG", "JPEG"), ("WEBP", "WebP")])
+def test_what_is_left_of_a_header_is_damaged_and_no_other_format(kind: str, name: str) -> None:
+    with pytest.raises(InvalidImageError, match=f"begins like {name}|damaged or cut short"):
+        decode_image(file_of(Image.fromarray(picture()), kind)[:20])
+
+
+def test_a_tiff_of_another_kind_is_a_tiff() -> None:
+    colours = cv2.imencode(".tif", (picture() / 255).astype(np.float32))[1].tobytes()
+    with pytest.raises(UnsupportedImageError, match="a TIFF of a kind that is not read"):
+        decode_image(colours)
+
+
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "HEIF", "AVIF", "TIFF"])
 def test_a_picture_cut_short_anywhere_is_refused(kind: str) -> None:
     whole = file_of(Image.fromarray(picture()), kind)

@@ -58,6 +58,13 @@ _OTHER_FORMATS = (
     ),
     (rb"[\t\n\r -~]{1,64}\Z", "text"),
 )
+# How files of `FORMATS` begin, but for those whose first bytes are shared with videos.
+_BEGINNINGS = (
+    (rb"\xff\xd8\xff", "JPEG"),
+    (rb"\x89PNG\r\n\x1a\n", "PNG"),
+    (rb"(?s)RIFF....WEBP", "WebP"),
+    (rb"II[\x2a\x2b]\x00|MM\x00[\x2a\x2b]", "TIFF"),
+)
 # A coded picture is larger than the image by up to a block of 128 pixels on each side.
 CODED_MARGIN = 2
 MIN_CODED_PIXELS = 256 * 256
@@ -69,6 +76,11 @@ _REDUCED_COPY = 1
 def name_of_other_format(head: bytes) -> str:
     """Return what a file that is not read begins like, as `a GIF image`, or nothing; `head` is its first 64 bytes."""
     return next((name for magic, name in _OTHER_FORMATS if re.match(magic, head)), "")
+
+
+def begun_format(head: bytes) -> str:
+    """Return the format, of those that are read, that a file begins like, or nothing; `head` is its first 64 bytes."""
+    return next((name for magic, name in _BEGINNINGS if re.match(magic, head)), "")
 
 
 def open_image(file: BinaryIO) -> Image.Image:
