@@ -12,6 +12,7 @@ from app.api.requests.contract_route import ContractRoute
 from app.api.requests.fields import FIELDS
 from app.api.schemas import problems
 from app.engine.floors.model import LinkMode
+from app.engine.floors.reading import MODE_WORDS
 from app.engine.floors.sentences import short
 from app.engine.navigation.language import Speaker, language_of
 from app.engine.navigation.model import Route, Step, Turn
@@ -170,8 +171,11 @@ def _step_body(step: Step, speaker: Speaker) -> StepBody:
 
 
 def _modes(values: list[str]) -> frozenset[LinkMode]:
-    words = [word.strip().lower() for value in values for word in value.split(",") if word.strip()]
+    given = [word.strip().lower() for value in values for word in value.split(",") if word.strip()]
+    words = [MODE_WORDS.get(word, word) for word in given]
     unknown = [word for word in words if word not in AVOIDABLE]
     if unknown:
-        raise InvalidInputError(f"avoid must name {', '.join(AVOIDABLE)}, not {short(unknown[0])}.")
+        raise InvalidInputError(
+            f"avoid must name {', '.join(AVOIDABLE)}, with commas between them, not {short(unknown[0])}."
+        )
     return frozenset(mode for mode in AVOIDABLE if mode in words)

@@ -58,7 +58,7 @@ Language = Annotated[
     str, Field(pattern=r"^[A-Za-z]{2,8}(-[A-Za-z0-9]{1,8})*$", max_length=FIELDS.max_language_characters)
 ]
 CameraField = Annotated[
-    str | dict[str, Any] | list[float],
+    Any,
     DescribedAs(CAMERA_TYPES),
     Field(description='"fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]" or {model, width, height, params}, as in /locate'),
 ]

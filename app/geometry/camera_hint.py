@@ -79,6 +79,8 @@ def parse_camera_hint(value: object, name: str = "camera") -> CameraHint | None:
     parts = _parts(value, name) if isinstance(value, str) else value
     if not isinstance(parts, list | tuple):
         raise InvalidInputError(f"{name} must be {FORMS}.")
+    if not isinstance(value, str) and any(isinstance(part, str) for part in parts):
+        raise InvalidInputError(f"{name} holds a number as text; it must be {FORMS}.")
     if len(parts) == 3 and all(isinstance(row, list | tuple) and len(row) == 3 for row in parts):
         return CameraHint(values=_values_of_matrix(_numbers([x for row in parts for x in row], name), name))
     numbers = _numbers(parts, name)

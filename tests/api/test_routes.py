@@ -60,6 +60,7 @@ def test_a_route_over_floors(site: Server) -> None:
         {"avoid": "stairs"},
         {"avoid": ["stairs", "escalator"]},
         {"avoid": " Stairs,escalator,"},
+        {"avoid": "staircase"},
         {"accessible": "true"},
     ],
 )

@@ -117,8 +117,6 @@ def test_forms_that_can_not_be_read_say_why(site: Server, parts: tuple[bytes, ..
 def test_text_of_a_form_can_be_stored(site: Server) -> None:
     answer = post_parts(site, part("image", b"x"), part("venue", b"v\0"))
     assert "venue: the text holds a NUL" in assert_problem(answer, 422, "invalid_request")
-    listed = site.client.get("/anchors?venue=%00")
-    assert "venue: the text holds a NUL" in assert_problem(listed, 422, "invalid_request")
     # A charset by which bytes become half a character.
     strange = post_parts(
         site,
@@ -170,7 +168,7 @@ def test_json_with_a_byte_order_mark_is_read(site: Server, encoding: str) -> Non
         (gzip.compress(venue_json("w")), "no Content-Encoding: gzip says so"),
         (b'{"id": "w", "id": "x", "name": "W"}', "id: this key stands twice"),
         (b'{"id": "w", "name": "W", "origin": {"latitude": 1, "latitude": 2}}', "latitude: this key stands twice"),
-        (b'{"id": "w", "name": "W\\u0000"}', "a text with a NUL character"),
+        (b'{"id": "w", "name": "W\\u0000"}', "The body, name: the text holds a NUL character"),
         (b'{"id": "w", "name": "W \\ud83d"}', "half of a character"),
         (b'{"id": "w", "name": "W", "\\ud83d": 1}', "half of a character"),
         (b'{"id": "w", "name": "W", "x": ' + b"9" * 5000 + b"}", "too many digits"),

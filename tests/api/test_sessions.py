@@ -122,6 +122,9 @@ def test_a_session_is_changed_and_ended(museum: Server) -> None:
     unknown = museum.client.patch(path, json={"destination": "nowhere"})
     assert_problem(unknown, 404, "not_found")
     assert_problem(museum.client.patch(path, json={"language": "tlh"}), 422)
+    fx, fy, cx, cy = CAMERA.params[:4]
+    matrix = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
+    assert museum.client.patch(path, json={"camera": matrix}).json()["camera"] == [fx, fy, cx, cy]
     cleared = museum.client.patch(path, json={"destination": None, "camera": None}).json()
     assert (cleared["destination"], cleared["camera"]) == (None, None)
     assert museum.client.delete(path).status_code == 204

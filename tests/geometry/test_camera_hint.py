@@ -87,6 +87,8 @@ def test_the_json_form_is_read_back() -> None:
         ("500,5 501,5 320,0 240,0", "commas between its numbers and points in them"),
         ("500,5,501,5,320,2,240,7", "commas between its numbers and points in them"),
         ([True, 500, 320, 240], "true or false"),
+        (["500", 500, 320, 240], "a number as text"),
+        (True, "must be numbers"),
         ([0.78, 1.04, 0.5, 0.49], "shares of the image's width and height"),
         ({**SIZE, "width": "640", "params": FOUR}, "all numbers"),
         ({**SIZE, "width": True, "params": FOUR}, "all numbers"),

@@ -27,7 +27,7 @@ from app.api.requests.form_request import (
 )
 from app.api.requests.json_text import JsonTextOf
 from app.api.requests.names import Known, refusal, refuse_unknown_keys, shown, unknown_names
-from app.api.requests.sent_values import value_errors
+from app.api.requests.sent_values import repeated_errors, text_errors
 from app.errors import InvalidInputError, UnsupportedMediaError
 
 URLENCODED = "application/x-www-form-urlencoded"
@@ -128,7 +128,11 @@ async def refuse_unknown_names(request: Request) -> None:
             refuse_file_as_text(declared, request, form)
         others = {**declared.query, **declared.nested}
         errors += _errors("body", "form field", form, declared.form, others)
-        errors += value_errors("body", "form field", form.multi_items(), declared.lists, declared.form)
+        sent = form.multi_items()
+        errors += repeated_errors(
+            "body", "form field", [name for name, _ in sent], declared.lists, declared.form
+        )
+        errors += text_errors("body", sent)
     elif declared.media_types is None and media_type(request.headers) == JSON_MEDIA_TYPE:
         errors += _errors("body", "field", _keys(await request.body()), {}, declared.query)
     if form is None:
@@ -197,7 +201,9 @@ def _query_errors(declared: DeclaredNames, connection: HTTPConnection) -> list[d
     given, kind = connection.query_params, "query parameter"
     return [
         *_errors("query", kind, given, declared.query, others),
-        *value_errors("query", kind, given.multi_items(), declared.lists, declared.query),
+        *repeated_errors(
+            "query", kind, [name for name, _ in given.multi_items()], declared.lists, declared.query
+        ),
     ]
 
 

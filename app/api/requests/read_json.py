@@ -36,7 +36,7 @@ def read_json(data: bytes | str, name: str = "The body") -> Any:
             f"{name} is not JSON that can be read: a number has too many digits."
         ) from None
     if fault is not None:
-        raise InvalidInputError(f"{name} holds a text with {fault}, which can't be stored.")
+        raise InvalidInputError(f"{name}, {fault}.")
     return value
 
 
@@ -46,7 +46,12 @@ def _has_escapes(data: bytes | str) -> bool:
 
 
 def _fault(value: Any) -> str | None:
-    return next((fault for text in _texts(value) if (fault := fault_of_text(text)) is not None), None)
+    """Return where the first text is that can't be stored and why, None where all can."""
+    for place, text in _texts(value, ""):
+        fault = fault_of_text(text)
+        if fault is not None:
+            return f"{place or 'at its top'}: the text holds {fault}, which can't be stored"
+    return None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -60,14 +65,14 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return values
 
 
-def _texts(value: Any) -> Iterator[str]:
-    """Yield each key and text of a JSON value; raises `RecursionError`."""
+def _texts(value: Any, place: str) -> Iterator[tuple[str, str]]:
+    """Yield each key and text of a JSON value with its place; raises `RecursionError`."""
     if isinstance(value, str):
-        yield value
+        yield place, value
     elif isinstance(value, dict):
         for key, item in value.items():
-            yield key
-            yield from _texts(item)
+            yield place, key
+            yield from _texts(item, f"{place}.{shown(key)}" if place else shown(key))
     elif isinstance(value, list):
         for item in value:
-            yield from _texts(item)
+            yield from _texts(item, place)

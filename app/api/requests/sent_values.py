@@ -9,22 +9,27 @@ from typing import Any
 from app.api.requests.names import shown
 
 
-def value_errors(
-    place: str, kind: str, items: Iterable[tuple[str, object]], lists: Collection[str], known: Collection[str]
+def repeated_errors(
+    place: str, kind: str, names: Iterable[str], lists: Collection[str], known: Collection[str]
 ) -> list[dict[str, Any]]:
-    """Return an error for each name that was sent more than once and is none of `lists`, and for each bad text."""
-    given = list(items)
-    counts = Counter(name for name, _ in given)
+    """Return an error for each name that was sent more than once and is none of `lists`."""
+    counts = Counter(names)
     errors = []
     for name, count in counts.items():
         if count > 1 and name in known and name not in lists:
             more = f", and further ones as {name}s" if f"{name}s" in lists else ""
             errors.append(_error(place, name, f"this {kind} was sent {count} times; send it once{more}"))
-    for name, value in given:
-        fault = fault_of_text(value) if isinstance(value, str) else None
-        if fault is not None:
-            errors.append(_error(place, name, f"the text holds {fault}, which can't be stored"))
     return errors
+
+
+def text_errors(place: str, items: Iterable[tuple[str, object]]) -> list[dict[str, Any]]:
+    """Return an error for each text that can't be stored."""
+    faults = ((name, fault_of_text(value)) for name, value in items if isinstance(value, str))
+    return [
+        _error(place, name, f"the text holds {fault}, which can't be stored")
+        for name, fault in faults
+        if fault
+    ]
 
 
 def fault_of_text(text: str) -> str | None:
