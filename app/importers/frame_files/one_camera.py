@@ -151,8 +151,7 @@ def _color(path: Path, own: Camera, camera: Camera, files: FrameFiles, number: i
     except DAMAGE:
         # Left out where all files are checked.
         return path
-    maps = _maps(own, camera)
-    seen = cv2.remap(np.ascontiguousarray(bgr), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = _seen(np.ascontiguousarray(bgr), own, camera, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
     return files.write_picture(f"one_camera/{number:06d}.jpg", np.asarray(seen, dtype=np.uint8))
 
 
@@ -174,14 +173,26 @@ def _depth(
         values[is_of_low_confidence(confidence[frame.depth], raw.shape)] = 0
     size = round(camera.width * header.width / own.width), round(camera.height * header.height / own.height)
     try:
-        maps = _maps(own.scaled_to(header.width, header.height), camera.scaled_to(*size))
+        smaller = own.scaled_to(header.width, header.height), camera.scaled_to(*size)
     except InvalidCameraError as error:
         raise InvalidScanError(f"{frame.depth.name}: {error}") from None
-    moved = cv2.remap(values, *maps, cv2.INTER_NEAREST, borderValue=0)
+    moved = _seen(values, *smaller, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
     name = f"one_camera/{number:06d}"
     if raw.dtype.kind == "f":
         return files.write_array(f"{name}.npy", np.asarray(moved, dtype=np.float32))
     return files.write_depth(f"{name}.png", np.asarray(moved, dtype=np.uint16))
+
+
+def _seen(image: NDArray[Any], own: Camera, camera: Camera, interpolation: int, border: int) -> NDArray[Any]:
+    """Return an image (height, width[, channels]) as the common camera sees it; 0 outside with a constant border."""
+    if own.is_distorted or camera.is_distorted:
+        return np.asarray(cv2.remap(image, *_maps(own, camera), interpolation, borderMode=border))
+    scale = np.array(own.params[:2]) / camera.params[:2]
+    shift = np.array(own.params[2:4]) - scale * camera.params[2:4]
+    own_from_common = np.column_stack([np.diag(scale), shift])
+    size = camera.width, camera.height
+    flags = interpolation | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(image, own_from_common, size, flags=flags, borderMode=border))
 
 
 def _maps(own: Camera, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
 from app.importers.registry import open_scan
@@ -101,25 +102,34 @@ def test_a_lens_of_nerfstudio_with_a_third_coefficient(tmp_path: Path) -> None:
     assert (camera.model, camera.params[4:9]) == ("FULL_OPENCV", (0.1, -0.05, 0.001, 0.002, 0.01))
 
 
-def test_pictures_of_several_cameras_become_those_of_one(tmp_path: Path) -> None:
+def of_focal(f: float, k1: float) -> Camera:
+    return Camera("OPENCV", WIDTH, HEIGHT, (f, f, CX, CY, k1, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("k1", [0.0, 0.08])
+def test_pictures_of_several_cameras_become_those_of_one(tmp_path: Path, k1: float) -> None:
     """A grid of points seen by cameras of other focal lengths is seen at the pixels of the common camera."""
     folder = layouts.nerfstudio(tiny_scan(), tmp_path)
     focal = [280.0, 250.0, 310.0, 290.0, 270.0]
-    rays = [((u - CX) / 280.0, (v - CY) / 280.0) for u in range(60, 300, 80) for v in range(50, 220, 60)]
+    points = np.array(
+        [((u - CX) / 280.0, (v - CY) / 280.0, 1.0) for u in range(60, 300, 80) for v in range(50, 220, 60)]
+    )
     for f, path in zip(focal, sorted((folder / "images").iterdir()), strict=True):
         dots = np.zeros((HEIGHT, WIDTH), np.uint8)
-        for x, y in rays:
-            cv2.circle(dots, (round(4 * (x * f + CX)), round(4 * (y * f + CY))), 12, 255, -1, shift=2)
+        for u, v in of_focal(f, k1).project(points):
+            cv2.circle(dots, (round(4 * u), round(4 * v)), 12, 255, -1, shift=2)
         cv2.imwrite(str(path), dots)
     left = iter(focal)
+    top(k1=k1)(folder)
     each_frame(lambda frame: frame.update(dict.fromkeys(("fl_x", "fl_y"), next(left))))(folder)
     scan = open_scan(folder)
     assert scan.camera.params[0] == 280
     assert "4 of 5 were resampled" in " ".join(scan.notes)
     for frame in scan.frames:
         seen = cv2.imdecode(np.frombuffer(scan.color_bytes(frame), np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert seen is not None
         assert seen.shape == (HEIGHT, WIDTH)
-        assert all(seen[round(y * 280 + CY), round(x * 280 + CX)] > 200 for x, y in rays)
+        assert all(seen[round(v), round(u)] > 200 for u, v in of_focal(280.0, k1).project(points))
         depth_m = scan.depth_m(frame)
         assert depth_m.shape == (HEIGHT, WIDTH)
         # The slope under the middle ray is where it was; elsewhere it moved with the picture.
