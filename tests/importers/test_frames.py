@@ -164,9 +164,10 @@ def test_files_that_change_after_opening(tmp_path: Path) -> None:
 def test_an_unreadable_image_is_discarded_and_counted(tmp_path: Path) -> None:
     folder = write_tum(tmp_path)
     (folder / "rgb/0.000000.png").write_bytes(b"not an image")
-    (folder / "depth/0.100000.png").write_bytes(b"")
-    scan = open_scan(folder)
-    assert scan.discarded == {"unreadable_file": ("rgb/0.000000.png", "rgb/0.100000.png")}
+    for damaged in (b"", b"not an image"):
+        (folder / "depth/0.100000.png").write_bytes(damaged)
+        scan = open_scan(folder)
+        assert scan.discarded == {"unreadable_file": ("rgb/0.000000.png", "rgb/0.100000.png")}
     (folder / "rgb/0.200000.png").unlink()
     with pytest.raises(
         InvalidScanError, match="No frame of the scan can be used: 1 missing_file, 2 unreadable"

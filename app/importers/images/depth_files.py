@@ -22,7 +22,7 @@ from PIL import Image
 from app.errors import InvalidScanError
 from app.importers.images.exr import ExrHeader, read_exr, read_exr_header
 from app.limits import limit
-from app.vision.image_files.formats import DAMAGE, name_of_other_format
+from app.vision.image_files.formats import DAMAGE, TEXT, name_of_other_format
 
 KINDS_IN_WORDS = "a 16-bit PNG or PGM, a TIFF, an OpenEXR image or a NumPy array"
 
@@ -113,6 +113,8 @@ def _header_of(head: bytes, name: str, file: Path | io.BytesIO) -> DepthHeader |
 def _refuse_by_name(head: bytes, name: str) -> None:
     """Raise `InvalidScanError` for what is known and holds no depth; the rest is a file that can't be read."""
     kind = name_of_other_format(head[:64])
+    # Text in place of one image is a damaged file, which is left out as others are.
+    kind = "" if kind == TEXT else kind
     if head.startswith((b"\xff\xd8\xff", b"RIFF")) or (not kind and head[4:8] == b"ftyp"):
         kind = "a picture in a format for photos"
     if name.lower().endswith(".npz") and head.startswith(b"PK"):

@@ -30,6 +30,8 @@ DAMAGE = (
 RAW_PHOTO = "a raw photo"
 # What `open_image` refuses by name.
 NAMED = (RAW_PHOTO, ANIMATED)
+# A file that holds nothing but text.
+TEXT = "text"
 # What people send by mistake: the first bytes, and what a file that begins with them is.
 _OTHER_FORMATS = (
     (rb"GIF8", "a GIF image"),
@@ -56,7 +58,7 @@ _OTHER_FORMATS = (
         rb"\xef\xbf\xbd(?:\xef\xbf\xbd\xef\xbf\xbd|PNG)|\xc3\xbf\xc3\x98\xc3\xbf|\xc2\x89PNG",
         "a picture that was read as text, which destroys its bytes",
     ),
-    (rb"[\t\n\r -~]{1,64}\Z", "text"),
+    (rb"[\t\n\r -~]{1,64}\Z", TEXT),
 )
 # How files of `FORMATS` begin, but for those whose first bytes are shared with videos.
 _BEGINNINGS = (
