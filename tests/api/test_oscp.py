@@ -125,6 +125,9 @@ def test_the_version_is_negotiated(oscp: Server, queries: list[View]) -> None:
     assert answer.headers["content-type"] == "application/vnd.oscp+json; version=2.0"
     sentence = assert_problem(ask(oscp, request, Accept="application/vnd.oscp+json; version=3.0"), 422)
     assert "1.0 and 2.0" in sentence
+    # More digits than Python makes a number of.
+    long = ask(oscp, request, Accept=f"application/vnd.oscp+json; version={'9' * 5000}")
+    assert "1.0 and 2.0" in assert_problem(long, 422)
 
 
 def test_pixels_without_a_file(oscp: Server, queries: list[View]) -> None:

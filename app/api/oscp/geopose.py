@@ -26,7 +26,7 @@ from app.vision.image_files.raw_pixels import png_of_pixels
 
 MEDIA_TYPE = "application/vnd.oscp+json"
 VERSIONS = (1, 2)
-VERSION = re.compile(rf"{re.escape(MEDIA_TYPE)}\s*;\s*version\s*=\s*\"?(\d{1, 9})", re.IGNORECASE)
+VERSION = re.compile(rf"{re.escape(MEDIA_TYPE)}\s*;\s*version\s*=\s*\"?(\d{{1,9}})", re.IGNORECASE)
 # First bytes of picture files that clients send as if they were pixels.
 FILE_STARTS = (b"\xff\xd8\xff", b"\x89PNG", b"RIFF")
 PIXELS = ("RGBA32", "GRAY8")
