@@ -88,6 +88,10 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     zoomed = most_agreeing_zoom(best, camera, poses.poses) if few_agree else None
     may_be_other = is_doubted or not is_verified or is_stretched or zoomed is not None
     refined = _refined(best, camera, fit, poses, search, zoomed) if may_be_other else None
+    if refined is not None and _has_moved_far(refined.camera, camera):
+        # The pixels are not as stated, as of a picture that was stretched: a far centre makes up for that, wrongly.
+        left_open = _left_open(best, fit, is_doubted=True)
+        return CheckedCamera(camera=camera, best=best, systematic=left_open, trust="disputed")
     if refined is not None:
         return refined
     is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
@@ -104,6 +108,13 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
         systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted),
         trust=trust,
     )
+
+
+def _has_moved_far(refined: Camera, stated: Camera) -> bool:
+    """Whether a refined camera has a principal point that the stated one's can hardly have been."""
+    across = abs(refined.params[2] - stated.params[2]) / stated.width
+    down = abs(refined.params[3] - stated.params[3]) / stated.height
+    return max(across, down) > OPTIONS.max_refined_offset_ratio
 
 
 def fitted_camera(best: Hypothesis, camera: Camera) -> CheckedCamera:
@@ -272,6 +283,9 @@ def _starts(
             # Of pixels that are far from square one side may have a focal length that no lens has.
             with suppress(InvalidCameraError):
                 others.append(changed_camera(camera, [zoom, 0.0, 0.0]))
+    if camera.is_distorted:
+        # A picture that was undistorted, with the numbers of the lens that took it.
+        yield _Start(Camera("PINHOLE", camera.width, camera.height, camera.params[:4]))
     yield from (_Start(square) for square in square_pixels(camera))
     centred = _fit(best, camera, keep_centre=True)
     if centred is not None:

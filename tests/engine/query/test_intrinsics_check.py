@@ -19,7 +19,7 @@ from app.geometry.camera import Camera
 from app.geometry.focal import pinhole
 from app.geometry.intrinsics_check import square_pixels, zoomed_cameras
 from app.geometry.pnp import PnpEstimate, estimate_poses_lo_ransac
-from app.geometry.se3 import Pose
+from app.geometry.se3 import Pose, position_difference_m
 from tests.scenes import CAMERA
 
 LIMIT_PX = 4.0
@@ -139,6 +139,22 @@ def test_a_zoom_keeps_the_principal_point_that_was_stated() -> None:
     assert found.camera.focal_px == pytest.approx(1.25 * CAMERA.focal_px, rel=0.02)
     # Nothing shows that it is so.
     assert found.centre_sigma_px == OPTIONS.centre_sigma_share * CAMERA.width
+
+
+def test_a_lens_that_is_not_in_the_picture_is_left_out() -> None:
+    model = Camera("OPENCV", CAMERA.width, CAMERA.height, (*CAMERA.params[:4], -0.3, 0.1, 0.0, 0.0))
+    seen = matches_of(points_seen(CAMERA, 300, (1.0, 6.0)))
+    found = checked(seen, model)
+    assert (found.trust, found.camera.model) == ("refined", "PINHOLE")
+    assert found.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.02)
+    assert position_difference_m(found.best.pose, HERE) < 0.02
+
+
+def test_a_principal_point_that_lies_far_away_disputes_the_camera() -> None:
+    fx, fy, cx, cy = zoomed(1.25).params[:4]
+    aside = replace(CAMERA, params=(fx, fy, cx + 0.25 * CAMERA.width, cy, *CAMERA.params[4:]))
+    found = checked(matches_of(points_seen(aside, 300, (1.0, 6.0))))
+    assert (found.trust, found.camera) == ("disputed", CAMERA)
 
 
 def test_a_principal_point_that_lies_elsewhere_is_found() -> None:
