@@ -35,6 +35,7 @@ COMMANDS = {
     "capacity": "bench.capacity.command:capacity",
     "trace-query": "bench.commands.trace_query:trace_query",
     "large-maps": "bench.large_maps.command:large_maps",
+    "large-builds": "bench.large_maps.builds_command:large_builds",
     "evaluate-phone-page": "bench.pages.command:evaluate_phone_page",
     "evaluate-alignment": "bench.pages.alignment_command:evaluate_alignment",
     "measure-plan-drawing": "bench.pages.drawing_command:measure_plan_drawing",
