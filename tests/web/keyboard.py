@@ -45,6 +45,9 @@ class KeyboardHands(Hands):
     def open(self, address: str) -> None:
         """Open the studio with the key."""
         self.page.add_init_script(NO_POINTER)
+        # While nobody listens a dialog of the system is opened and closed, and it takes a moment until it is known that
+        # somebody does: longer than a key.
+        self.page.on("filechooser", lambda _: None)
         self.page.goto(f"{address}/studio")
         self.type(self.page.get_by_label("Key", exact=True), KEY)
         self.key("Enter")
