@@ -9,7 +9,14 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from bench.evaluation.confidence_fit import WRONG_WEIGHT, fit_camera_confidence, fit_confidence, held_out
+from app.errors import InvalidInputError
+from bench.evaluation.confidence_fit import (
+    WRONG_WEIGHT,
+    ConfidenceFit,
+    fit_camera_confidence,
+    fit_confidence,
+    held_out,
+)
 from bench.evaluation.pose_errors import QueryOutcome
 from bench.evaluation.reliability import read_outcomes, scene_of
 from bench.figures.shown import FiguresTitle, Shown
@@ -31,8 +38,16 @@ def fit_confidence_command(
         for name, group in read_outcomes(path, True).items():
             groups.setdefault(name, []).extend(group)
     outcomes = [outcome for group in groups.values() for outcome in group]
-    fit = fit_confidence(outcomes)
     shown = Shown()
+    try:
+        _show_poses(fit_confidence(outcomes), shown)
+    except InvalidInputError as error:
+        shown.line(f"Nothing is fitted to all poses. {error}")
+    _show_cameras(groups, outcomes, shown)
+    shown.write("fit-confidence", figures)
+
+
+def _show_poses(fit: ConfidenceFit, shown: Shown) -> None:
     shown.line(f"{fit.poses} poses, {fit.right} of them right; log loss {fit.log_loss}")
     table = Table("term", "weight")
     table.add_row("intercept", str(fit.model.intercept))
@@ -40,8 +55,6 @@ def fit_confidence_command(
     for name, weight in zip(names, fit.model.weights, strict=True):
         table.add_row(name, str(weight))
     shown.table(table)
-    _show_cameras(groups, outcomes, shown)
-    shown.write("fit-confidence", figures)
 
 
 def _show_cameras(
