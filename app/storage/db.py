@@ -44,6 +44,8 @@ STORAGE_ERRORS: dict[int, tuple[type[StorageError], str]] = {
     sqlite3.SQLITE_CORRUPT: (DatabaseDamagedError, MALFORMED),
     sqlite3.SQLITE_NOTADB: (DatabaseDamagedError, MALFORMED),
 }
+# What SQLite says of our own statements where the file no longer holds the tables that the migration made.
+MISSING_SCHEMA = ("no such table", "no such column", "malformed database schema")
 # SQLSTATE of PostgreSQL for a lock that was not given in time, and for transactions that stood in each other's way.
 LOCK_NOT_AVAILABLE = "55P03"
 SERIALIZATION_FAILURE = "40001"
@@ -240,6 +242,8 @@ def _locks_translated() -> Iterator[None]:
         if code in STORAGE_ERRORS:
             kind, sentence = STORAGE_ERRORS[code]
             raise kind(sentence) from error
+        if code == sqlite3.SQLITE_ERROR and str(cause).startswith(MISSING_SCHEMA):
+            raise DatabaseDamagedError(MALFORMED) from error
         raise
 
 

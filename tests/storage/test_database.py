@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import select, update
 from sqlalchemy.exc import IntegrityError
 
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, DatabaseDamagedError, NotFoundError
 from app.storage import builds, floors, leases, maps, venues
 from app.storage.db import Database
 from app.storage.tables import map_versions, metadata
@@ -246,3 +248,16 @@ def test_a_build_that_is_handed_over_counts_no_attempt(database: Database, venue
         taken = builds.claim_build(connection, "new", build)
         assert taken is not None
         assert (taken.attempts, taken.worker) == (1, "new")
+
+
+@pytest.mark.parametrize("change", ["RENAME COLUMN name TO nome", "RENAME TO houses"])
+def test_a_file_without_the_tables_of_the_migration_is_damaged(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "test.db"
+    database = Database(f"sqlite:///{path}")
+    database.migrate()
+    with closing(sqlite3.connect(path)) as other:
+        other.execute(f"ALTER TABLE venues {change}")
+        other.commit()
+    with pytest.raises(DatabaseDamagedError, match="restore"), database.read() as connection:
+        venues.list_venues(connection)
+    database.close()

@@ -134,12 +134,10 @@ def test_a_program_that_keeps_readers_out_is_named_too(path: Path, monkeypatch: 
 
 def test_other_errors_of_the_database_stay_what_they_are(path: Path) -> None:
     with opened(path) as database:
-        with database.read() as connection, pytest.raises(OperationalError, match="no such table"):
-            connection.execute(text("SELECT * FROM nowhere"))
 
         def fail() -> None:
             with database.write() as connection:
-                connection.execute(text("INSERT INTO nowhere VALUES (1)"))
+                connection.execute(text("INSERT INTO venues VALUES (1)"))
 
-        with pytest.raises(OperationalError, match="no such table"):
+        with pytest.raises(OperationalError, match="1 values"):
             fail()
