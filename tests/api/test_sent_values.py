@@ -150,6 +150,18 @@ def test_json_of_curl_without_its_media_type_and_features_in_a_form_are_named(si
     assert "--data-binary @FILE" in assert_problem(features, 415, "unsupported_media_type")
 
 
+# A search for the one that stands twice that compares each key with all others would take minutes.
+MANY_KEYS = b"{" + b"".join(b'"%d": 1, ' % number for number in range(70_000)) + b'"last": 1, "last": 2}'
+
+
+@pytest.mark.parametrize("beginning", ["data:", " ", "data:;", ";base64"])
+def test_long_text_in_place_of_a_picture_is_refused_without_a_search(site: Server, beginning: str) -> None:
+    # A pattern that is tried from every character would take hours for it.
+    text = beginning * (2_000_000 // len(beginning))
+    answer = site.client.post("/locate", json={"image": text, "venue": "none"})
+    assert answer.status_code in (404, 415, 422), answer.text[:200]
+
+
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 def test_json_with_a_byte_order_mark_is_read(site: Server, encoding: str) -> None:
     body = json.dumps({"id": encoding, "name": "Küche"}).encode(encoding)
@@ -168,6 +180,7 @@ def test_json_with_a_byte_order_mark_is_read(site: Server, encoding: str) -> Non
         (gzip.compress(venue_json("w")), "no Content-Encoding: gzip says so"),
         (b'{"id": "w", "id": "x", "name": "W"}', "id: this key stands twice"),
         (b'{"id": "w", "name": "W", "origin": {"latitude": 1, "latitude": 2}}', "latitude: this key stands twice"),
+        (MANY_KEYS, "last: this key stands twice"),
         (b'{"id": "w", "name": "W\\u0000"}', "The body, name: the text holds a NUL character"),
         (b'{"id": "w", "name": "W \\ud83d"}', "half of a character"),
         (b'{"id": "w", "name": "W", "\\ud83d": 1}', "half of a character"),
@@ -175,8 +188,8 @@ def test_json_with_a_byte_order_mark_is_read(site: Server, encoding: str) -> Non
         (b'{"id": "w", "name": "  "}', "name: A name has at least one character"),
     ],
     ids=[
-        "no comma", "single quotes", "nested", "Latin-1", "gzip", "twice", "twice inside", "NUL", "surrogate",
-        "surrogate in a key", "digits", "blank",
+        "no comma", "single quotes", "nested", "Latin-1", "gzip", "twice", "twice inside", "many keys", "NUL",
+        "surrogate", "surrogate in a key", "digits", "blank",
     ],
 )  # fmt: skip
 def test_json_that_can_not_be_meant_is_refused_with_the_reason(site: Server, body: bytes, words: str) -> None:

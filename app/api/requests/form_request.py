@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import re
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from io import BytesIO
@@ -27,7 +26,7 @@ PICTURE = frozenset({"image"})
 FURTHER = frozenset({"images"})
 JSON_MEDIA_TYPE = "application/json"
 # What pages write before a picture (`canvas.toDataURL`).
-DATA_URL = re.compile(r"\s*data:[^,;]*(?:;[^,;]*)*;base64,", re.IGNORECASE)
+DATA_URL_BEGINS, DATA_URL_ENDS = "data:", ";base64"
 URL_SAFE = str.maketrans("-_", "+/")
 NOT_FORM_DATA = (
     "The form can't be read: each of its parts must begin with the boundary that Content-Type names, and lines must "
@@ -153,7 +152,11 @@ def is_picture(files: frozenset[str]) -> bool:
 def _decoded(value: object) -> bytes:
     """Return the bytes of a picture in base64: in lines, as some encoders write it, of the alphabet for URLs, without
     padding, or behind the prefix of a data URL too."""
-    text = DATA_URL.sub("", value, count=1) if isinstance(value, str) else "?"
+    text = value if isinstance(value, str) else "?"
+    prefix, comma, rest = text.partition(",")
+    named = prefix.strip().lower()
+    if comma and named.startswith(DATA_URL_BEGINS) and named.endswith(DATA_URL_ENDS):
+        text = rest
     packed = "".join(text.split()).translate(URL_SAFE).rstrip("=")
     try:
         return base64.b64decode(packed + "=" * (-len(packed) % 4), validate=True)

@@ -14,7 +14,7 @@ from app.errors import InvalidInputError, NotFoundError
 NUMBER = r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?\s*"
 POINT = re.compile(rf"([^:]*):({NUMBER}),({NUMBER})")
 # What can be a point that was written in another way.
-NUMBERS = re.compile(r"[-+\d.,;\s]*\d[-+\d.,;\s]*")
+NUMBERS = re.compile(r"[-+\d.,;\s]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def parse_place(text: str, network: Network, field: str) -> Place:
 def _probably_meant(text: str, network: Network) -> str:
     """Return the end of the sentence about a text that is no id: the ids of what has it as its name, or how a point is
     written; empty where nothing is like it."""
-    if NUMBERS.fullmatch(text):
+    if NUMBERS.fullmatch(text) and any(map(str.isdigit, text)):
         return "; a point is floor:x,y, such as 0:12.5,3"
     wanted, floors = text.casefold(), [part.places.features for part in network.parts.values()]
     marks = [mark for one in floors for group in (one.landmarks, one.pois) for mark in group.values()]
