@@ -42,7 +42,7 @@ class Phone:
     @contextmanager
     def unable_to_store(self) -> Iterator[None]:
         """Let the database fail at each point of a trajectory within the block, after the session's row is written."""
-        trigger = "CREATE TRIGGER broken BEFORE INSERT ON session_points BEGIN SELECT * FROM nowhere; END"
+        trigger = "CREATE TRIGGER broken BEFORE INSERT ON session_points BEGIN SELECT json('broken'); END"
         with self.resources.database.write() as connection:
             connection.exec_driver_sql(trigger)
         yield
@@ -51,7 +51,7 @@ class Phone:
 
     def fail(self, view: View, time_s: float) -> None:
         """Send a frame that can't be stored."""
-        with self.unable_to_store(), pytest.raises(OperationalError, match="nowhere"):
+        with self.unable_to_store(), pytest.raises(OperationalError, match="malformed JSON"):
             self.send(view, time_s)
 
 

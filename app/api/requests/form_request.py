@@ -25,8 +25,9 @@ PICTURE = frozenset({"image"})
 # Files that a form of a picture may have beside it; in JSON they are a list.
 FURTHER = frozenset({"images"})
 JSON_MEDIA_TYPE = "application/json"
-# What pages write before a picture (`canvas.toDataURL`).
-DATA_URL_BEGINS, DATA_URL_ENDS = "data:", ";base64"
+# What pages write before a picture (`canvas.toDataURL`): its first characters, and the last ones before the comma.
+DATA_URL_BEGINS = "data:"
+DATA_URL_ENDS = ";base64"
 URL_SAFE = str.maketrans("-_", "+/")
 NOT_FORM_DATA = (
     "The form can't be read: each of its parts must begin with the boundary that Content-Type names, and lines must "
