@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.images.depth_files import DepthHeader, read_depth, read_depth_header
+from app.importers.scan_camera import camera_stated_in
 from app.limits import limit
 
 Size = tuple[int, int]
@@ -150,10 +151,8 @@ def check_pose_ratio(invalid: int, total: int, example: str) -> None:
 def _camera(stated: CameraHint, size: Size, name: str) -> Camera:
     if stated.camera is not None:
         return stated.camera
-    try:
+    with camera_stated_in(name):
         return Camera.from_values(stated.values, *size)
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{name}: {error}") from None
 
 
 def _depth_format(
@@ -169,10 +168,8 @@ def _depth_format(
     given = options.depth_camera or source.depth_camera
     depth_camera = None if given is None else _camera(given, size, "depth_camera")
     if depth_camera is None and _is_scaled(size, camera):
-        try:
+        with camera_stated_in(readable[0][0].depth.name):
             depth_camera = camera.scaled_to(*size)
-        except InvalidCameraError as error:
-            raise InvalidScanError(f"{readable[0][0].depth.name}: {error}") from None
         notes = (
             *notes,
             f"Depth has {size[0]} x {size[1]} pixels, colour {camera.width} x {camera.height}: depth was read as the "

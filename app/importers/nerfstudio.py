@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
@@ -21,6 +21,7 @@ from app.importers.frame_files.json_files import matrix_of, number_of, read_json
 from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
+from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import optional_file, read_gravity
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 
@@ -166,10 +167,8 @@ def _camera(values: Mapping[str, Any], frame: Frame) -> Camera | None:
     stated = {"w": size[0], "h": size[1], **values}
     intrinsics = _intrinsics(stated, _FISHEYE_LENS if is_fisheye else _LENS, where)
     width, height = (int(number_of(stated, key, where)) for key in ("w", "h"))
-    try:
+    with camera_stated_in(where):
         return Camera(*_model_of(intrinsics, is_fisheye, width, height))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{where}: {error}") from None
 
 
 def _model_of(

@@ -16,12 +16,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import REFERENCE_FOCAL_PX, Camera
 from app.geometry.camera_hint import CameraHint, hint_of
 from app.importers.frames import Frame, is_of_low_confidence
 from app.importers.images.color_files import color_size
 from app.importers.images.depth_files import read_depth, read_depth_header
+from app.importers.scan_camera import camera_stated_in
 from app.importers.unpacked import FrameFiles
 from app.limits import limit
 from app.vision.image_files.formats import DAMAGE, open_image
@@ -172,10 +173,8 @@ def _depth(
     if frame.depth in confidence:
         values[is_of_low_confidence(confidence[frame.depth], raw.shape)] = 0
     size = round(camera.width * header.width / own.width), round(camera.height * header.height / own.height)
-    try:
+    with camera_stated_in(frame.depth.name):
         smaller = own.scaled_to(header.width, header.height), camera.scaled_to(*size)
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{frame.depth.name}: {error}") from None
     moved = _seen(values, *smaller, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
     name = f"one_camera/{number:06d}"
     if raw.dtype.kind == "f":

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import check_pose_ratio
 from app.importers.frame_files.json_files import number_of, read_json_object
+from app.importers.scan_camera import camera_stated_in
 
 _HEAD_BYTES = 4096
 _TRAJECTORY = b"PinholeCameraTrajectory"
@@ -66,7 +67,5 @@ def open3d_camera(content: dict[str, Any], name: str) -> Camera:
     K = {str(i): value for i, value in enumerate(values)}
     fx, fy, cx, cy = (number_of(K, key, f"{name}: intrinsic_matrix") for key in ("0", "4", "6", "7"))
     width, height = (int(number_of(content, key, name)) for key in ("width", "height"))
-    try:
+    with camera_stated_in(name):
         return Camera("PINHOLE", width, height, (fx, fy, cx, cy))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{name}: {error}") from None

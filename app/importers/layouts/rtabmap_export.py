@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
@@ -21,6 +21,7 @@ from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.rows.trajectory_rows import parse_trajectory
+from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import read_text, rows
 from app.importers.unpacked import FrameFiles
 
@@ -105,10 +106,8 @@ def _calibrations(folder: ScanFolder, found: Path) -> dict[str, _Calibration]:
 def _camera(calibration: _Calibration, frame: Frame) -> Camera | None:
     """Return the camera of a frame, None for a picture that can't be read."""
     size = color_size(frame.color)
-    try:
+    with camera_stated_in(frame.name):
         return None if size is None else Camera.from_values(calibration.values, *size)
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{frame.name}: {error}") from None
 
 
 def _is_yaml(path: Path) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
@@ -21,6 +21,7 @@ from app.importers.folder import ScanFolder
 from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.phones.arkit import confidence_files
+from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import numbers, read_text, rows
 from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import lacking
@@ -119,7 +120,5 @@ def _of_file(path: Path) -> Camera:
     values = numbers([cell for row in rows(read_text(path)) for cell in row.cells()], path.name)
     if len(values) != 6 or not np.isfinite(values).all():
         raise InvalidScanError(f"{path.name} must hold six numbers: width height fx fy cx cy.")
-    try:
+    with camera_stated_in(path.name):
         return Camera("PINHOLE", int(values[0]), int(values[1]), tuple(values[2:]))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{path.name}: {error}") from None

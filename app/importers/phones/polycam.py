@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
@@ -21,6 +21,7 @@ from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, confidence_files, pose_of_arkit
+from app.importers.scan_camera import camera_stated_in
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.importers.unread.exports import lacking
 
@@ -118,10 +119,8 @@ def _camera(entry: dict[str, Any], frame: Frame) -> Camera | None:
     values = tuple(number_of(entry, key, name) for key in ("fx", "fy", "cx", "cy"))
     if "width" in entry and "height" in entry:
         size = int(number_of(entry, "width", name)), int(number_of(entry, "height", name))
-    try:
+    with camera_stated_in(name):
         return None if size is None else Camera("PINHOLE", *size, values)
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{name}: {error}") from None
 
 
 def _frames(

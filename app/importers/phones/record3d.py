@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_quaternion
 from app.importers.archives.archive import extract_archive
@@ -27,6 +27,7 @@ from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, pose_of_arkit
 from app.importers.phones.lzfse_data import unpacked_data, values_in
 from app.importers.recordings.files import recordings_in
+from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import optional_file
 from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import lacking
@@ -233,10 +234,8 @@ def _camera(metadata: Mapping[str, Any], frame: Frame) -> Camera | None:
 
 
 def _pinhole(size: tuple[int, int], values: tuple[float, ...]) -> Camera:
-    try:
+    with camera_stated_in("metadata"):
         return Camera("PINHOLE", *size, values)
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"metadata: {error}") from None
 
 
 def _of_matrix(metadata: Mapping[str, Any]) -> tuple[float, float, float, float]:

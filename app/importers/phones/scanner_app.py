@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.folder import ScanFolder
@@ -22,6 +22,7 @@ from app.importers.frame_files.one_camera import in_one_camera
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, pose_of_arkit
+from app.importers.scan_camera import camera_stated_in
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.importers.unread.exports import lacking
 
@@ -96,10 +97,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 def _camera(content: dict[str, Any], where: str, picture: Path) -> Camera | None:
     """Return the camera of a picture, None where that can't be read."""
     K, size = _numbers(content, "intrinsics", where, 9), color_size(picture)
-    try:
+    with camera_stated_in(where):
         return None if size is None else Camera("PINHOLE", *size, tuple(float(K[i]) for i in (0, 4, 2, 5)))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{where}: {error}") from None
 
 
 def _time_s(content: dict[str, Any], stem: str, where: str) -> float:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
@@ -27,6 +27,7 @@ from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, confidence_files
 from app.importers.phones.video import Video, open_video
+from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import numbers, optional_file, read_text, rows
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.importers.unread.exports import lacking
@@ -250,10 +251,8 @@ def _cameras(directory: Path, kept: list[_Row], size: tuple[int, int]) -> list[C
         if own is None:
             raise lacking(FORMAT, MATRIX, "its camera's intrinsics")
         is_other = stated and abs(own[0] / stated[0] - 1) > OPTIONS.max_focal_difference_ratio
-        try:
+        with camera_stated_in("camera"):
             cameras.append(Camera("PINHOLE", *size, stated if stated and is_other else own))
-        except InvalidCameraError as error:
-            raise InvalidScanError(f"camera: {error}") from None
     return cameras
 
 

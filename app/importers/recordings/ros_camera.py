@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import InvalidCameraError, InvalidScanError
+from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint, hint_of
+from app.importers.scan_camera import camera_stated_in
 
 FISHEYE = ("equidistant", "fisheye", "kannala_brandt4")
 # Coefficients of the rational model in OpenCV's order; what follows them is a prism and a tilt.
@@ -48,7 +49,5 @@ def _array(message: Any, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def _whole(model: str, message: Any, params: tuple[float, ...]) -> CameraHint:
-    try:
+    with camera_stated_in("The bag's CameraInfo"):
         return hint_of(Camera(model, int(message.width), int(message.height), params))
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"The bag's CameraInfo: {error}") from None

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidCameraError, InvalidPoseError, InvalidScanError
+from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
@@ -29,6 +29,7 @@ from app.importers.images.color_files import color_size
 from app.importers.images.depth_files import LIMITS
 from app.importers.images.rvl import decode_rvl
 from app.importers.recordings.files import recordings_in, the_recording
+from app.importers.scan_camera import camera_stated_in
 from app.importers.unpacked import FrameFiles
 
 SUFFIX = ".db"
@@ -102,10 +103,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 
 def _own(camera: _Camera, frame: Frame) -> Camera | None:
     size = color_size(frame.color)
-    try:
+    with camera_stated_in(frame.name):
         return None if size is None else Camera.from_values(camera.values, *size)
-    except InvalidCameraError as error:
-        raise InvalidScanError(f"{frame.name}: {error}") from None
 
 
 def _connected(path: Path) -> sqlite3.Connection:
