@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -88,12 +88,13 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     zoomed = most_agreeing_zoom(best, camera, poses.poses) if few_agree else None
     may_be_other = is_doubted or not is_verified or is_stretched or zoomed is not None
     refined = _refined(best, camera, fit, poses, search, zoomed) if may_be_other else None
-    if refined is not None and _has_moved_far(refined.camera, camera):
-        # The pixels are not as stated, as of a picture that was stretched: a far centre makes up for that, wrongly.
+    if refined is not None and (refined.leads_beyond or _has_moved_far(refined.checked.camera, camera)):
+        # A longer zoom is not found. Or the pixels are not as stated, as of a picture that was stretched: a far centre
+        # makes up for that, wrongly.
         left_open = _left_open(best, fit, is_doubted=True)
         return CheckedCamera(camera=camera, best=best, systematic=left_open, trust="disputed")
     if refined is not None:
-        return refined
+        return refined.checked
     is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
     is_confirmed = not is_doubted and is_near and fit.focal_sigma <= OPTIONS.confirmed_sigma
     trust: CameraTrust = "contradicted" if is_doubted else "confirmed"
@@ -102,12 +103,11 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     elif not is_doubted and (is_stretched or zoomed is not None or not is_verified or _is_flat(best)):
         # A check by one focal length doesn't show pixels that are not square.
         trust = "open"
-    return CheckedCamera(
-        camera=camera,
-        best=best,
-        systematic=Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted),
-        trust=trust,
-    )
+    systematic = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
+    if trust != "confirmed":
+        least = _by_focal_sigma(best, OPTIONS.open_sigma)
+        systematic = replace(systematic, position_m=max(systematic.position_m, least.position_m))
+    return CheckedCamera(camera=camera, best=best, systematic=systematic, trust=trust)
 
 
 def _has_moved_far(refined: Camera, stated: Camera) -> bool:
@@ -191,12 +191,14 @@ class _Start:
 
 @dataclass(frozen=True, slots=True)
 class _Refined:
-    """A camera that refining led to, how many features agree with it, and their cost."""
+    """A camera that refining led to, how many features agree with it, and their cost; whether refining would have gone
+    on to a longer or shorter focal length than it may."""
 
     checked: CheckedCamera
     agreeing: int
     cost: float
     keeps_centre: bool
+    leads_beyond: bool = False
 
 
 def _refined(
@@ -206,7 +208,7 @@ def _refined(
     poses: Poses,
     search: Search,
     zoomed: Camera | None,
-) -> CheckedCamera | None:
+) -> _Refined | None:
     """Return a camera with far more inliers than the stated one, None where refining leads to none."""
     starts = _starts(best, camera, fit, search, zoomed)
     limit_px = limit_px_of(best, camera)
@@ -220,7 +222,7 @@ def _refined(
     # The first pose may have missed some that agree with the stated camera too.
     again = poses.estimate(best.matches, camera, found.checked.best.pose)
     stated = best.inlier_features if again is None else max(best.inlier_features, again.inlier_features)
-    return found.checked if found.agreeing >= gain * stated else None
+    return replace(found, checked=_with_spread(found, ends)) if found.agreeing >= gain * stated else None
 
 
 def _simplest(ends: Sequence[_Refined]) -> _Refined:
@@ -233,6 +235,20 @@ def _simplest(ends: Sequence[_Refined]) -> _Refined:
     return ends[-1]
 
 
+def _with_spread(found: _Refined, ends: Sequence[_Refined]) -> CheckedCamera:
+    """Return a camera whose pose is at least as uncertain as the others that fit about as well differ from it."""
+    least_cost, checked = min(end.cost for end in ends), found.checked
+    most_cost = max(found.cost, least_cost + OPTIONS.centred_share * found.agreeing)
+    apart = [checked.best.pose.inverse() @ end.checked.best.pose for end in ends if end.cost <= most_cost]
+    position_m = max(float(np.linalg.norm(each.translation)) for each in apart)
+    orientation_deg = max(rotation_angle_deg(each.rotation) for each in apart)
+    systematic = Accuracy(
+        max(checked.systematic.position_m, position_m),
+        max(checked.systematic.orientation_deg, orientation_deg),
+    )
+    return replace(checked, systematic=systematic)
+
+
 def _refined_from(
     start: _Start, best: Hypothesis, stated: Camera, poses: Poses, limit_px: float
 ) -> _Refined | None:
@@ -240,7 +256,7 @@ def _refined_from(
     found, tried, prior = None, start.camera, start.pose
     for _ in range(OPTIONS.rounds):
         if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
-            break
+            return None if found is None else replace(found, leads_beyond=True)
         hypothesis = poses.estimate(best.matches, tried, prior)
         if hypothesis is None:
             break

@@ -46,11 +46,17 @@ class IntrinsicsCheckOptions:
     )
     max_refined_log: float = limit(
         0.92,
-        "Largest change of the focal length's logarithm that refining may make.",
+        "Largest change of the focal length's logarithm that refining may make; where it would go on, nothing is "
+        "answered.",
         chosen="By hand: a factor of 2.5, beyond any zoom of a picture that still shows its room. Of flat scenes a "
         "longer focal length from farther away shows the same.",
     )
-    rounds: int = limit(4, "Most rounds of refining a doubted camera.", chosen=ON_ZOOMED)
+    rounds: int = limit(
+        12,
+        "Most rounds of refining a doubted camera.",
+        chosen="By hand: the inliers of a camera favour it, so that each round mends only a part of a large zoom; of "
+        "freiburg1_rpy at zoom 2 the focal length still grew after 4.",
+    )
     search_log: float = limit(
         0.12,
         "Change of the focal length's logarithm from which on all focal lengths are searched.",
@@ -136,6 +142,11 @@ class IntrinsicsCheckOptions:
         0.5,
         "Largest standard deviation of the position of an answer that may be sure though its camera is not confirmed.",
         chosen="By hand: a confidence is for an error below half a metre, which every third error of this one exceeds.",
+    )
+    open_sigma: float = limit(
+        0.02,
+        "Least relative standard deviation of a stated focal length that the matches leave open or contradict.",
+        chosen="By hand: calibrations of phones differ by 1 to 2 % from picture to picture, as focus moves the lens.",
     )
     refined_sigma: float = limit(
         0.12,

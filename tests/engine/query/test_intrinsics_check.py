@@ -7,14 +7,18 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import CheckedCamera, _starts, check_intrinsics, fitted_camera
+from app.engine.query.intrinsics import _Refined as Refined
+from app.engine.query.intrinsics import _with_spread as with_spread
 from app.engine.query.intrinsics_options import OPTIONS
 from app.engine.query.matches import Matches
+from app.engine.query.placed import Accuracy
 from app.geometry.camera import Camera
 from app.geometry.focal import pinhole
 from app.geometry.intrinsics_check import square_pixels, zoomed_cameras
@@ -97,8 +101,10 @@ def test_matches_of_a_deep_scene_confirm_the_camera() -> None:
 
 
 def test_matches_at_one_depth_verify_no_camera() -> None:
-    found = checked(matches_of(points_seen(CAMERA, 300, (3.0, 3.3))))
+    found = checked(matches_of(points_seen(CAMERA, 300, (3.0, 3.02))))
     assert found.trust == "open"
+    # As a focal length of which nothing is known but what was stated.
+    assert found.systematic.position_m >= OPTIONS.open_sigma * 3.0
 
 
 def test_few_inliers_that_agree_with_a_wrong_camera_do_not_confirm_it() -> None:
@@ -130,6 +136,32 @@ def test_inexact_matches_favour_no_longer_lens(seed: int, exact: int, depths_m: 
     # Were the limit an angle, larger errors in pixels would agree with each longer focal length: 2.2 and 1.19 times.
     found = checked(matches_of(few, (pixels + draw.normal(0.0, 5.0, pixels.shape), points)))
     assert (found.trust == "refined", found.camera) == (False, CAMERA)
+
+
+def test_a_zoom_that_is_longer_than_refining_may_find_disputes_the_camera() -> None:
+    few, others = points_seen(CAMERA, 40, (2.0, 4.0)), points_seen(zoomed(2.7), 300, (2.0, 4.0))
+    found = checked(matches_of(few, others), agreeing=40)
+    assert (found.trust, found.camera) == ("disputed", CAMERA)
+
+
+def test_a_refined_camera_is_as_uncertain_as_others_that_fit_about_as_well_differ() -> None:
+    best = ByLoRansac().estimate(matches_of(points_seen(CAMERA, 300, (1.0, 6.0))), CAMERA)
+    assert best is not None
+    chosen = CheckedCamera(camera=CAMERA, best=best, systematic=Accuracy(0.1, 0.0), trust="refined")
+
+    def end(ahead_m: float, turned_deg: float, cost: float) -> Refined:
+        turn = cv2.Rodrigues(np.radians([0.0, turned_deg, 0.0]))[0]
+        pose = best.pose @ Pose(np.asarray(turn, np.float64), np.array([0.0, 0.0, ahead_m]))
+        estimate = replace(best.estimate, world_from_camera=pose)
+        other = replace(chosen, best=Hypothesis.of(estimate, best.matches))
+        return Refined(other, 100, cost, keeps_centre=True)
+
+    found = Refined(chosen, 100, 50.0, keeps_centre=True)
+    worse = end(2.0, 30.0, 50.0 + 101 * OPTIONS.centred_share)
+    same = with_spread(found, [found, end(0.05, 1.0, 55.0), worse]).systematic
+    assert (same.position_m, same.orientation_deg) == (0.1, pytest.approx(1.0))
+    apart = with_spread(found, [found, end(0.3, 0.5, 55.0), worse]).systematic
+    assert (apart.position_m, apart.orientation_deg) == (pytest.approx(0.3), pytest.approx(0.5))
 
 
 def test_a_zoom_keeps_the_principal_point_that_was_stated() -> None:
