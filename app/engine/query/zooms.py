@@ -16,8 +16,9 @@ from app.geometry.reprojection import reprojection_errors_of_views, reprojection
 from app.geometry.se3 import Pose
 from app.limits import limit
 
-# Zooms that are tried where few of the matches agree: steps that leave less than 13 % between them.
-ZOOMS = (0.57, 0.71, 0.89, 1.12, 1.4, 1.75, 2.2)
+# Zooms that are tried where few of the matches agree: steps that leave less than 13 % between them. The last one is
+# beyond what refining may find, so that such a picture is refused.
+ZOOMS = (0.57, 0.71, 0.89, 1.12, 1.4, 1.75, 2.2, 2.75)
 # Returns the pose by each of several cameras that most matches agree on, by so many samples, None where too few agree.
 PosesByCamera = Callable[[Matches, Sequence[Camera], int], list[PnpEstimate | None]]
 
