@@ -216,13 +216,24 @@ def _refined(
     ends = [end for end in tried if end is not None]
     if not ends:
         return None
-    found = _simplest(ends)
+    found = _simplest(_of_better_lens(ends, camera))
     is_sure = abs(fit.log_focal) > OPTIONS.sure_sigmas * fit.focal_sigma
     gain = OPTIONS.sure_gain_ratio if is_sure else OPTIONS.min_gain_ratio
     # The first pose may have missed some that agree with the stated camera too.
     again = poses.estimate(best.matches, camera, found.checked.best.pose)
     stated = best.inlier_features if again is None else max(best.inlier_features, again.inlier_features)
     return replace(found, checked=_with_spread(found, ends)) if found.agreeing >= gain * stated else None
+
+
+def _of_better_lens(ends: Sequence[_Refined], stated: Camera) -> Sequence[_Refined]:
+    """Return the ends with the stated lens, or those without it where the best of these is better than all with it."""
+    own = [end for end in ends if end.checked.camera.model == stated.model]
+    others = [end for end in ends if end.checked.camera.model != stated.model]
+    if not own or not others:
+        return ends
+    best = min(others, key=lambda end: end.cost)
+    is_better = best.cost + OPTIONS.simpler_share * best.agreeing < min(end.cost for end in own)
+    return others if is_better else own
 
 
 def _simplest(ends: Sequence[_Refined]) -> _Refined:
@@ -254,7 +265,7 @@ def _refined_from(
 ) -> _Refined | None:
     """Return the camera that refining from `start` leads to; each round fits the camera to the inliers of the last."""
     found, tried, prior = None, start.camera, start.pose
-    for _ in range(OPTIONS.rounds):
+    for _ in range(OPTIONS.rough_rounds if start.is_rough else OPTIONS.rounds):
         if abs(np.log(tried.focal_px / stated.focal_px)) > OPTIONS.max_refined_log:
             return None if found is None else replace(found, leads_beyond=True)
         hypothesis = poses.estimate(best.matches, tried, prior)

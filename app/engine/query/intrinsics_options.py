@@ -51,9 +51,10 @@ class IntrinsicsCheckOptions:
         chosen="By hand: a factor of 2.5, beyond any zoom of a picture that still shows its room. Of flat scenes a "
         "longer focal length from farther away shows the same.",
     )
-    rounds: int = limit(
+    rounds: int = limit(4, "Most rounds of refining a doubted camera.", chosen=ON_ZOOMED)
+    rough_rounds: int = limit(
         12,
-        "Most rounds of refining a doubted camera.",
+        "The same from a focal length that is only near the right one.",
         chosen="By hand: the inliers of a camera favour it, so that each round mends only a part of a large zoom; of "
         "freiburg1_rpy at zoom 2 the focal length still grew after 4.",
     )

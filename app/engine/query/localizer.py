@@ -14,7 +14,7 @@ from app.engine.query.attempt.attempt import attempt
 from app.engine.query.attempt.pose import PoseSearch
 from app.engine.query.attempt.second_look import second_look
 from app.engine.query.hints import picture_hints
-from app.engine.query.localization import Localization
+from app.engine.query.localization import Localization, same_place
 from app.engine.query.matches import QueryMatcher
 from app.engine.query.query import Query
 from app.engine.query.settings import LocalizerSettings
@@ -121,5 +121,13 @@ class Localizer:
 
 
 def _later(first: Localization, second: Localization) -> Localization:
-    """Return the later attempt's result if it found the place, else the first one's with its reason."""
-    return second if second.world_from_camera is not None else first
+    """Return the later attempt's result if it found the place, else the first one's with its reason.
+
+    Where the first one disputes the stated camera, a later one of the same place that merely does not is no answer.
+    """
+    if second.world_from_camera is None:
+        return first
+    is_disputed = first.camera_trust == "disputed" and second.camera_trust != "refined"
+    if is_disputed and first.candidate is not None and same_place(first.candidate, second.world_from_camera):
+        return first
+    return second

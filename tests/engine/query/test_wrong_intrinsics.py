@@ -13,7 +13,9 @@ from app.engine.query.attempt import attempt
 from app.engine.query.attempt.rival import Contest, against_rival
 from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics import CheckedCamera
+from app.engine.query.localization import Localization
 from app.engine.query.localizer import Localizer
+from app.engine.query.localizer import _later as later
 from app.geometry.camera import Camera
 from app.geometry.se3 import position_difference_m
 from app.vision.images import Rgb
@@ -136,3 +138,16 @@ def test_an_accuracy_without_a_stated_camera_counts_its_principal_point(
     assert alone.camera_trust == "fitted"
     # 2.5 % of the picture's width, by its focal length.
     assert alone.accuracy.orientation_deg > 1.0 > stated.accuracy.orientation_deg
+
+
+def test_a_camera_that_one_look_disputes_is_not_confirmed_by_the_next(query: View) -> None:
+    here, elsewhere = query.world_from_camera, pose_at(3.5, 1.3, yaw_deg=200)
+    first = Localization(reason="ambiguous", candidate=here, camera_trust="disputed")
+    again = Localization(world_from_camera=here, camera_trust="confirmed")
+    assert later(first, again) is first
+    # Another camera was found; it is another place, of which the first look said nothing; or nothing was disputed.
+    refined = replace(again, camera_trust="refined")
+    assert later(first, refined) is refined
+    other = replace(again, world_from_camera=elsewhere)
+    assert later(first, other) is other
+    assert later(replace(first, camera_trust="contradicted"), again) is again
