@@ -85,16 +85,17 @@ class Discarded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanSource:
-    """What a format's files say: intrinsics, depth units per metre, the direction of down, and how they were read.
+    """What a format's files say: depth units per metre, intrinsics, the direction of down, and how they were read.
 
+    A `camera` without values is stated by the options, or by the pictures' own ones.
     `depth_scale` is None when neither options nor files state it; `default_depth_scale` is the format's own. A depth
     camera is only needed for a depth of its own; options come first. `confidence` maps depth files to the images of
     their confidence. Without `has_depth` the frames' depth images are blank. `keeps` must live as long as the scan.
     """
 
-    camera: CameraHint
     depth_scale: float | None
     default_depth_scale: float
+    camera: CameraHint = CameraHint()
     gravity: tuple[float, float, float] | None = None
     depth_camera: CameraHint | None = None
     notes: tuple[str, ...] = ()

@@ -15,10 +15,10 @@ import numpy as np
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import matrix_of, number_of, read_json_object
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.scan_camera import camera_stated_in
@@ -71,17 +71,14 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     frames, of_frames = _frames(folder, entries, scale, has_depth, discarded)
     each = [{**content, **entry} for entry in of_frames] if options.camera is None else []
     cameras = [_camera(values, frame) for values, frame in zip(each, frames, strict=False)]
-    seen = in_one_camera(frames, cameras, options.camera, files, has_depth=has_depth)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=_depth_scale(content),
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=has_depth,
-        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH),
-        keeps=files,
+        notes=() if has_depth else (WITHOUT_DEPTH,),
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
 
 def _list_folder(directory: Path) -> Path | None:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from app.errors import InvalidScanError
 from app.geometry.camera import REFERENCE_FOCAL_PX, Camera
 from app.geometry.camera_hint import CameraHint, hint_of
-from app.importers.frames import Frame, is_of_low_confidence
+from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.frames import Frame, Scan, ScanOptions, is_of_low_confidence
 from app.importers.images.color_files import color_size
 from app.importers.images.depth_files import read_depth, read_depth_header
 from app.importers.scan_camera import camera_stated_in
@@ -59,6 +60,33 @@ class SeenByOne:
     camera: CameraHint
     frames: list[Frame]
     notes: tuple[str, ...] = ()
+
+
+def assemble_of_cameras(
+    frames: Sequence[Frame],
+    cameras: Sequence[Camera | None],
+    discarded: Discarded,
+    source: ScanSource,
+    options: ScanOptions,
+    *,
+    files: FrameFiles,
+) -> Scan:
+    """Return the scan of candidate frames whose pictures have the given cameras, one each.
+
+    `source` states all but the camera; `files` are kept with the scan. Arguments and errors are those of
+    `in_one_camera` and `assemble_scan`.
+    """
+    seen = in_one_camera(
+        frames,
+        cameras,
+        options.camera,
+        files,
+        has_depth=source.has_depth,
+        confidence=source.confidence,
+    )
+    notes = (*source.notes, *seen.notes)
+    own = replace(source, camera=seen.camera, notes=notes, keeps=files)
+    return assemble_scan(seen.frames, discarded, own, options)
 
 
 def in_one_camera(

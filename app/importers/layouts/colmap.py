@@ -16,10 +16,10 @@ import numpy as np
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
 from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
@@ -74,23 +74,21 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         folder, images, None if depth_folder is None else folder.name_of(depth_folder), discarded
     )
     has_depth = depth_folder is not None
-    seen = in_one_camera(
-        [item.frame for item in frames],
-        [cameras[item.camera] for item in frames],
-        options.camera,
-        files,
-        has_depth=has_depth,
-    )
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=has_depth,
-        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH, NO_SCALE),
-        keeps=files,
+        notes=() if has_depth else (WITHOUT_DEPTH, NO_SCALE),
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(
+        [item.frame for item in frames],
+        [cameras[item.camera] for item in frames],
+        discarded,
+        source,
+        options,
+        files=files,
+    )
 
 
 def _model_folder(directory: Path) -> Path | None:

@@ -15,9 +15,9 @@ import numpy as np
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.assembly import Discarded, ScanSource
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.rows.trajectory_rows import parse_trajectory
@@ -83,15 +83,11 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             frames.append(Frame(name, time_s, color, depths[color.stem], pose @ place))
             cameras.append(_camera(calibration, frames[-1]))
     files = FrameFiles(options.scratch)
-    seen = in_one_camera(frames, cameras, options.camera, files)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
-        notes=seen.notes,
-        keeps=files,
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
 
 def _calibrations(folder: ScanFolder, found: Path) -> dict[str, _Calibration]:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_vector
-from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.assembly import Discarded, ScanSource
 from app.importers.association import Trajectory
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.phones.arkit import confidence_files
 from app.importers.scan_camera import camera_stated_in
@@ -67,17 +67,13 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             frames.append(Frame(name, float(match.group(1)), color, depth, pose))
     files, confidence = FrameFiles(options.scratch), confidence_files(folder, DEPTH, CONFIDENCE)
     cameras = [] if options.camera else _cameras(folder, f"{colors}_intrinsics", frames)
-    seen = in_one_camera(frames, cameras, options.camera, files, confidence=confidence)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=DOWN,
-        notes=seen.notes,
         confidence=confidence,
-        keeps=files,
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
 
 def _trajectory(folder: ScanFolder) -> Trajectory:

@@ -14,10 +14,10 @@ import numpy as np
 from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import number_of, read_json_object
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, confidence_files, pose_of_arkit
@@ -58,18 +58,15 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     confidence = confidence_files(folder, f"{parent}{_DEPTH}", f"{parent}confidence")
     frames = _frames(folder, entries, images, f"{parent}{_DEPTH}" if has_depth else None, discarded)
     own = [_camera(entries[frame.color.stem], frame) for frame in frames] if options.camera is None else []
-    seen = in_one_camera(frames, own, options.camera, files, has_depth=has_depth, confidence=confidence)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
         confidence=confidence,
         has_depth=has_depth,
-        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH),
-        keeps=files,
+        notes=() if has_depth else (WITHOUT_DEPTH,),
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, own, discarded, source, options, files=files)
 
 
 def _json_files(folder: ScanFolder, cameras: str) -> list[Path]:

@@ -18,10 +18,10 @@ from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_quaternion
 from app.importers.archives.archive import extract_archive
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import number_of, read_json_object
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import LOW_CONFIDENCE, Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, pose_of_arkit
@@ -82,16 +82,12 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     recording = _opened(directory, files)
     frames = _frames(recording, files, discarded)
     cameras = [_camera(recording.metadata, frame) for frame in frames] if options.camera is None else []
-    seen = in_one_camera(frames, cameras, options.camera, files)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
-        notes=seen.notes,
-        keeps=files,
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
 
 def _is_unpacked(directory: Path) -> bool:

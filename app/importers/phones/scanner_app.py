@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
 from app.geometry.camera import Camera
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import number_of, read_json_object
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, pose_of_arkit
@@ -80,18 +80,15 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     check_pose_ratio(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
     if not frames and "no_pose" in discarded.names:
         raise lacking("3d-scanner-app", "frame_00000.json and so on", "which hold camera and pose")
-    seen = in_one_camera(frames, cameras, options.camera, files, has_depth=has_depth, confidence=confidence)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
         confidence=confidence,
         has_depth=has_depth,
-        notes=seen.notes if has_depth else (*seen.notes, WITHOUT_DEPTH),
-        keeps=files,
+        notes=() if has_depth else (WITHOUT_DEPTH,),
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
 
 def _camera(content: dict[str, Any], where: str, picture: Path) -> Camera | None:

@@ -19,9 +19,9 @@ import numpy as np
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.folder import ScanFolder
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frame_files.spacing import spaced_rows
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
@@ -107,18 +107,15 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     frames, kept = _frames(folder, colors, table, files, has_depth, discarded)
     confidence = confidence_files(folder, "depth", "confidence")
     cameras = [] if options.camera else _cameras(directory, kept, colors.size)
-    seen = in_one_camera(frames, cameras, options.camera, files, has_depth=has_depth, confidence=confidence)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
-        notes=(*_notes(table, colors, len(frames), has_depth), *seen.notes),
+        notes=_notes(table, colors, len(frames), has_depth),
         confidence=confidence,
         has_depth=has_depth,
-        keeps=files,
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
 
 def _pictures_of(folder: ScanFolder, table: list[_Row]) -> _Colors:

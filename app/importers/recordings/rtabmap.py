@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
-from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
-from app.importers.frame_files.one_camera import in_one_camera
+from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
+from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.images.depth_files import LIMITS
@@ -90,15 +90,12 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     if options.camera is None and not cameras:
         raise InvalidScanError(f"{path.name} holds no calibrated pictures.")
     own = [_own(camera, frame) for camera, frame in zip(cameras, frames, strict=True)]
-    seen = in_one_camera(frames, own, options.camera, files)
     source = ScanSource(
-        camera=seen.camera,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
-        notes=(*notes, *seen.notes),
-        keeps=files,
+        notes=notes,
     )
-    return assemble_scan(seen.frames, discarded, source, options)
+    return assemble_of_cameras(frames, own, discarded, source, options, files=files)
 
 
 def _own(camera: _Camera, frame: Frame) -> Camera | None:
