@@ -280,7 +280,7 @@ def _refined_from(
         checked = CheckedCamera(
             camera=tried,
             best=hypothesis,
-            systematic=_uncertainty(hypothesis, next_fit),
+            systematic=_uncertainty(hypothesis, next_fit, tried, stated),
             centre_sigma_px=_centre_sigma_px(tried),
             trust="refined",
         )
@@ -291,11 +291,14 @@ def _refined_from(
     return found
 
 
-def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None) -> Accuracy:
-    """Return by how much the pose of a refined camera may be wrong for want of its exact focal length."""
+def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None, refined: Camera, stated: Camera) -> Accuracy:
+    """Return by how much the pose of a refined camera may be wrong for want of its exact focal length, and of the
+    principal point if that was moved: moving it looks nearly the same as turning the camera."""
     few = max(1.0, OPTIONS.refined_features / found.inlier_features) ** 0.5
     sigma = max(OPTIONS.refined_sigma * few, 0.0 if fit is None else fit.focal_sigma)
-    return _by_focal_sigma(found, sigma)
+    moved_px = np.subtract(refined.principal_point_px, stated.principal_point_px)
+    turn_deg = float(np.degrees(np.arctan2(np.linalg.norm(moved_px), refined.focal_px)))
+    return replace(_by_focal_sigma(found, sigma), orientation_deg=OPTIONS.moved_centre_factor * turn_deg)
 
 
 def _starts(

@@ -149,6 +149,11 @@ class IntrinsicsCheckOptions:
         "Least relative standard deviation of a stated focal length that the matches leave open or contradict.",
         chosen="By hand: calibrations of phones differ by 1 to 2 % from picture to picture, as focus moves the lens.",
     )
+    max_sure_sigma_deg: float = limit(
+        2.5,
+        "Largest standard deviation of the orientation of such an answer.",
+        chosen="By hand: a confidence is for an error below 5 degrees, two of these.",
+    )
     refined_sigma: float = limit(
         0.12,
         "Relative standard deviation of a focal length that was refined by refined_features inliers or more: the "
@@ -160,6 +165,12 @@ class IntrinsicsCheckOptions:
         "Relative standard deviation of a focal length that was not stated and fitted to the matches, beyond what "
         "their own noise makes of it: the errors of the map's points are common to all.",
         chosen="roomfix evaluate --no-camera on freiburg1_rpy; docs/figures/reliability.md.",
+    )
+    moved_centre_factor: float = limit(
+        0.5,
+        "Standard deviation of the orientation by a refined camera, over the angle by which its principal point moved.",
+        chosen="By hand: three right cameras of freiburg1_rpy were turned by 7 degrees, all wrongly; of pictures "
+        "that are cut aside the angle is right.",
     )
     centre_sigma_share: float = limit(
         0.025,

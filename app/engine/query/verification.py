@@ -341,14 +341,9 @@ def features_of(evidence: Evidence) -> NDArray[np.float64]:
     """Return what the confidence of a pose is judged by, (5,)."""
     sigma_m = float(np.clip(evidence.position_sigma_m, 0.003, 1.0))
     rival_share = evidence.rival / evidence.inliers if evidence.inliers else 0.0
+    exactness = -np.log10(sigma_m)
     return np.array(
-        [
-            evidence.inlier_ratio,
-            evidence.coverage,
-            -np.log10(sigma_m),
-            evidence.distinct_share,
-            rival_share,
-        ]
+        [evidence.inlier_ratio, evidence.coverage, exactness, evidence.distinct_share, rival_share]
     )
 
 
@@ -394,5 +389,8 @@ def confidence_with(
     if trust == "confirmed":
         return confidence
     by_camera = model(camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust))
-    is_unsure = trust in ("open", "contradicted") or accuracy.position_m > CAMERA.max_sure_sigma_m
+    is_inexact = (
+        accuracy.position_m > CAMERA.max_sure_sigma_m or accuracy.orientation_deg > CAMERA.max_sure_sigma_deg
+    )
+    is_unsure = trust in ("open", "contradicted") or is_inexact
     return min(confidence, by_camera, CAMERA.unsure_confidence if is_unsure else 1.0)

@@ -67,5 +67,7 @@ def test_an_answer_by_another_camera_that_may_be_half_a_metre_off_is_never_sure(
     assert CAMERA_CONFIDENCE(features) > CAMERA.unsure_confidence
     assert confidence_with(SURE_POSE, vague, "refined") == CAMERA.unsure_confidence
     assert confidence_with(SURE_POSE, vague, "confirmed") > CAMERA.unsure_confidence
+    turned = Accuracy(0.1, 1.01 * CAMERA.max_sure_sigma_deg)
+    assert confidence_with(SURE_POSE, turned, "refined") == CAMERA.unsure_confidence
     exacter = Accuracy(0.99 * CAMERA.max_sure_sigma_m, 1.0)
     assert confidence_with(SURE_POSE, exacter, "refined") > CAMERA.unsure_confidence

@@ -195,6 +195,9 @@ def test_a_principal_point_that_lies_elsewhere_is_found() -> None:
     found = checked(matches_of(points_seen(aside, 300, (1.0, 6.0))))
     assert found.trust == "refined"
     assert found.camera.params[2] == pytest.approx(aside.params[2], abs=0.01 * CAMERA.width)
+    # Turning the camera by nearly that angle looks the same.
+    moved_deg = np.degrees(np.arctan(0.06 * CAMERA.width / fx))
+    assert found.systematic.orientation_deg >= 0.9 * OPTIONS.moved_centre_factor * moved_deg
 
 
 @pytest.mark.parametrize(("zoom", "trust"), [(1.75, "disputed"), (1.12, "open")])
