@@ -100,7 +100,9 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     trust: CameraTrust = "contradicted" if is_doubted else "confirmed"
     if zoomed is not None and abs(np.log(zoomed.focal_px / camera.focal_px)) > OPTIONS.max_disputed_log:
         trust = "disputed"
-    elif not is_doubted and (is_stretched or zoomed is not None or not is_verified or _is_flat(best)):
+    elif not is_doubted and (
+        is_stretched or zoomed is not None or not is_verified or _is_too_flat(best, fit)
+    ):
         # A check by one focal length doesn't show pixels that are not square.
         trust = "open"
     systematic = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
@@ -140,8 +142,10 @@ def _fit(found: Hypothesis, camera: Camera, *, keep_centre: bool = False) -> Fre
     return free_intrinsics(pixels, points, camera, found.pose, keep_centre=keep_centre)
 
 
-def _is_flat(best: Hypothesis) -> bool:
-    """Return whether the inliers of a pose are nearly all at one depth."""
+def _is_too_flat(best: Hypothesis, fit: FreeIntrinsics) -> bool:
+    """Whether the inliers of a pose are nearly all at one depth, and what is not shows no focal length exactly."""
+    if fit.focal_sigma <= OPTIONS.flat_sigma and abs(fit.log_focal) <= OPTIONS.flat_log:
+        return False
     depths = (best.inliers.points_in_world - best.pose.translation) @ best.pose.rotation[:, 2]
     middle = float(np.median(depths))
     return SIGMA_PER_MAD * float(np.median(np.abs(depths - middle))) < OPTIONS.min_depth_spread * middle

@@ -44,6 +44,17 @@ class IntrinsicsCheckOptions:
         "don't verify a camera: of a flat scene, a longer focal length shows the same as a nearer place.",
         chosen=ON_ZOOMED,
     )
+    flat_sigma: float = limit(
+        0.012,
+        "Relative sigma of the focal length by matches of a flat scene up to which they verify a camera all the same.",
+        chosen="roomfix evaluate-cameras on RedKitchen, desk_rs, freiburg1_rpy and the demonstration's wing: at most "
+        "0.012 for half of the right cameras, at least 0.015 for all wrong ones that a flat scene left open.",
+    )
+    flat_log: float = limit(
+        0.008,
+        "Change of the focal length's logarithm up to which they do.",
+        chosen="As flat_sigma: at least 0.009 for the wrong ones.",
+    )
     max_refined_log: float = limit(
         0.92,
         "Largest change of the focal length's logarithm that refining may make; where it would go on, nothing is "

@@ -107,6 +107,14 @@ def test_matches_at_one_depth_verify_no_camera() -> None:
     assert found.systematic.position_m >= OPTIONS.open_sigma * 3.0
 
 
+def test_what_stands_before_and_behind_a_flat_scene_verifies_the_camera() -> None:
+    draw = np.random.default_rng(4)
+    wall = points_seen(CAMERA, 220, (3.0, 3.1), draw)
+    assert checked(matches_of(wall)).trust == "open"
+    things = points_seen(CAMERA, 80, (1.0, 6.0), draw)
+    assert checked(matches_of(wall, things)).trust == "confirmed"
+
+
 def test_few_inliers_that_agree_with_a_wrong_camera_do_not_confirm_it() -> None:
     few = points_seen(CAMERA, 120, (1.0, 6.0))
     others = points_seen(zoomed(1.75), 300, (1.0, 6.0))
