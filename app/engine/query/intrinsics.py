@@ -276,9 +276,7 @@ def _refined_from(
         if hypothesis is None:
             break
         agreeing, cost = agreement(best.matches, tried, hypothesis.pose, limit_px)
-        if found is not None and not (
-            cost < found.cost if start.is_rough else agreeing > OPTIONS.round_gain_ratio * found.agreeing
-        ):
+        if found is not None and not _is_gain(found, agreeing, cost, is_rough=start.is_rough):
             break
         next_fit = _fit(hypothesis, tried, keep_centre=start.keeps_centre)
         checked = CheckedCamera(
@@ -293,6 +291,13 @@ def _refined_from(
             break
         tried, prior = next_fit.camera, next_fit.pose
     return found
+
+
+def _is_gain(found: _Refined, agreeing: int, cost: float, *, is_rough: bool) -> bool:
+    """Whether a round is so much better than the last that another one may be worth its time."""
+    if is_rough:
+        return cost < found.cost - OPTIONS.round_gain_share * found.agreeing
+    return agreeing > OPTIONS.round_gain_ratio * found.agreeing
 
 
 def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None, refined: Camera, stated: Camera) -> Accuracy:

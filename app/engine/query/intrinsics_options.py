@@ -95,6 +95,11 @@ class IntrinsicsCheckOptions:
         "Inliers after a round of refining, over those before, up to which refining ends.",
         chosen="By hand: a free camera fits the map's errors too, and moves away from the right one.",
     )
+    round_gain_share: float = limit(
+        0.01,
+        "Cost that a round from a focal length that is only near the right one must save, over its inliers.",
+        chosen="By hand: a hundredth of what an outlier costs is less than rounding in the map.",
+    )
     simpler_share: float = limit(
         0.05,
         "Cost by which a camera of fewer unknowns may exceed the least one, over its inliers, and still be preferred.",
