@@ -22,10 +22,9 @@ from app.geometry.pnp import PnpEstimate
 from app.geometry.se3 import Pose, rotation_angle_deg
 
 Search = Callable[[Matches], Camera | None]
-# What the matches say of a stated camera: they confirm it, verify it no further than the accuracy says, leave it open,
-# contradict it, show another one, or fit quite another one better and not well; or that none was stated, and one was
-# fitted to them.
-CameraTrust = Literal["confirmed", "unverified", "open", "contradicted", "refined", "disputed", "fitted"]
+# What the matches say of a stated camera: they confirm it, leave it open, contradict it, show another one, or fit quite
+# another one better and not well; or that none was stated, and one was fitted to them.
+CameraTrust = Literal["confirmed", "open", "contradicted", "refined", "disputed", "fitted"]
 
 
 class Poses(Protocol):
@@ -101,15 +100,14 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     trust: CameraTrust = "contradicted" if is_doubted else "confirmed"
     if zoomed is not None and abs(np.log(zoomed.focal_px / camera.focal_px)) > OPTIONS.max_disputed_log:
         trust = "disputed"
-    elif not is_doubted and (is_stretched or zoomed is not None or not is_verified):
+    elif not is_doubted and (
+        is_stretched or zoomed is not None or not is_verified or _is_too_flat(best, fit)
+    ):
         # A check by one focal length doesn't show pixels that are not square.
         trust = "open"
-    elif not is_doubted and _is_too_flat(best, fit):
-        trust = "unverified" if fit.focal_sigma <= OPTIONS.max_flat_sigma else "open"
     systematic = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
     if trust != "confirmed":
-        least_sigma = OPTIONS.unverified_focal_sigma if trust == "unverified" else OPTIONS.open_sigma
-        least = _by_focal_sigma(best, least_sigma)
+        least = _by_focal_sigma(best, OPTIONS.open_sigma)
         systematic = replace(systematic, position_m=max(systematic.position_m, least.position_m))
     return CheckedCamera(camera=camera, best=best, systematic=systematic, trust=trust)
 

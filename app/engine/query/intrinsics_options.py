@@ -55,17 +55,6 @@ class IntrinsicsCheckOptions:
         "Change of the focal length's logarithm up to which they do.",
         chosen="As flat_sigma: at least 0.009 for the wrong ones.",
     )
-    max_flat_sigma: float = limit(
-        0.04,
-        "Relative sigma of the focal length by matches of a flat scene up to which a wrong camera would be off by no "
-        "more than the accuracy says.",
-        chosen="As flat_sigma: larger zooms that a flat scene left open had 0.049 or more.",
-    )
-    unverified_focal_sigma: float = limit(
-        0.09,
-        "Relative standard deviation of a stated focal length that a flat scene does not verify.",
-        chosen="As flat_sigma: a third of what a zoom of 1.25 moves such a pose by, the largest that was not noticed.",
-    )
     max_refined_log: float = limit(
         0.92,
         "Largest change of the focal length's logarithm that refining may make; where it would go on, nothing is "
