@@ -47,13 +47,13 @@ class IntrinsicsCheckOptions:
     flat_sigma: float = limit(
         0.012,
         "Relative sigma of the focal length by matches of a flat scene up to which they verify a camera all the same.",
-        chosen="roomfix evaluate-cameras on RedKitchen, desk_rs, freiburg1_rpy and the demonstration's wing: at most "
-        "0.012 for half of the right cameras, at least 0.015 for all wrong ones that a flat scene left open.",
+        chosen="By hand, on the scenes of evaluate-cameras and the demonstration's wing: the wrong cameras that a flat "
+        "scene leaves open have 0.015 or more, many right ones less.",
     )
     flat_log: float = limit(
         0.008,
         "Change of the focal length's logarithm up to which they do.",
-        chosen="As flat_sigma: at least 0.009 for the wrong ones.",
+        chosen="By hand, as flat_sigma: 0.009 or more for the wrong ones.",
     )
     max_refined_log: float = limit(
         0.92,
