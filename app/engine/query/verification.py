@@ -21,17 +21,12 @@ Reason = Literal["no_match", "too_few_inliers", "ambiguous", "outside_venue", "p
 # Columns and rows of the grid on which `coverage` is counted.
 GRID = (8, 6)
 
-
 # How the limits of a trusted pose were chosen.
 CHOSEN = "roomfix evaluate-demo and evaluate --absent: places in the map and places that are not; docs/features.md."
-
-
 TWIN_PLACES = (
     "Pictures of one floor of the demonstration in a map of the other one, and right poses in its wing and corridors; "
     "docs/figures/unseen.md."
 )
-
-
 PLAIN_PLACES = (
     "roomfix evaluate-bare-rooms --building 1 --furnished --panoramas 14, and corridors of building 3 that are not in "
     "the map; docs/figures/evaluate-bare-rooms.md."
@@ -128,7 +123,8 @@ class Limits:
     )
     max_contradicted_share_of_twin: float = limit(
         0.15,
-        "Largest share of the picture that may contradict a pose at a place that looks like another one.",
+        "Largest share of the picture that may contradict a pose at a place that looks like another one, or whose "
+        "inliers are repeated but for less than sure_unrepeated_share.",
         chosen=TWIN_PLACES,
     )
     max_contradicted_share: float = limit(
@@ -260,7 +256,7 @@ def judge(evidence: Evidence, position_sigma_m: float, limits: Limits) -> Reason
         (evidence.distinct_coverage < limits.min_distinct_coverage, "ambiguous"),
         (_is_repeated(evidence, limits), "ambiguous"),
         (_may_be_twin(evidence, limits), "ambiguous"),
-        (evidence.contradicted > limits.max_contradicted_share, "ambiguous"),
+        (_is_contradicted(evidence, limits), "ambiguous"),
         (evidence.rival > limits.max_rival_share * inliers, "ambiguous"),
         (_is_unlike(evidence, limits), "ambiguous"),
         (confidence_of(evidence) < limits.min_confidence, "too_few_inliers"),
@@ -288,6 +284,14 @@ def _is_repeated(evidence: Evidence, limits: Limits) -> bool:
     if _is_clear(evidence, limits):
         least = min(least, limits.min_unrepeated_share_of_clear)
     return share < least or evidence.unrepeated < evidence.rival
+
+
+def _is_contradicted(evidence: Evidence, limits: Limits) -> bool:
+    """Whether too much contradicts a pose: less is enough where most inliers are on what other walls have too."""
+    share, most = evidence.unrepeated_share, limits.max_contradicted_share
+    if share is not None and share < limits.sure_unrepeated_share:
+        most = min(most, limits.max_contradicted_share_of_twin)
+    return evidence.contradicted > most
 
 
 def _is_clear(evidence: Evidence, limits: Limits) -> bool:

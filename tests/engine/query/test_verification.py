@@ -34,6 +34,7 @@ EDGE = Limits(
     min_distinct_coverage=0.25,
     min_unrepeated_share=0.25,
     max_contradicted_share=0.25,
+    max_contradicted_share_of_twin=0.25,
     max_rival_share=0.25,
     max_position_sigma_m=0.125,
     max_keyframe_distance_m=8.0,
@@ -168,6 +169,17 @@ def test_where_places_look_alike_less_may_contradict() -> None:
     assert judge(evidence, 0.01, LIMITS) is None
     assert judge(replace(evidence, similarity_elsewhere=0.75), 0.01, LIMITS) == "ambiguous"
     assert judge(replace(evidence, similarity_elsewhere=0.75, contradicted=0.15), 0.01, LIMITS) is None
+
+
+def test_what_rests_on_repeated_things_may_be_contradicted_less() -> None:
+    evidence = replace(CLEAR, unrepeated=119, contradicted=0.16)
+    assert judge(evidence, 0.01, LIMITS) == "ambiguous"
+    assert judge(replace(evidence, contradicted=0.15), 0.01, LIMITS) is None
+    assert judge(replace(evidence, unrepeated=120), 0.01, LIMITS) is None
+    assert judge(replace(evidence, unrepeated=None), 0.01, LIMITS) is None
+    assert judge(evidence, 0.01, replace(LIMITS, max_contradicted_share_of_twin=1.0)) is None
+    lax = replace(LIMITS, max_contradicted_share_of_twin=1.0)
+    assert judge(replace(evidence, contradicted=0.24), 0.01, lax) == "ambiguous"
 
 
 # A clear view of a room that is in the map.
