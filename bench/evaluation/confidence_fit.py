@@ -110,7 +110,7 @@ def _judged_by(model: CameraModel, outcome: QueryOutcome) -> QueryOutcome:
     """Return an outcome with the confidence that another model of cameras gives it."""
     if outcome.sigma_m is None or outcome.camera_trust is None or not _is_open(outcome):
         return outcome
-    accuracy = Accuracy(outcome.sigma_m, 0.0)
+    accuracy = Accuracy(outcome.sigma_m, outcome.sigma_deg or 0.0)
     confidence = confidence_with(_evidence(outcome), accuracy, outcome.camera_trust, model)
     return replace(outcome, confidence=confidence)
 

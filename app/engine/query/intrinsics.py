@@ -44,13 +44,15 @@ class CheckedCamera:
     """The camera that an answer uses, the stated one or a refined one, and its pose.
 
     `systematic` is one standard deviation of the pose by what is not known of the camera: all matches share it, so that
-    no covariance of theirs shows it. `centre_sigma_px` is the standard deviation of a principal point that nothing
-    shows. `trust` is what the matches say of the stated camera; one that is not checked counts as confirmed.
+    no covariance of theirs shows it; `among` is the part of it by which pictures of one camera may differ among each
+    other (None: all of it). `centre_sigma_px` is the standard deviation of a principal point that nothing shows.
+    `trust` is what the matches say of the stated camera; one that is not checked counts as confirmed.
     """
 
     camera: Camera
     best: Hypothesis
     systematic: Accuracy = Accuracy(0.0, 0.0)
+    among: Accuracy | None = None
     centre_sigma_px: float = 0.0
     trust: CameraTrust = "confirmed"
 
@@ -81,7 +83,7 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     if best.inlier_features >= OPTIONS.min_features:
         fit = free_intrinsics(inliers.points_px, inliers.points_in_world, camera, best.pose)
     if fit is None:
-        return CheckedCamera(camera=camera, best=best, trust="open")
+        return _open(best, camera, Accuracy(0.0, 0.0))
     is_doubted, is_verified = _is_doubted(fit, camera), fit.focal_sigma <= OPTIONS.unverified_sigma
     agree = best.estimate.inlier_mask
     few_agree = np.count_nonzero(agree) < OPTIONS.screened_share * len(agree)
@@ -107,9 +109,21 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
         trust = "open"
     systematic = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
     if trust != "confirmed":
-        least = _by_focal_sigma(best, OPTIONS.open_sigma)
-        systematic = replace(systematic, position_m=max(systematic.position_m, least.position_m))
+        systematic = _at_least(systematic, _by_focal_sigma(best, OPTIONS.open_sigma))
+    if trust == "open":
+        return _open(best, camera, systematic)
     return CheckedCamera(camera=camera, best=best, systematic=systematic, trust=trust)
+
+
+def _open(best: Hypothesis, camera: Camera, among: Accuracy) -> CheckedCamera:
+    """Return a stated camera that the matches leave open: the pose is as uncertain as a zoom that they don't show would
+    make it, alike in all pictures of this camera."""
+    unseen = _at_least(among, _by_focal_sigma(best, OPTIONS.unseen_sigma))
+    return CheckedCamera(camera=camera, best=best, systematic=unseen, among=among, trust="open")
+
+
+def _at_least(systematic: Accuracy, least: Accuracy) -> Accuracy:
+    return replace(systematic, position_m=max(systematic.position_m, least.position_m))
 
 
 def _has_moved_far(refined: Camera, stated: Camera) -> bool:

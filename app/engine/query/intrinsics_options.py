@@ -151,13 +151,20 @@ class IntrinsicsCheckOptions:
     )
     unsure_confidence: float = limit(
         0.89,
-        "Largest confidence of an answer whose stated camera its matches leave open, or contradict without showing "
-        "another one, or whose accuracy by another camera is above max_sure_sigma_m.",
+        "Largest confidence of an answer whose stated camera its matches contradict without showing another one, or "
+        "leave open where fewer than sure_inlier_ratio agree, or whose accuracy by another camera is too poor.",
         chosen="By hand: below 0.9, where an answer counts as sure; such a camera may be off by more than is stated.",
+    )
+    sure_inlier_ratio: float = limit(
+        0.6,
+        "Inliers over matches from which on an answer may be sure though its camera is open, or another one by which "
+        "the position's sigma is above max_sure_sigma_m.",
+        chosen=ON_ZOOMED,
     )
     max_sure_sigma_m: float = limit(
         0.5,
-        "Largest standard deviation of the position of an answer that may be sure though its camera is not confirmed.",
+        "Largest standard deviation of the position of an answer that may be sure though its camera is not confirmed "
+        "and fewer matches agree.",
         chosen="By hand: a confidence is for an error below half a metre, which every third error of this one exceeds.",
     )
     max_sure_sigma_deg: float = limit(
@@ -170,6 +177,12 @@ class IntrinsicsCheckOptions:
         0.02,
         "Least relative standard deviation of a stated focal length that the matches leave open or contradict.",
         chosen="By hand: calibrations of phones differ by 1 to 2 % from picture to picture, as focus moves the lens.",
+    )
+    unseen_sigma: float = limit(
+        0.07,
+        "Relative standard deviation of a stated focal length that the matches leave open, as the accuracy states it.",
+        chosen="By hand: a third of what a zoom of 1.25 moves a pose by, the largest that matches which mostly agree "
+        "have not shown.",
     )
     refined_sigma: float = limit(
         0.12,

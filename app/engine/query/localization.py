@@ -46,7 +46,8 @@ class KeyframeVote:
 class Localization:
     """The outcome for one frame. `world_from_camera` is None exactly when `reason` says why.
 
-    `accuracy` is one sigma, None where it isn't known; `confidence` the probability that the error is below 0.5 m and
+    `accuracy` is one sigma, None where it isn't known; `accuracy_among` the same among pictures of one camera, where
+    that is less; `confidence` the probability that the error is below 0.5 m and
     5 degrees; `timings_ms` by stage. `candidate` is the pose that was judged, trusted or not: a prior may still decide
     for it. `camera_trust` is what the matches say of the stated camera; where it is refined they fit another one far
     better, and `camera` is it.
@@ -59,6 +60,7 @@ class Localization:
     reason: Reason | None = None
     world_from_camera: Pose | None = None
     accuracy: Accuracy | None = None
+    accuracy_among: Accuracy | None = None
     confidence: float = 0.0
     keyframes: tuple[KeyframeVote, ...] = ()
     camera: Camera | None = None
@@ -76,7 +78,9 @@ class Localization:
 
     def refused(self, reason: Reason) -> Localization:
         """Return the outcome with its pose refused for a reason."""
-        return replace(self, reason=reason, world_from_camera=None, accuracy=None, confidence=0.0)
+        return replace(
+            self, reason=reason, world_from_camera=None, accuracy=None, accuracy_among=None, confidence=0.0
+        )
 
 
 def same_place(a: Pose, b: Pose) -> bool:

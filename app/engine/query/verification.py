@@ -363,8 +363,8 @@ def confidence_of(evidence: Evidence) -> float:
 class CameraModel:
     """A logistic model of the same probability where the matches confirm no stated camera.
 
-    Weights of the inlier ratio, minus the decimal logarithm of the accuracy in metres, and whether the matches show no
-    camera that they fit (`camera_features_of`). Fitted by `roomfix fit-confidence`.
+    Weights of the inlier ratio, minus the decimal logarithm of the accuracy in metres, and whether the matches may fit
+    no camera (`camera_features_of`). Fitted by `roomfix fit-confidence`.
     """
 
     intercept: float
@@ -376,9 +376,12 @@ class CameraModel:
 
 def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) -> NDArray[np.float64]:
     """Return what the confidence of a pose is judged by whose camera is not confirmed, (3,)."""
-    return np.array(
-        [inlier_ratio, -np.log10(np.clip(sigma_m, 0.01, 2.0)), float(trust in ("open", "contradicted"))]
-    )
+    exactness = -np.log10(np.clip(sigma_m, 0.01, 2.0))
+    return np.array([inlier_ratio, exactness, float(_fits_none(inlier_ratio, trust))])
+
+
+def _fits_none(inlier_ratio: float, trust: CameraTrust) -> bool:
+    return trust == "contradicted" or (trust == "open" and inlier_ratio < CAMERA.sure_inlier_ratio)
 
 
 # A wrong answer counts for two right ones: one that is too sure does more harm than one that is not sure enough.
@@ -392,9 +395,9 @@ def confidence_with(
     confidence = confidence_of(evidence)
     if trust == "confirmed":
         return confidence
-    by_camera = model(camera_features_of(evidence.inlier_ratio, accuracy.position_m, trust))
-    is_inexact = (
-        accuracy.position_m > CAMERA.max_sure_sigma_m or accuracy.orientation_deg > CAMERA.max_sure_sigma_deg
-    )
-    is_unsure = trust in ("open", "contradicted") or is_inexact
+    ratio = evidence.inlier_ratio
+    by_camera = model(camera_features_of(ratio, accuracy.position_m, trust))
+    is_far = accuracy.position_m > CAMERA.max_sure_sigma_m and ratio < CAMERA.sure_inlier_ratio
+    is_turned = accuracy.orientation_deg > CAMERA.max_sure_sigma_deg
+    is_unsure = _fits_none(ratio, trust) or is_far or is_turned
     return min(confidence, by_camera, CAMERA.unsure_confidence if is_unsure else 1.0)

@@ -245,7 +245,7 @@ class MapFixes:
         )
         return Fix(
             placed=PlacedPose(found.world_from_camera),
-            accuracy=found.accuracy,
+            accuracy=found.accuracy_among or found.accuracy,
             support=evidence.support,
             confidence=found.confidence,
             points_px=matches.points_px,

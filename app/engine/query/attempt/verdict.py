@@ -35,6 +35,7 @@ def conclude(
     own = accuracy_in_map(*judged)
     whole = accuracy_in_map(*judged, checked.centre_sigma_px) if checked.centre_sigma_px else own
     accuracy = whole.with_more(checked.systematic).with_map_error(metadata)
+    among = None if checked.among is None else whole.with_more(checked.among).with_map_error(metadata)
     if checked.trust == "contradicted":
         own = own.with_more(checked.systematic)
     sigma_m = own.with_map_error(metadata).position_m
@@ -64,6 +65,7 @@ def conclude(
         evidence=evidence,
         world_from_camera=best.pose,
         accuracy=accuracy,
+        accuracy_among=among,
         confidence=confidence_with(evidence, accuracy, checked.trust),
         keyframes=contest.votes,
         camera=camera,
