@@ -150,7 +150,6 @@ class Limits:
         "Largest share of the cells that do not look so, of those that do and do not; of a second look alone.",
         chosen="By hand, as above.",
     )
-
     min_clear_cells: int = limit(
         0,
         "Fewest agreeing cells of a picture that looks so clearly as the pose says that fewer inliers have to be "
@@ -295,10 +294,8 @@ def _is_contradicted(evidence: Evidence, limits: Limits) -> bool:
 
 
 def _is_clear(evidence: Evidence, limits: Limits) -> bool:
-    """Whether the whole picture looks as the pose says, at a place that does not look like another one.
-
-    Edges and corners of plain rooms resemble each other, so that most inliers there are repeated.
-    """
+    """Whether the whole picture looks as the pose says, at a place that does not look like another one: edges and
+    corners of plain rooms resemble each other, so that most inliers there are repeated."""
     found = evidence.agreement
     if found is None or limits.min_clear_cells == 0 or evidence.unrepeated is None:
         return False
@@ -363,8 +360,7 @@ def confidence_of(evidence: Evidence) -> float:
 class CameraModel:
     """A logistic model of the same probability where the matches confirm no stated camera.
 
-    Weights of the inlier ratio, minus the decimal logarithm of the accuracy in metres, and whether the matches may fit
-    no camera (`camera_features_of`). Fitted by `roomfix fit-confidence`.
+    Weights of what `camera_features_of` returns. Fitted by `roomfix fit-confidence`.
     """
 
     intercept: float
@@ -375,7 +371,8 @@ class CameraModel:
 
 
 def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) -> NDArray[np.float64]:
-    """Return what the confidence of a pose is judged by whose camera is not confirmed, (3,)."""
+    """Return what the confidence of a pose is judged by whose camera is not confirmed, (3,): the inlier ratio, minus
+    the decimal logarithm of the accuracy in metres, and whether the matches may fit no camera."""
     exactness = -np.log10(np.clip(sigma_m, 0.01, 2.0))
     return np.array([inlier_ratio, exactness, float(_fits_none(inlier_ratio, trust))])
 
@@ -398,6 +395,5 @@ def confidence_with(
     ratio = evidence.inlier_ratio
     by_camera = model(camera_features_of(ratio, accuracy.position_m, trust))
     is_far = accuracy.position_m > CAMERA.max_sure_sigma_m and ratio < CAMERA.sure_inlier_ratio
-    is_turned = accuracy.orientation_deg > CAMERA.max_sure_sigma_deg
-    is_unsure = _fits_none(ratio, trust) or is_far or is_turned
+    is_unsure = _fits_none(ratio, trust) or is_far or accuracy.orientation_deg > CAMERA.max_sure_sigma_deg
     return min(confidence, by_camera, CAMERA.unsure_confidence if is_unsure else 1.0)
