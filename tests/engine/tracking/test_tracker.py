@@ -93,7 +93,7 @@ def test_a_fix_is_compared_with_odometry_by_what_pictures_of_one_camera_differ_b
     located = fixes.localizer.localize(video[0].rgb, CAMERA)
     whole, among = Accuracy(0.4, 2.0), Accuracy(0.02, 0.3)
     unsure = replace(located, accuracy=whole, accuracy_among=among)
-    monkeypatch.setattr(fixes.localizer, "localize", lambda *_: unsure)
+    monkeypatch.setattr(fixes.localizer, "localize", lambda *_, **__: unsure)
     found = fixes.locate(frame_of(video[0], 0), CAMERA, None)
     assert isinstance(found, Fix)
     assert found.accuracy == among
