@@ -11,7 +11,6 @@ from rich.table import Table
 
 from app.errors import InvalidInputError
 from bench.evaluation.confidence_fit import (
-    WRONG_WEIGHT,
     ConfidenceFit,
     fit_camera_confidence,
     fit_confidence,
@@ -61,13 +60,10 @@ def _show_cameras(
     groups: dict[str, list[QueryOutcome]], outcomes: Sequence[QueryOutcome], shown: Shown
 ) -> None:
     cameras = fit_camera_confidence(outcomes)
-    shown.line(
-        f"{cameras.answers} answers whose camera is not confirmed, {cameras.right} of them right; a wrong one "
-        f"counts for {WRONG_WEIGHT:g} right ones."
-    )
+    shown.line(f"{cameras.answers} answers whose camera is not confirmed, {cameras.right} of them right.")
     table = Table("term", "weight")
     table.add_row("intercept", str(cameras.model.intercept))
-    names = ("inlier ratio", "-log10 accuracy", "the matches show no camera that they fit")
+    names = ("-log10 accuracy", "the matches may fit no camera")
     for name, weight in zip(names, cameras.model.weights, strict=True):
         table.add_row(name, str(weight))
     shown.table(table)

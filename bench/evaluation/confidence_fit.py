@@ -26,9 +26,6 @@ from bench.evaluation.reliability import POOLED, Reliability, measure_reliabilit
 MIN_INLIERS = 8
 # Keeps weights finite where the poses are separable.
 RIDGE = 1e-4
-# How many right answers a wrong one counts for whose camera is not confirmed: one that is too sure does more harm than
-# one that is not sure enough.
-WRONG_WEIGHT = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +73,7 @@ class CameraFit:
 
 
 def fit_camera_confidence(outcomes: Sequence[QueryOutcome]) -> CameraFit:
-    """Fit by weighted maximum likelihood to the located queries whose camera the matches don't confirm.
+    """Fit by maximum likelihood to the located queries whose camera the matches don't confirm.
 
     Raises `InvalidInputError` without both right and wrong ones.
     """
@@ -85,9 +82,9 @@ def fit_camera_confidence(outcomes: Sequence[QueryOutcome]) -> CameraFit:
     if right.all() or not right.any():
         raise InvalidInputError("A fit needs wrong answers too: evaluate wrong cameras as well.")
     rows = np.array([_camera_features(outcome) for outcome in answers])
-    weights = _logistic(rows, right, WRONG_WEIGHT)
-    a, b, c = (round(float(w), 2) for w in weights[1:])
-    return CameraFit(CameraModel(round(float(weights[0]), 2), (a, b, c)), len(answers), int(right.sum()))
+    weights = _logistic(rows, right)
+    a, b = (round(float(w), 2) for w in weights[1:])
+    return CameraFit(CameraModel(round(float(weights[0]), 2), (a, b)), len(answers), int(right.sum()))
 
 
 def held_out(outcomes: Mapping[str, Sequence[QueryOutcome]]) -> dict[str, Reliability]:
@@ -125,16 +122,12 @@ def _camera_features(outcome: QueryOutcome) -> NDArray[np.float64]:
     )
 
 
-def _logistic(
-    rows: NDArray[np.float64], right: NDArray[np.bool_], wrong_weight: float = 1.0
-) -> NDArray[np.float64]:
+def _logistic(rows: NDArray[np.float64], right: NDArray[np.bool_]) -> NDArray[np.float64]:
     design = np.column_stack([np.ones(len(rows)), rows])
     signs = np.where(right, 1.0, -1.0)
-    shares = np.where(right, 1.0, wrong_weight)
-    shares = shares / shares.sum()
 
     def loss(weights: NDArray[np.float64]) -> float:
-        return float(shares @ np.logaddexp(0, -signs * (design @ weights)) + RIDGE * (weights[1:] ** 2).sum())
+        return float(np.logaddexp(0, -signs * (design @ weights)).mean() + RIDGE * (weights[1:] ** 2).sum())
 
     return np.asarray(minimize(loss, np.zeros(design.shape[1])).x)
 

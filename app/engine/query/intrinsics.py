@@ -240,7 +240,11 @@ def _refined(
     # The first pose may have missed some that agree with the stated camera too.
     again = poses.estimate(best.matches, camera, found.checked.best.pose)
     stated = best.inlier_features if again is None else max(best.inlier_features, again.inlier_features)
-    return replace(found, checked=_with_spread(found, ends)) if found.agreeing >= gain * stated else None
+    if found.agreeing < gain * stated:
+        return None
+    most_agree = found.agreeing >= OPTIONS.sure_inlier_ratio * best.matches.feature_count
+    share = OPTIONS.simpler_share if most_agree else OPTIONS.centred_share
+    return replace(found, checked=_with_spread(found, ends, share))
 
 
 def _of_better_lens(ends: Sequence[_Refined], stated: Camera) -> Sequence[_Refined]:
@@ -264,13 +268,17 @@ def _simplest(ends: Sequence[_Refined]) -> _Refined:
     return ends[-1]
 
 
-def _with_spread(found: _Refined, ends: Sequence[_Refined]) -> CheckedCamera:
-    """Return a camera whose pose is at least as uncertain as the others that fit about as well differ from it."""
+def _with_spread(found: _Refined, ends: Sequence[_Refined], share: float) -> CheckedCamera:
+    """Return a camera whose pose is at least as uncertain as the others that fit about as well differ from it: in the
+    position those that cost more than the best one by at most `share` of the inliers."""
     least_cost, checked = min(end.cost for end in ends), found.checked
-    most_cost = max(found.cost, least_cost + OPTIONS.centred_share * found.agreeing)
-    apart = [checked.best.pose.inverse() @ end.checked.best.pose for end in ends if end.cost <= most_cost]
-    position_m = max(float(np.linalg.norm(each.translation)) for each in apart)
-    orientation_deg = max(rotation_angle_deg(each.rotation) for each in apart)
+
+    def apart(most_share: float) -> list[Pose]:
+        most_cost = max(found.cost, least_cost + most_share * found.agreeing)
+        return [checked.best.pose.inverse() @ end.checked.best.pose for end in ends if end.cost <= most_cost]
+
+    position_m = max(float(np.linalg.norm(each.translation)) for each in apart(share))
+    orientation_deg = max(rotation_angle_deg(each.rotation) for each in apart(OPTIONS.centred_share))
     systematic = Accuracy(
         max(checked.systematic.position_m, position_m),
         max(checked.systematic.orientation_deg, orientation_deg),

@@ -157,14 +157,13 @@ class IntrinsicsCheckOptions:
     )
     sure_inlier_ratio: float = limit(
         0.6,
-        "Inliers over matches from which on an answer may be sure though its camera is open, or another one by which "
-        "the position's sigma is above max_sure_sigma_m.",
+        "Inliers over matches from which on an answer may be sure though its camera is open, and from which on only "
+        "cameras within simpler_share of the least cost say how uncertain the position by a refined one is.",
         chosen=ON_ZOOMED,
     )
     max_sure_sigma_m: float = limit(
         0.5,
-        "Largest standard deviation of the position of an answer that may be sure though its camera is not confirmed "
-        "and fewer matches agree.",
+        "Largest standard deviation of the position of an answer that may be sure though its camera is not confirmed.",
         chosen="By hand: a confidence is for an error below half a metre, which every third error of this one exceeds.",
     )
     max_sure_sigma_deg: float = limit(

@@ -364,25 +364,23 @@ class CameraModel:
     """
 
     intercept: float
-    weights: tuple[float, float, float]
+    weights: tuple[float, float]
 
     def __call__(self, features: NDArray[np.float64]) -> float:
         return float(1.0 / (1.0 + np.exp(-self.intercept - float(np.dot(self.weights, features)))))
 
 
 def camera_features_of(inlier_ratio: float, sigma_m: float, trust: CameraTrust) -> NDArray[np.float64]:
-    """Return what the confidence of a pose is judged by whose camera is not confirmed, (3,): the inlier ratio, minus
-    the decimal logarithm of the accuracy in metres, and whether the matches may fit no camera."""
-    exactness = -np.log10(np.clip(sigma_m, 0.01, 2.0))
-    return np.array([inlier_ratio, exactness, float(_fits_none(inlier_ratio, trust))])
+    """Return what the confidence of a pose is judged by whose camera is not confirmed, (2,): minus the decimal
+    logarithm of the accuracy in metres, and whether the matches may fit no camera."""
+    return np.array([-np.log10(np.clip(sigma_m, 0.01, 2.0)), float(_fits_none(inlier_ratio, trust))])
 
 
 def _fits_none(inlier_ratio: float, trust: CameraTrust) -> bool:
     return trust == "contradicted" or (trust == "open" and inlier_ratio < CAMERA.sure_inlier_ratio)
 
 
-# A wrong answer counts for two right ones: one that is too sure does more harm than one that is not sure enough.
-CAMERA_CONFIDENCE = CameraModel(2.49, (1.02, 2.38, -3.35))
+CAMERA_CONFIDENCE = CameraModel(4.87, (0.61, -1.27))
 
 
 def confidence_with(
@@ -394,6 +392,6 @@ def confidence_with(
         return confidence
     ratio = evidence.inlier_ratio
     by_camera = model(camera_features_of(ratio, accuracy.position_m, trust))
-    is_far = accuracy.position_m > CAMERA.max_sure_sigma_m and ratio < CAMERA.sure_inlier_ratio
+    is_far = accuracy.position_m > CAMERA.max_sure_sigma_m
     is_unsure = _fits_none(ratio, trust) or is_far or accuracy.orientation_deg > CAMERA.max_sure_sigma_deg
     return min(confidence, by_camera, CAMERA.unsure_confidence if is_unsure else 1.0)

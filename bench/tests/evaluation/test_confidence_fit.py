@@ -108,15 +108,14 @@ def answers(scene_seed: int, count: int = 300) -> list[QueryOutcome]:
     ]
 
 
-def test_the_fit_of_cameras_counts_a_wrong_answer_more_than_a_right_one() -> None:
+def test_the_fit_of_cameras_is_as_often_right_as_it_says() -> None:
     fit = fit_camera_confidence(answers(0))
     assert fit.answers == 300
     assert 0 < fit.right < 300
     good, poor = (fit.model(camera_features_of(0.5, sigma_m, "refined")) for sigma_m in (0.015, 0.7))
-    assert poor < 0.3 < 0.9 < good
-    # Without the weight it would be as often right as it says.
-    middle = 10**-0.2
-    assert fit.model(camera_features_of(0.5, middle, "refined")) < 0.4
+    assert poor < 0.5 < 0.9 < good
+    confidences = [fit.model(camera_features_of(0.5, each.sigma_m or 0.0, "refined")) for each in answers(0)]
+    assert np.mean(confidences) == pytest.approx(fit.right / fit.answers, abs=0.01)
     with pytest.raises(InvalidInputError, match="wrong cameras"):
         fit_camera_confidence([answer for answer in answers(0) if answer.right])
 

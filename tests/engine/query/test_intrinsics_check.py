@@ -168,10 +168,14 @@ def test_a_refined_camera_is_as_uncertain_as_others_that_fit_about_as_well_diffe
 
     found = Refined(chosen, 100, 50.0, keeps_centre=True)
     worse = end(2.0, 30.0, 50.0 + 101 * OPTIONS.centred_share)
-    same = with_spread(found, [found, end(0.05, 1.0, 55.0), worse]).systematic
+    share = OPTIONS.centred_share
+    same = with_spread(found, [found, end(0.05, 1.0, 55.0), worse], share).systematic
     assert (same.position_m, same.orientation_deg) == (0.1, pytest.approx(1.0))
-    apart = with_spread(found, [found, end(0.3, 0.5, 55.0), worse]).systematic
+    apart = with_spread(found, [found, end(0.3, 0.5, 55.0), worse], share).systematic
     assert (apart.position_m, apart.orientation_deg) == (pytest.approx(0.3), pytest.approx(0.5))
+    # Where most matches agree, only those that fit nearly as well count for the position.
+    most = with_spread(found, [found, end(0.3, 0.5, 56.0), worse], OPTIONS.simpler_share).systematic
+    assert (most.position_m, most.orientation_deg) == (0.1, pytest.approx(0.5))
 
 
 def test_a_zoom_keeps_the_principal_point_that_was_stated() -> None:

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.engine.tracking.fix import MapFixes
+from app.engine.query.placed import Accuracy
+from app.engine.tracking.fix import Fix, MapFixes
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.tracked import Tracked
 from app.geometry.se3 import Pose
@@ -63,6 +64,18 @@ def assert_found(tracked: Tracked, view: View) -> None:
     assert pose is not None
     off = pose.translation - view.world_from_camera.translation
     assert np.linalg.norm(off) < 0.03
+
+
+def test_a_fix_is_compared_with_others_by_what_pictures_of_one_camera_differ_by(
+    fixes: MapFixes, room: Room, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = room.view(HERE)
+    whole, among = Accuracy(0.4, 2.0), Accuracy(0.02, 0.3)
+    located = replace(fixes.localizer.localize(view.rgb, CAMERA), accuracy=whole, accuracy_among=among)
+    monkeypatch.setattr(fixes.localizer, "localize", lambda *_, **__: located)
+    found = fixes.locate(TrackingFrame.of(view.rgb, 0.0), CAMERA, None)
+    assert isinstance(found, Fix)
+    assert found.accuracy == among
 
 
 def test_a_place_out_of_reach_is_not_believed_however_often_it_is_seen(

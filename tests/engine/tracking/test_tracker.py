@@ -87,18 +87,6 @@ def error_m(tracked: Tracked, truth: Pose) -> float:
     return float(np.linalg.norm(pose_of(tracked).translation - truth.translation))
 
 
-def test_a_fix_is_compared_with_odometry_by_what_pictures_of_one_camera_differ_by(
-    fixes: MapFixes, video: list[View], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    located = fixes.localizer.localize(video[0].rgb, CAMERA)
-    whole, among = Accuracy(0.4, 2.0), Accuracy(0.02, 0.3)
-    unsure = replace(located, accuracy=whole, accuracy_among=among)
-    monkeypatch.setattr(fixes.localizer, "localize", lambda *_, **__: unsure)
-    found = fixes.locate(frame_of(video[0], 0), CAMERA, None)
-    assert isinstance(found, Fix)
-    assert found.accuracy == among
-
-
 def test_a_video_is_tracked_by_the_map(fixes: MapFixes, video: list[View]) -> None:
     results = run(TrackerIn(fixes), video)
     assert {result.state for result in results} == {"tracking"}

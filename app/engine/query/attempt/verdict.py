@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from app.engine.maps.artifact import MapMetadata
 from app.engine.query.accuracy import accuracy_in_map
 from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.attempt.rival import Contest
@@ -12,6 +13,7 @@ from app.engine.query.contradiction import cells_of
 from app.engine.query.hints import camera_hints, view_hints
 from app.engine.query.intrinsics import CheckedCamera
 from app.engine.query.localization import Localization
+from app.engine.query.placed import Accuracy
 from app.engine.query.second.look import SecondMatcher
 from app.engine.query.verification import confidence_with, evidence_of, judge
 
@@ -34,8 +36,7 @@ def conclude(
     judged = opened.artifact, inliers, camera, best.pose, *sigmas
     own = accuracy_in_map(*judged)
     whole = accuracy_in_map(*judged, checked.centre_sigma_px) if checked.centre_sigma_px else own
-    accuracy = whole.with_more(checked.systematic).with_map_error(metadata)
-    among = None if checked.among is None else whole.with_more(checked.among).with_map_error(metadata)
+    accuracy, among = _with_camera(whole, checked, metadata)
     if checked.trust == "contradicted":
         own = own.with_more(checked.systematic)
     sigma_m = own.with_map_error(metadata).position_m
@@ -78,3 +79,11 @@ def conclude(
         return found
     hints = view_hints(reason, inliers.points_px, query.size_px)
     return replace(found.refused(reason), hints=(*camera_hints(checked.trust), *hints))
+
+
+def _with_camera(
+    whole: Accuracy, checked: CheckedCamera, metadata: MapMetadata
+) -> tuple[Accuracy, Accuracy | None]:
+    """Return the accuracy of a pose with what is not known of its camera, and that among pictures of one camera."""
+    among = None if checked.among is None else whole.with_more(checked.among).with_map_error(metadata)
+    return whole.with_more(checked.systematic).with_map_error(metadata), among
