@@ -45,12 +45,11 @@ def conclude(
         contest.leading, search.settings.look_alikes, query.allowed
     )
     visible = opened.retrieval.covisible(best.pose, CONTRADICTION.keyframes, set(), query.allowed)
-    unrepeated = matcher.unrepeated_count(inliers)
     agreement = matcher.agreement(best.pose, camera) if isinstance(matcher, SecondMatcher) else None
     evidence = replace(
         evidence_of(best.matches, inliers, camera, distance_m, None if rival is None else rival.inliers),
         position_sigma_m=own.position_m,
-        unrepeated=unrepeated,
+        unrepeated=matcher.unrepeated_count(inliers),
         similarity_elsewhere=similarity,
         agreement=agreement,
     )
