@@ -103,15 +103,17 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     if zoomed is not None and abs(np.log(zoomed.focal_px / camera.focal_px)) > OPTIONS.max_disputed_log:
         trust = "disputed"
     elif not is_doubted and (
-        is_stretched or zoomed is not None or not is_verified or _is_too_flat(best, fit)
+        is_stretched or zoomed is not None or not is_verified or (_is_flat(best) and not _is_shown(fit))
     ):
         # A check by one focal length doesn't show pixels that are not square.
         trust = "open"
-    systematic = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
-    if trust != "confirmed":
-        systematic = _at_least(systematic, _by_focal_sigma(best, OPTIONS.open_sigma))
+    by_matches = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
+    systematic = _at_least(by_matches, _by_focal_sigma(best, OPTIONS.open_sigma))
     if trust == "open":
         return _open(best, camera, systematic)
+    if trust == "confirmed" and _is_flat(best):
+        return CheckedCamera(camera=camera, best=best, systematic=systematic, among=by_matches)
+    systematic = by_matches if trust == "confirmed" else systematic
     return CheckedCamera(camera=camera, best=best, systematic=systematic, trust=trust)
 
 
@@ -156,13 +158,16 @@ def _fit(found: Hypothesis, camera: Camera, *, keep_centre: bool = False) -> Fre
     return free_intrinsics(pixels, points, camera, found.pose, keep_centre=keep_centre)
 
 
-def _is_too_flat(best: Hypothesis, fit: FreeIntrinsics) -> bool:
-    """Whether the inliers of a pose are nearly all at one depth, and what is not shows no focal length exactly."""
-    if fit.focal_sigma <= OPTIONS.flat_sigma and abs(fit.log_focal) <= OPTIONS.flat_log:
-        return False
+def _is_flat(best: Hypothesis) -> bool:
+    """Whether the inliers of a pose are nearly all at one depth."""
     depths = (best.inliers.points_in_world - best.pose.translation) @ best.pose.rotation[:, 2]
     middle = float(np.median(depths))
     return SIGMA_PER_MAD * float(np.median(np.abs(depths - middle))) < OPTIONS.min_depth_spread * middle
+
+
+def _is_shown(fit: FreeIntrinsics) -> bool:
+    """Whether what is not at the depth of a flat scene shows the stated focal length all the same."""
+    return fit.focal_sigma <= OPTIONS.flat_sigma and abs(fit.log_focal) <= OPTIONS.flat_log
 
 
 def _left_open(best: Hypothesis, fit: FreeIntrinsics, *, is_doubted: bool) -> Accuracy:

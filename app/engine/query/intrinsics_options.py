@@ -174,7 +174,8 @@ class IntrinsicsCheckOptions:
     )
     open_sigma: float = limit(
         0.02,
-        "Least relative standard deviation of a stated focal length that the matches leave open or contradict.",
+        "Least relative standard deviation of a stated focal length that the matches leave open or contradict, or "
+        "confirm by a flat scene alone.",
         chosen="By hand: calibrations of phones differ by 1 to 2 % from picture to picture, as focus moves the lens.",
     )
     unseen_sigma: float = limit(

@@ -114,7 +114,11 @@ def test_what_stands_before_and_behind_a_flat_scene_verifies_the_camera() -> Non
     wall = points_seen(CAMERA, 220, (3.0, 3.1), draw)
     assert checked(matches_of(wall)).trust == "open"
     things = points_seen(CAMERA, 80, (1.0, 6.0), draw)
-    assert checked(matches_of(wall, things)).trust == "confirmed"
+    found = checked(matches_of(wall, things))
+    assert found.trust == "confirmed"
+    # Calibrations differ by more than so few things show.
+    assert found.among is not None
+    assert found.systematic.position_m >= OPTIONS.open_sigma * 3.0 > found.among.position_m
 
 
 def test_few_inliers_that_agree_with_a_wrong_camera_do_not_confirm_it() -> None:
