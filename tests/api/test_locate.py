@@ -44,7 +44,7 @@ def test_a_photo_gets_its_pose(museum: Server, queries: list[View]) -> None:
         assert error_m < 0.02
         assert error_deg < 0.5
         assert (result["venue"], result["map_version"], result["method"]) == ("museum", 1, "rgbd")
-        assert 0 < result["accuracy"]["position_m"] < 0.1
+        assert 0 < result["accuracy"]["position_m"] < 0.2
         assert result["confidence"] >= 0.85
         assert result["matches"] >= result["inliers"] >= 20
         assert sum(vote["inliers"] for vote in result["keyframes"]) >= result["inliers"]
