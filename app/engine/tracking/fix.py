@@ -21,105 +21,15 @@ from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.guided_matching import match_near_projections
 from app.engine.tracking.hypotheses import poses_of
 from app.engine.tracking.odometry.monitor_view import SeenByMonitor
+from app.engine.tracking.settings import MapFixOptions
 from app.geometry.anchor_pose import Vertical
-from app.geometry.camera import Camera, tangent_of_px
+from app.geometry.camera import Camera
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose
-from app.limits import limit
 from app.vision.features import LocalFeatures
 from app.vision.matching import to_unit_vectors
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapFixOptions:
-    """How a map is asked near a place that is already known."""
-
-    covisible_keyframes: int = limit(
-        6,
-        "Keyframes whose points are searched for around a predicted pose.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    nearby_keyframes: int = limit(
-        10,
-        "Keyframes that are matched around the last place, and of those that look alike there.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    search_radius_tangent: float = limit(
-        tangent_of_px(24.0),
-        "Radius around its projection by a predicted pose within which a point is searched for, over the focal length.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    found_radius_tangent: float = limit(
-        tangent_of_px(8.0),
-        "Radius around its projection by a pose that was found within which a point is searched for, "
-        "over the focal length.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    max_error_tangent: float = limit(
-        tangent_of_px(6.0),
-        "Inlier threshold: the reprojection error over the focal length.",
-        chosen="By hand: that of a single query.",
-    )
-    guided_inlier_factor: float = limit(
-        1.5,
-        "Fewest inliers near a predicted pose, as a multiple of min_inliers: there points agree more easily by chance.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    guided_inlier_ratio: float = limit(
-        0.5,
-        "Least ratio of inliers to matches near a predicted pose.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    guided_coverage: float = limit(
-        0.15,
-        "Least coverage of the inliers near a predicted pose.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    prior_radius_m: float = limit(
-        6.0,
-        "A place farther than this from the last one may be a look-alike: the last place then decides.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    prior_climb_m: float = limit(
-        2.0,
-        "A place higher or lower than this than the last one may be a look-alike on another floor.",
-        chosen="By hand: less than a storey.",
-    )
-    upright_cosine: float = limit(
-        0.7, "Cosine of the tilt below which a camera counts as held upright.", chosen="By hand: 45 degrees."
-    )
-    known_reach_m: float = limit(
-        1.0,
-        "Reach within which a camera still faces the way it did.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    view_reach_m: float = limit(
-        4.0,
-        "Beyond known_reach_m, how much farther keyframes may be that see what the camera sees.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    sure_inlier_factor: float = limit(
-        2.5,
-        "Beyond known_reach_m, fewest inliers of a fix, as a multiple of min_inliers.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    sure_coverage: float = limit(
-        0.2,
-        "Beyond known_reach_m, least coverage of the inliers of a fix.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    max_contradicted_share: float = limit(
-        0.12,
-        "Largest share of the picture that may contradict a pose that was found where it was searched for.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
-    )
-    max_rival_share: float = limit(
-        0.45,
-        "Of two places within reach, most inliers of the weaker one over those of the stronger.",
-        chosen="By hand: as in a single query.",
-    )
 
 
 OPTIONS = MapFixOptions()
@@ -236,7 +146,8 @@ class MapFixes:
         if found.world_from_camera is None or found.camera is None:
             return NoFix(found.reason or "no_match", evidence.support)
         z_up = self.localizer.map.artifact.metadata.z_up
-        if z_up and contradicts_gravity(found.world_from_camera, frame.gravity):
+        is_unsure = near is None and found.confidence < OPTIONS.sure_confidence
+        if is_unsure or (z_up and contradicts_gravity(found.world_from_camera, frame.gravity)):
             return NoFix("ambiguous", evidence.support)
         assert found.accuracy is not None  # noqa: S101 - located
         tracked = frame.scaled(found.camera)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.engine.query.placed import Accuracy
-from app.engine.tracking.fix import Fix, MapFixes
+from app.engine.tracking.fix import Fix, MapFixes, NoFix
 from app.engine.tracking.frame import TrackingFrame
 from app.engine.tracking.tracked import Tracked
 from app.geometry.se3 import Pose
@@ -76,6 +76,22 @@ def test_a_fix_is_compared_with_others_by_what_pictures_of_one_camera_differ_by(
     found = fixes.locate(TrackingFrame.of(view.rgb, 0.0), CAMERA, None)
     assert isinstance(found, Fix)
     assert found.accuracy == among
+
+
+def test_a_camera_of_which_nothing_is_known_is_placed_by_a_sure_fix_alone(
+    fixes: MapFixes, room: Room, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = room.view(HERE)
+    located = fixes.localizer.localize(view.rgb, CAMERA)
+    frame, unsure = TrackingFrame.of(view.rgb, 0.0), replace(located, confidence=0.89)
+    monkeypatch.setattr(fixes.localizer, "localize", lambda *_, **__: unsure)
+    found = fixes.locate(frame, CAMERA, None)
+    assert isinstance(found, NoFix)
+    assert found.reason == "ambiguous"
+    assert isinstance(fixes.locate(frame, CAMERA, None, any_floor=True), NoFix)
+    # Where it was a moment ago tells whether it can be there.
+    assert isinstance(fixes.locate(frame, CAMERA, HERE), Fix)
+    assert isinstance(fixes.locate(frame, CAMERA, HERE, any_floor=True), NoFix)
 
 
 def test_a_place_out_of_reach_is_not_believed_however_often_it_is_seen(
