@@ -107,14 +107,17 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     ):
         # A check by one focal length doesn't show pixels that are not square.
         trust = "open"
+    least = None
+    if trust != "confirmed" or _is_flat(best):
+        least = _by_focal_sigma(best, OPTIONS.open_sigma)
     by_matches = Accuracy(0.0, 0.0) if is_confirmed else _left_open(best, fit, is_doubted=is_doubted)
-    systematic = _at_least(by_matches, _by_focal_sigma(best, OPTIONS.open_sigma))
+    if least is None:
+        return CheckedCamera(camera=camera, best=best, systematic=by_matches)
+    systematic = _at_least(by_matches, least)
     if trust == "open":
         return _open(best, camera, systematic)
-    if trust == "confirmed" and _is_flat(best):
-        return CheckedCamera(camera=camera, best=best, systematic=systematic, among=by_matches)
-    systematic = by_matches if trust == "confirmed" else systematic
-    return CheckedCamera(camera=camera, best=best, systematic=systematic, trust=trust)
+    among = by_matches if trust == "confirmed" else None
+    return CheckedCamera(camera=camera, best=best, systematic=systematic, among=among, trust=trust)
 
 
 def _open(best: Hypothesis, camera: Camera, among: Accuracy) -> CheckedCamera:

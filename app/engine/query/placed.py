@@ -35,6 +35,15 @@ class Accuracy:
         )
 
 
+def with_camera(
+    whole: Accuracy, systematic: Accuracy, among: Accuracy | None, metadata: MapMetadata
+) -> tuple[Accuracy, Accuracy | None]:
+    """Return the accuracy of a pose with the map's error and with what is not known of its camera, and that among
+    pictures of this camera where it is less (`among`)."""
+    alike = None if among is None else whole.with_more(among).with_map_error(metadata)
+    return whole.with_more(systematic).with_map_error(metadata), alike
+
+
 @dataclass(frozen=True, slots=True)
 class Support:
     """How many features of a picture agree with a pose, and how many were matched; each counts once."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from app.engine.maps.artifact import MapMetadata
 from app.engine.query.accuracy import accuracy_in_map
 from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.attempt.rival import Contest
@@ -13,7 +12,7 @@ from app.engine.query.contradiction import cells_of
 from app.engine.query.hints import camera_hints, view_hints
 from app.engine.query.intrinsics import CheckedCamera
 from app.engine.query.localization import Localization
-from app.engine.query.placed import Accuracy
+from app.engine.query.placed import with_camera
 from app.engine.query.second.look import SecondMatcher
 from app.engine.query.verification import confidence_with, evidence_of, judge
 
@@ -36,20 +35,20 @@ def conclude(
     judged = opened.artifact, inliers, camera, best.pose, *sigmas
     own = accuracy_in_map(*judged)
     whole = accuracy_in_map(*judged, checked.centre_sigma_px) if checked.centre_sigma_px else own
-    accuracy, among = _with_camera(whole, checked, metadata)
+    accuracy, among = with_camera(whole, checked.systematic, checked.among, metadata)
     if checked.trust == "contradicted":
         own = own.with_more(checked.systematic)
     sigma_m = own.with_map_error(metadata).position_m
-    distance_m = opened.retrieval.distance_m(best.pose)
-    similarity = opened.retrieval.similarity_elsewhere(
-        contest.leading, search.settings.look_alikes, query.allowed
-    )
-    visible = opened.retrieval.covisible(best.pose, CONTRADICTION.keyframes, set(), query.allowed)
+    retrieval = opened.retrieval
+    distance_m = retrieval.distance_m(best.pose)
+    similarity = retrieval.similarity_elsewhere(contest.leading, search.settings.look_alikes, query.allowed)
+    visible = retrieval.covisible(best.pose, CONTRADICTION.keyframes, set(), query.allowed)
+    unrepeated = matcher.unrepeated_count(inliers)
     agreement = matcher.agreement(best.pose, camera) if isinstance(matcher, SecondMatcher) else None
     evidence = replace(
         evidence_of(best.matches, inliers, camera, distance_m, None if rival is None else rival.inliers),
         position_sigma_m=own.position_m,
-        unrepeated=matcher.unrepeated_count(inliers),
+        unrepeated=unrepeated,
         similarity_elsewhere=similarity,
         agreement=agreement,
     )
@@ -78,11 +77,3 @@ def conclude(
         return found
     hints = view_hints(reason, inliers.points_px, query.size_px)
     return replace(found.refused(reason), hints=(*camera_hints(checked.trust), *hints))
-
-
-def _with_camera(
-    whole: Accuracy, checked: CheckedCamera, metadata: MapMetadata
-) -> tuple[Accuracy, Accuracy | None]:
-    """Return the accuracy of a pose with what is not known of its camera, and that among pictures of one camera."""
-    among = None if checked.among is None else whole.with_more(checked.among).with_map_error(metadata)
-    return whole.with_more(checked.systematic).with_map_error(metadata), among
