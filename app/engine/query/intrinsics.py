@@ -277,8 +277,10 @@ def _simplest(ends: Sequence[_Refined]) -> _Refined:
 
 
 def _with_spread(found: _Refined, ends: Sequence[_Refined], share: float) -> CheckedCamera:
-    """Return a camera whose pose is at least as uncertain as the others that fit about as well differ from it: in the
-    position those that cost more than the best one by at most `share` of the inliers."""
+    """Return a camera whose pose is at least as uncertain as the others that fit about as well differ from it.
+
+    For the position, these are the ends whose cost exceeds the least one by at most `share` of the inliers.
+    """
     least_cost, checked = min(end.cost for end in ends), found.checked
 
     def apart(most_share: float) -> list[Pose]:

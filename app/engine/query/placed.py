@@ -27,6 +27,13 @@ class Accuracy:
             math.hypot(self.orientation_deg, other.orientation_deg),
         )
 
+    def beyond(self, part: Accuracy) -> Accuracy:
+        """Return the error that makes this of an independent `part` of it."""
+        return Accuracy(
+            math.sqrt(max(self.position_m**2 - part.position_m**2, 0.0)),
+            math.sqrt(max(self.orientation_deg**2 - part.orientation_deg**2, 0.0)),
+        )
+
     def with_map_error(self, metadata: MapMetadata) -> Accuracy:
         """Return the accuracy with the map's own error, which all points share and no covariance of them shows."""
         return Accuracy(

@@ -43,7 +43,8 @@ class Fix:
     Pixels and `camera` are those of the frame at tracking size. A fix whose scale rests on known distances may have a
     wrong scale: `scale_sigma` is its relative standard deviation, `shared_scale_sigma` the part of it that is the same
     in all fixes that rest on these distances. `anchors` are the monitoring cameras that it comes from, `vertical` what
-    they take as vertical, and `seen` where one of them sees the points.
+    they take as vertical, and `seen` where one of them sees the points. `camera_sigma` is what is not known of the
+    camera besides, alike in all its pictures (None: not looked at).
     """
 
     placed: PlacedPose
@@ -61,6 +62,7 @@ class Fix:
     anchors: tuple[str, ...] = ()
     vertical: Vertical | None = None
     seen: SeenByMonitor | None = None
+    camera_sigma: Accuracy | None = None
 
     @property
     def frame_from_camera(self) -> Pose:
@@ -154,9 +156,11 @@ class MapFixes:
         matches = self._near(
             self._features(frame), tracked, found.world_from_camera, OPTIONS.found_radius_tangent
         )
+        among = found.accuracy_among or found.accuracy
         return Fix(
             placed=PlacedPose(found.world_from_camera),
-            accuracy=found.accuracy_among or found.accuracy,
+            accuracy=among,
+            camera_sigma=found.accuracy.beyond(among),
             support=evidence.support,
             confidence=found.confidence,
             points_px=matches.points_px,

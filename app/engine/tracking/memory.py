@@ -37,6 +37,8 @@ def memory_to_json(memory: TrackingMemory) -> dict[str, Any]:
         "pending_frame_id": WORLD if pending is None else pending.frame_id,
         "pending_time_s": memory.pending_time_s,
         "lens": list(memory.lens),
+        "camera_position_m": memory.camera_sigma.position_m,
+        "camera_orientation_deg": memory.camera_sigma.orientation_deg,
     }
 
 
@@ -57,6 +59,9 @@ def memory_from_json(values: Mapping[str, Any]) -> TrackingMemory:
         pending=_placed(values.get("pending"), values.get("pending_frame_id", WORLD)),
         pending_time_s=values["pending_time_s"],
         lens=tuple(values["lens"]) if "lens" in values else TrackingMemory().lens,
+        camera_sigma=Accuracy(
+            values.get("camera_position_m", 0.0), values.get("camera_orientation_deg", 0.0)
+        ),
     )
 
 

@@ -99,23 +99,23 @@ class MapFixOptions:
     covisible_keyframes: int = limit(
         6,
         "Keyframes whose points are searched for around a predicted pose.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     nearby_keyframes: int = limit(
         10,
         "Keyframes that are matched around the last place, and of those that look alike there.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     search_radius_tangent: float = limit(
         tangent_of_px(24.0),
         "Radius around its projection by a predicted pose within which a point is searched for, over the focal length.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     found_radius_tangent: float = limit(
         tangent_of_px(8.0),
         "Radius around its projection by a pose that was found within which a point is searched for, "
         "over the focal length.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     max_error_tangent: float = limit(
         tangent_of_px(6.0),
@@ -125,22 +125,22 @@ class MapFixOptions:
     guided_inlier_factor: float = limit(
         1.5,
         "Fewest inliers near a predicted pose, as a multiple of min_inliers: there points agree more easily by chance.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     guided_inlier_ratio: float = limit(
         0.5,
         "Least ratio of inliers to matches near a predicted pose.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     guided_coverage: float = limit(
         0.15,
         "Least coverage of the inliers near a predicted pose.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     prior_radius_m: float = limit(
         6.0,
         "A place farther than this from the last one may be a look-alike: the last place then decides.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     prior_climb_m: float = limit(
         2.0,
@@ -153,27 +153,27 @@ class MapFixOptions:
     known_reach_m: float = limit(
         1.0,
         "Reach within which a camera still faces the way it did.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     view_reach_m: float = limit(
         4.0,
         "Beyond known_reach_m, how much farther keyframes may be that see what the camera sees.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     sure_inlier_factor: float = limit(
         2.5,
         "Beyond known_reach_m, fewest inliers of a fix, as a multiple of min_inliers.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     sure_coverage: float = limit(
         0.2,
         "Beyond known_reach_m, least coverage of the inliers of a fix.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     max_contradicted_share: float = limit(
         0.12,
         "Largest share of the picture that may contradict a pose that was found where it was searched for.",
-        chosen="roomfix simulate and track; docs/sessions.md.",
+        chosen=BY_WALKS,
     )
     max_rival_share: float = limit(
         0.45,

@@ -19,7 +19,8 @@ class TrackingMemory:
     `last` is the last trusted pose, at `time_s`; `fix_accuracy` that of the last fix, `fix_scale_sigma` the relative
     standard deviation of its scale; `unaided_m` and `unaided_rad` the path and the turns since; `pending` a fix, at
     `pending_time_s`, that was too far off to be believed at once; `lens` the radial coefficient of a pinhole's lens as
-    its frames show it, and one sigma of it.
+    its frames show it, and one sigma of it. `camera_sigma` is what was not known of the camera at the last fix that
+    looked at it, alike in all its pictures: part of every answer, and no part of what tells fixes from odometry.
     """
 
     state: State = "initializing"
@@ -32,6 +33,7 @@ class TrackingMemory:
     pending: PlacedPose | None = None
     pending_time_s: float = 0.0
     lens: tuple[float, float] = (0.0, LENS_SIGMA)
+    camera_sigma: Accuracy = Accuracy(0.0, 0.0)
 
     @property
     def frame_id(self) -> str:

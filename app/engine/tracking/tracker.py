@@ -54,8 +54,7 @@ class Tracker:
         self._settings = settings or TrackerSettings()
         self._odometry: Odometry | None = None
         self._own_views = OwnViews()
-        self._since_refresh = 0
-        self._since_search = 0
+        self._since_refresh = self._since_search = 0
         self._searched_s = -1e9
         self._why_lost: Reason = "no_match"
 
@@ -202,12 +201,11 @@ class Tracker:
         if self._since_refresh < settings.refresh_every and not moved:
             return None
         self._since_refresh = 0
-        pose = step.frame_from_camera
-        fix = surroundings.source.refresh(frame, camera, pose)
+        fix = surroundings.source.refresh(frame, camera, step.frame_from_camera)
         if fix is not None or not moved:
             return fix
         within_m = settings.max_astray_m + 3.0 * accuracy_after(memory, step).position_m
-        return surroundings.source.nearby(frame, camera, pose, within_m)
+        return surroundings.source.nearby(frame, camera, step.frame_from_camera, within_m)
 
     def _search(  # noqa: PLR0911 - one line for each event
         self,
@@ -317,12 +315,13 @@ class Tracker:
 
     def _by_odometry(self, accuracy: Accuracy, support: Support) -> Tracked:
         """Answer with the place that is remembered, to which odometry has led."""
+        whole = accuracy.with_more(self.memory.camera_sigma)
         return Tracked(
             state="tracking",
             placed=self.memory.last,
             method="odometry",
-            accuracy=accuracy,
-            confidence=confidence_of_sigma(accuracy),
+            accuracy=whole,
+            confidence=confidence_of_sigma(whole),
             support=support,
             unaided_m=self.memory.unaided_m,
             camera=self.camera,
@@ -356,12 +355,13 @@ class Tracker:
             fix_accuracy=fix.accuracy,
             fix_scale_sigma=fix.scale_sigma,
             lens=self.memory.lens,
+            camera_sigma=fix.camera_sigma or self.memory.camera_sigma,
         )
         return Tracked(
             state=state,
             placed=fix.placed,
             method=fix.method,
-            accuracy=fix.accuracy,
+            accuracy=fix.accuracy.with_more(self.memory.camera_sigma),
             confidence=fix.confidence,
             support=fix.support,
             unaided_m=0.0,

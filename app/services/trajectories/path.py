@@ -60,7 +60,8 @@ class PathSinceFix:
             if self.first is not None and len(self.frames) < OPTIONS.max_frames:
                 self.frames.append((point, pose))
             return corrected
-        fix = Anchored(pose, tracked.accuracy)
+        # What is not known of the camera is the same at both ends.
+        fix = Anchored(pose, tracked.accuracy if tracked.fix is None else tracked.fix.accuracy)
         corrected = self._corrected(fix, tracked.by_odometry)
         self.first, self.frames = fix, []
         return corrected

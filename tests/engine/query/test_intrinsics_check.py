@@ -109,6 +109,13 @@ def test_matches_at_one_depth_verify_no_camera() -> None:
     assert OPTIONS.unseen_sigma * 3.0 > found.among.position_m >= OPTIONS.open_sigma * 3.0
 
 
+def test_too_few_inliers_to_check_a_camera_by_leave_it_open() -> None:
+    few = matches_of(points_seen(CAMERA, OPTIONS.min_features - 1, (2.0, 4.0), np.random.default_rng(6)))
+    found = checked(few)
+    assert found.trust == "open"
+    assert found.systematic.position_m >= OPTIONS.unseen_sigma * 2.0
+
+
 def test_what_stands_before_and_behind_a_flat_scene_verifies_the_camera() -> None:
     draw = np.random.default_rng(4)
     wall = points_seen(CAMERA, 220, (3.0, 3.1), draw)

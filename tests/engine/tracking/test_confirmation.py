@@ -76,6 +76,16 @@ def test_a_fix_is_compared_with_others_by_what_pictures_of_one_camera_differ_by(
     found = fixes.locate(TrackingFrame.of(view.rgb, 0.0), CAMERA, None)
     assert isinstance(found, Fix)
     assert found.accuracy == among
+    tracker = TrackerIn(fixes)
+    first = states(tracker, view, [0.0])[0]
+    assert first.accuracy is not None
+    # What is told holds the camera too, and odometry's answers after it.
+    assert (first.accuracy.position_m, first.accuracy.orientation_deg) == pytest.approx((0.4, 2.0))
+    after = states(tracker, view, [0.1])[0]
+    assert (after.method, after.accuracy is not None and after.accuracy.position_m >= 0.4) == (
+        "odometry",
+        True,
+    )
 
 
 def test_a_camera_of_which_nothing_is_known_is_placed_by_a_sure_fix_alone(
