@@ -87,7 +87,7 @@ def test_a_video_is_tracked_and_its_trajectory_kept(museum: Server, tower: str, 
         assert (result["session"], result["frame"], result["venue"]) == (session, i + 1, tower)
         assert result["guidance"] is None
         assert [point["frame"] for point in result["trajectory"]][-1] == i + 1
-        assert result["accuracy"]["position_m"] < 0.1
+        assert result["accuracy"]["position_m"] < 0.2
     body = museum.client.get(f"/sessions/{session}").json()
     assert (body["frames"], body["tracking"], len(body["trajectory"])) == (20, "tracking", 20)
     last = body["trajectory"][-1]
