@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -93,15 +93,28 @@ class PoiSight:
 
     `ray_in_monitor` (3,) is its direction, `on_plan` (2,) its position in plan metres, `distance_m` its measured
     distance from the camera, `height_offset_m` its height above the camera, where known. `length` is its distance
-    by triangulation in the unit of the relative pose, `log_sigma` the standard deviation of that length's logarithm.
+    by triangulation in the unit of the relative pose, `log_sigma` the standard deviation of that length's logarithm;
+    None of a POI that the phone doesn't see, which gives no scale and turns the camera on the plan all the same.
     """
 
     ray_in_monitor: Array
     on_plan: Array
     distance_m: float
-    length: float
-    log_sigma: float
+    length: float | None = None
+    log_sigma: float = 0.0
     height_offset_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KnownScale:
+    """The logarithm of a scale, metres per unit of a relative pose, and its standard deviation."""
+
+    log_scale: float
+    log_sigma: float
+
+
+# Returns the scale that a room gives where a monitoring camera is at this pose on the plan, or None.
+ScaleOfRoom = Callable[[Pose], KnownScale | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +126,8 @@ class AnchorSolution:
     anchor's rotation (rotation vector in plan axes, rad). `poi_errors_m` (n,) is the distance of each POI from its
     position on the plan by this solution. `scale_errors` (n,) is the logarithm of each POI's own scale minus that of
     the common scale. `vertical` says what determines the vertical. `length_scatter` is a robust standard deviation
-    of the logarithms of the scales that single distances of a map give.
+    of the logarithms of the scales that single distances of a map give. `room_sigmas` is the difference between the
+    logarithms of the room's scale and of the POIs' scale in standard deviations; None where one of them is not known.
     """
 
     plan_from_phone: Pose
@@ -125,6 +139,7 @@ class AnchorSolution:
     scale_errors: Array
     vertical: Vertical
     length_scatter: float = 0.0
+    room_sigmas: float | None = None
 
 
 def solve_anchor(
@@ -133,15 +148,16 @@ def solve_anchor(
     phone_from_monitor: Pose,
     sights: Sequence[PoiSight],
     gravity_in_phone: Array | None = None,
+    scale_of_room: ScaleOfRoom | None = None,
 ) -> AnchorSolution:
     """Return the phone's pose on the plan from all POIs together.
 
     `monitor_on_plan` (2,) in plan metres; `phone_from_monitor` with a translation of any unit. The vertical is
     `gravity_in_phone` (3,), down in phone axes. Without it, POIs in different directions determine the vertical,
-    with an upright phone as a weak prior. Raises `DegenerateGeometryError` without POIs or when all lie straight
-    above or below the camera. Source: C eq. 4.2.7 and 4.3.1-4.3.9 as one robust least-squares problem for the
-    rotation of the monitoring camera: each POI's ray, scaled to the measured distance, must end at the POI's
-    position on the plan.
+    with an upright phone as a weak prior. The scale is that of the POIs that the phone sees, and the room's. Raises
+    `DegenerateGeometryError` without POIs, without a scale, or when all POIs lie straight above or below the camera.
+    Source: C eq. 4.2.7 and 4.3.1-4.3.9 as one robust least-squares problem for the rotation of the monitoring camera:
+    each POI's ray, scaled to the measured distance, must end at the POI's position on the plan.
     """
     if not sights:
         raise DegenerateGeometryError("A place on the plan needs at least one POI.")
@@ -152,8 +168,10 @@ def solve_anchor(
         center, phone_from_monitor.rotation, tuple(sights), down_in_phone, gravity_in_phone is None
     )
     rotation, covariance = problem.solve()
-    scale, log_sigma, scale_errors = common_scale(sights)
     plan_from_monitor = Pose(rotation, np.array([*center, monitor_height_m]))
+    by_pois = [_scale_of(sight) for sight in sights if sight.length is not None]
+    by_room = None if scale_of_room is None else scale_of_room(plan_from_monitor)
+    scale, log_sigma, scale_errors = common_scale([*by_pois, *([] if by_room is None else [by_room])])
     monitor_from_phone = phone_from_monitor.inverse()
     metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
     errors = np.array([np.linalg.norm(problem.offset(rotation, sight)) for sight in sights])
@@ -164,8 +182,9 @@ def solve_anchor(
         log_scale_sigma=log_sigma,
         plan_from_monitor_covariance=covariance,
         poi_errors_m=errors,
-        scale_errors=scale_errors,
+        scale_errors=scale_errors[: len(by_pois)],
         vertical=vertical,
+        room_sigmas=_apart_sigmas(by_pois, by_room),
     )
 
 
@@ -185,8 +204,7 @@ def solve_calibrated(
     `OPTIONS.min_known_lengths` are known. Raises `DegenerateGeometryError` when no scale is known.
     """
     usable = np.isfinite(known_lengths_m) & np.isfinite(lengths) & (lengths > 0) & (known_lengths_m > 0)
-    logs = [float(np.log(sight.distance_m / sight.length)) for sight in sights]
-    sigmas = [float(np.hypot(sight.log_sigma, OPTIONS.plan_sigma_ratio)) for sight in sights]
+    scales = [_scale_of(sight) for sight in sights if sight.length is not None]
     scatter = 0.0
     if np.count_nonzero(usable) >= OPTIONS.min_known_lengths:
         by_map = np.log(known_lengths_m[usable] / lengths[usable])
@@ -194,10 +212,8 @@ def solve_calibrated(
         scatter = SIGMA_PER_MAD * float(np.median(np.abs(by_map - median)))
         of_mean = max(scatter, OPTIONS.plan_sigma_ratio) / np.sqrt(len(by_map))
         sigma = float(np.hypot(OPTIONS.min_scale_sigma_ratio, of_mean))
-        logs, sigmas = [median, *logs], [sigma, *sigmas]
-    if not logs:
-        raise DegenerateGeometryError("A scale needs a distance that is known.")
-    scale, log_sigma, scale_errors = _common_scale(np.array(logs), np.array(sigmas))
+        scales = [KnownScale(median, sigma), *scales]
+    scale, log_sigma, scale_errors = common_scale(scales)
     monitor_from_phone = phone_from_monitor.inverse()
     metric = Pose(monitor_from_phone.rotation, scale * monitor_from_phone.translation)
     return AnchorSolution(
@@ -295,21 +311,46 @@ def _vertical(sights: Sequence[PoiSight], has_gravity: bool) -> Vertical:
     return "pois" if widest >= MIN_POI_ANGLE_RAD else "upright"
 
 
-def common_scale(sights: Sequence[PoiSight]) -> tuple[float, float, Array]:
-    """Return the common scale, the standard deviation of its logarithm, and each POI's error (C eq. 4.2.7)."""
-    logs = np.log([sight.distance_m / sight.length for sight in sights])
-    return _common_scale(
-        logs, np.array([np.hypot(sight.log_sigma, OPTIONS.plan_sigma_ratio) for sight in sights])
+def scale_of_pois(sights: Sequence[PoiSight]) -> KnownScale | None:
+    """Return the common scale of the POIs that a phone sees (C eq. 4.2.7), None where it sees none."""
+    scales = [_scale_of(sight) for sight in sights if sight.length is not None]
+    if not scales:
+        return None
+    scale, log_sigma, _ = common_scale(scales)
+    return KnownScale(float(np.log(scale)), log_sigma)
+
+
+def _scale_of(sight: PoiSight) -> KnownScale:
+    """Return the scale by one POI (C eq. 4.2.7), with the errors of its length and of the tape."""
+    assert sight.length is not None  # noqa: S101 - checked by its callers
+    return KnownScale(
+        float(np.log(sight.distance_m / sight.length)),
+        float(np.hypot(sight.log_sigma, OPTIONS.plan_sigma_ratio)),
     )
 
 
-def _common_scale(logs: Array, sigmas: Array) -> tuple[float, float, Array]:
-    """Return the same as `common_scale` for the logarithms (n,) of scales and their standard deviations (n,)."""
+def common_scale(scales: Sequence[KnownScale]) -> tuple[float, float, Array]:
+    """Return the robust mean of scales, the standard deviation of its logarithm, and each one's error in logarithms.
+
+    Raises `DegenerateGeometryError` without any.
+    """
+    if not scales:
+        raise DegenerateGeometryError("A scale needs a distance that is known.")
+    logs = np.array([scale.log_scale for scale in scales])
+    sigmas = np.array([scale.log_sigma for scale in scales])
     center = _weighted_median(logs, 1.0 / sigmas**2)
     for _ in range(OPTIONS.max_steps):
         weights = 1.0 / (sigmas**2 * (1.0 + ((logs - center) / (OPTIONS.loss_scale_sigmas * sigmas)) ** 2))
         center = float(weights @ logs / weights.sum())
     return float(np.exp(center)), float(1.0 / np.sqrt(np.sum(1.0 / sigmas**2))), logs - center
+
+
+def _apart_sigmas(by_pois: Sequence[KnownScale], by_room: KnownScale | None) -> float | None:
+    """Return by how many standard deviations the scales of POIs and of a room differ, None without one of them."""
+    if not by_pois or by_room is None:
+        return None
+    scale, log_sigma, _ = common_scale(by_pois)
+    return abs(by_room.log_scale - float(np.log(scale))) / float(np.hypot(log_sigma, by_room.log_sigma))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

@@ -8,6 +8,7 @@ from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.live_anchor import LiveAnchor, mounted_camera
 from app.limits import limit
 from app.lru import LruCache
+from app.services.floor_features import FeatureLibrary
 from app.services.resources import Resources
 from app.storage.anchors import frame_features, list_anchors, list_frames
 from app.storage.db import now
@@ -31,8 +32,9 @@ OPTIONS = AnchorCacheOptions()
 class AnchorLibrary:
     """Gives the anchors that can be used now. Safe to share between threads."""
 
-    def __init__(self, resources: Resources) -> None:
+    def __init__(self, resources: Resources, floor_features: FeatureLibrary) -> None:
         self._resources = resources
+        self._floor_features = floor_features
         self._open: LruCache[str, AnchorFeatures] = LruCache(OPTIONS.frames)
 
     def live(self, venue_id: str, floor_id: str | None = None) -> list[LiveAnchor]:
@@ -55,8 +57,10 @@ class AnchorLibrary:
                 continue
             features = self._features(frame.id)
             if features is not None:
-                mounted = mounted_camera(anchor.calibration, floors[anchor.spec.floor_id])
-                found.append(LiveAnchor(anchor, frame.id, frame.camera, features, mounted))
+                floor = floors[anchor.spec.floor_id]
+                mounted = mounted_camera(anchor.calibration, floor)
+                walls = self._floor_features.walls(floor)
+                found.append(LiveAnchor(anchor, frame.id, frame.camera, features, mounted, walls))
         return found
 
     def _features(self, frame_id: str) -> AnchorFeatures | None:

@@ -14,6 +14,7 @@ from app.errors import DatabaseBusyError
 from app.geometry.camera import Camera
 from app.limits import limit
 from app.services.anchor_library import AnchorLibrary
+from app.services.floor_features import FeatureLibrary
 from app.services.resources import Resources
 from app.storage.anchors import count_uses
 from app.vision.images import Rgb
@@ -38,10 +39,10 @@ OPTIONS = AnchorUseOptions()
 class AnchorLocator:
     """Answers queries by anchors. Safe to share between threads."""
 
-    def __init__(self, resources: Resources, describer: AnchorDescriber) -> None:
+    def __init__(self, resources: Resources, describer: AnchorDescriber, features: FeatureLibrary) -> None:
         self._resources = resources
         self._describer = describer
-        self._library = AnchorLibrary(resources)
+        self._library = AnchorLibrary(resources, features)
 
     def locate(
         self,
@@ -57,7 +58,9 @@ class AnchorLocator:
         timer = StageTimer()
         live = self._library.live(venue_id, floor_id if around is None else around.floor_id)
         if around is not None:
-            live = [anchor for anchor in live if around.has_anchor(anchor.anchor.spec)]
+            live = [
+                one for one in live if around.has_anchor(one.anchor.spec, has_walls=one.walls is not None)
+            ]
         timer.lap("anchors")
         found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer, around)
         if found.plan_from_phone is not None:

@@ -13,6 +13,7 @@ from app.engine.floors.places import PlaceIndex, areas_named
 from app.engine.floors.plan_point import PlanPoint
 from app.engine.floors.reading import GeoJson
 from app.engine.floors.sentences import listed, short
+from app.engine.floors.walls import FloorWalls
 from app.engine.navigation.network import check_walkable
 from app.engine.tracking.plan_walk.plans import Plans
 from app.errors import NotFoundError
@@ -36,6 +37,11 @@ class FeatureCacheOptions:
         16,
         "Venues whose walls are kept in memory, those used last.",
         chosen="By hand: a megabyte for a floor of 100 m, and made again in a tenth of a second.",
+    )
+    walls: int = limit(
+        64,
+        "Floors whose walls are kept in memory for monitoring cameras, those used last.",
+        chosen="By hand: the floors of as many venues as `plans`, four each.",
     )
 
 
@@ -73,6 +79,7 @@ class FeatureLibrary:
         self._database = database
         self._indexes: LruCache[tuple[str, str, str], PlaceIndex] = LruCache(OPTIONS.floors)
         self._plans: LruCache[tuple[object, ...], Plans] = LruCache(OPTIONS.plans)
+        self._walls: LruCache[tuple[object, ...], tuple[FloorWalls | None]] = LruCache(OPTIONS.walls)
 
     def index(self, floor: Floor) -> PlaceIndex:
         """Return the areas and landmarks of a floor; an empty index for a floor without features."""
@@ -99,6 +106,15 @@ class FeatureLibrary:
         return self._plans.get_or_make(
             key, lambda: Plans.of(floors, {floor.id: self.features(floor) for floor in floors})
         )
+
+    def walls(self, floor: Floor) -> FloorWalls | None:
+        """Return the walls of a floor in metres of its plan, None where it has no areas."""
+        if floor.features_sha256 is None:
+            return None
+        (walls,) = self._walls.get_or_make(
+            _shape(floor), lambda: (FloorWalls.of(self.features(floor), lambda points: points),)
+        )
+        return walls
 
     def described(self, plan: PlanPoint, floor: Floor) -> PlanPoint:
         """Return a plan point with its area and nearest landmark."""

@@ -42,7 +42,7 @@ def wire_services(resources: Resources, tracking: TrackerSettings | None = None)
     maps, features = MapLibrary(resources), FeatureLibrary(resources.database)
     routes = RouteService(resources.database, features)
     describer = AnchorDescriber()
-    locator = AnchorLocator(resources, describer)
+    locator = AnchorLocator(resources, describer, features)
     return Services(
         resources=resources,
         maps=maps,

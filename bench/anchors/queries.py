@@ -14,6 +14,7 @@ from app.engine.anchors.locator import OPTIONS, ranked
 from app.engine.anchors.matching import likeness
 from app.services.anchor_locator import AnchorLocator
 from app.services.anchors import AnchorService
+from app.services.floor_features import FeatureLibrary
 from app.services.map_library import MapLibrary
 from app.services.resources import Resources
 from app.storage.floors import put_floor
@@ -102,7 +103,7 @@ def measure_laps(resources: Resources, describer: AnchorDescriber, pairs: Sequen
     for pair in pairs:
         service.put(pair.name, replace(pair.spec, venue_id=VENUE))
         service.push(pair.name, _jpeg(pair.monitor()))
-    locator = AnchorLocator(resources, describer)
+    locator = AnchorLocator(resources, describer, FeatureLibrary(resources.database))
     laps: list[QueryLap] = []
     located = 0
     for pair in pairs:

@@ -91,7 +91,7 @@ class Place:
         routes = RouteService(resources.database, features)
         with resources.database.read() as connection:
             floors = {floor.level: floor for floor in list_floors(connection, VENUE.id)}
-        anchors = AnchorLocator(resources, AnchorDescriber()) if no_map else None
+        anchors = AnchorLocator(resources, AnchorDescriber(), features) if no_map else None
         services = {
             name: SessionService(resources, library, features, routes, anchors, tracking)
             for name, tracking in RELOCATION.items()

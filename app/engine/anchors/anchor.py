@@ -55,9 +55,13 @@ class AroundPlace:
     half_view_deg: float
     sees_m: float
 
-    def has_anchor(self, spec: AnchorSpec) -> bool:
-        """Whether the phone may see one of an anchor's POIs: without that the anchor places no phone."""
-        return spec.floor_id == self.floor_id and any(self._sees(poi.x, poi.y) for poi in spec.pois)
+    def has_anchor(self, spec: AnchorSpec, *, has_walls: bool = False) -> bool:
+        """Whether the phone may see one of an anchor's POIs: without that the anchor places no phone, unless its floor
+        `has_walls`, which give the scale of whatever both see; then the anchor need only be near."""
+        if spec.floor_id != self.floor_id:
+            return False
+        is_near = math.hypot(spec.x - self.x, spec.y - self.y) <= self.sees_m + self.phone_m
+        return (has_walls and is_near) or any(self._sees(poi.x, poi.y) for poi in spec.pois)
 
     def has_phone(self, x: float, y: float) -> bool:
         """Whether the phone can be at a point of the floor's plan."""

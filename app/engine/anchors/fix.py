@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,23 @@ from numpy.typing import NDArray
 from app.engine.anchors.anchor import AnchorSpec
 from app.engine.anchors.matching import PixelMatches
 from app.engine.anchors.poi_sweep import RegionDescriptors, SweptLength, sweep_region
-from app.engine.anchors.poi_triangulation import lengths_along_rays, reliable_sights_of
-from app.engine.anchors.relative_pose import instability_deg, known_verticals, phone_beside_monitor
+from app.engine.anchors.poi_triangulation import lengths_along_rays, reliable_sights_of, unseen_sights
+from app.engine.anchors.relative_pose import (
+    PhoneBesideMonitor,
+    instability_deg,
+    known_verticals,
+    phone_beside_monitor,
+)
+from app.engine.anchors.room_scale import MatchedLengths, is_held, scale_of_room
+from app.engine.floors.walls import FloorWalls
 from app.engine.query.verification import coverage
 from app.errors import DegenerateGeometryError
-from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
+from app.geometry.anchor_pose import (
+    AnchorSolution,
+    PoiSight,
+    solve_anchor,
+    solve_calibrated,
+)
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
 from app.geometry.se3 import Pose, skew
@@ -75,6 +88,8 @@ class AnchorEvidence:
     - `log_scale_sigma`: the standard deviation of the common scale's logarithm.
     - `instability_deg`: the difference between the relative pose and the poses by each half of the matches.
     - `is_upright`: whether the relative pose was estimated with both verticals.
+    - `room_sigmas`: the difference between the scales by the POIs and by the room, in standard deviations.
+    - `is_held`: whether the phone is at a height at which people hold one; true where the floor's height is not known.
     """
 
     matches: int
@@ -88,6 +103,8 @@ class AnchorEvidence:
     instability_deg: float
     worst_scale_error: float = 0.0
     is_upright: bool = False
+    room_sigmas: float = 0.0
+    is_held: bool = True
 
     @property
     def inlier_ratio(self) -> float:
@@ -155,13 +172,14 @@ def fix_by_anchor(
     mounted: MountedCamera | None = None,
     down_in_monitor: Array | None = None,
     dense: tuple[RegionDescriptors, DenseDescriptors] | None = None,
+    walls: FloorWalls | None = None,
 ) -> AnchorFix | None:
     """Return the phone's fix by the matches, or None where they determine no relative pose or no scale.
 
     `mounted` is the pose of a calibrated camera: then only the scale rests on the POIs, together with the map's
     distances. `down_in_monitor` (3,) is the vertical of a camera that is not calibrated, where its frame shows it.
     With `dense`, the monitoring frame's regions and the phone's image, the length of a POI with few matches is found by
-    a plane sweep.
+    a plane sweep. `walls`, in metres of the plan, give a scale where gravity is known, whether a POI is seen or not.
     """
     cameras = monitor_camera, phone_camera
     verticals = known_verticals(down_in_monitor, gravity_in_phone)
@@ -170,38 +188,98 @@ def fix_by_anchor(
     found = phone_beside_monitor(matches, cameras, verticals)
     if found is None:
         return None
-    relative = found.estimate
-    inliers, phone_from_monitor = relative.inlier_mask, relative.b_from_a
-    monitor_px, phone_px = matches.monitor_px[inliers], matches.phone_px[inliers]
-    rays = monitor_camera.normalize(monitor_px), phone_camera.normalize(phone_px)
-    lengths = lengths_along_rays(*rays, phone_from_monitor)
-    sweep = None if dense is None else _sweep(dense, cameras, phone_from_monitor)
-    sights = reliable_sights_of(spec, monitor_camera, monitor_px, lengths, sweep)
+    seen = _Seen.of(matches, cameras, found)
+    sweep = None if dense is None else _sweep(dense, cameras, seen.phone_from_monitor)
+    sights = reliable_sights_of(spec, monitor_camera, seen.inliers.monitor_px, seen.lengths, sweep)
+    pois = [sight for sight, _ in sights]
+    by_room = None
+    if walls is not None and gravity_in_phone is not None and mounted is None:
+        # The phone needn't see a POI, whose ray turns the camera on the plan all the same.
+        pois += unseen_sights(spec, monitor_camera, pois)
+        by_room = partial(scale_of_room, seen.by_monitor, walls=walls)
     try:
-        solution = _solution(
-            spec, phone_from_monitor, sights, gravity_in_phone, mounted, matches.length_m[inliers], lengths
-        )
+        if mounted is None:
+            center = np.array([spec.x, spec.y])
+            solution = solve_anchor(
+                center, spec.height_m, seen.phone_from_monitor, pois, gravity_in_phone, by_room
+            )
+        else:
+            solution = solve_calibrated(
+                mounted.plan_from_monitor,
+                mounted.orientation_sigma_rad,
+                seen.phone_from_monitor,
+                seen.inliers.length_m,
+                seen.lengths,
+                pois,
+            )
         covariance = relative_pose_covariance(
-            *rays, phone_from_monitor, MIN_FEATURE_SIGMA_TANGENT, found.information
+            *seen.rays, seen.phone_from_monitor, MIN_FEATURE_SIGMA_TANGENT, found.information
         )
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
     # Of a calibrated camera instability is the largest error, so that the halves are always compared.
     sure_inliers = OPTIONS.sure_inliers if mounted is None else len(matches) + 1
-    evidence = AnchorEvidence(
-        matches=len(matches),
-        inliers=int(inliers.sum()),
-        coverage=coverage(phone_px, (phone_camera.width, phone_camera.height)),
+    evidence = replace(
+        _evidence(seen, solution, pois),
         region_matches=sum(count for _, count in sights),
-        parallax_deg=relative.parallax_deg,
-        poi_error_share=_poi_error_share(solution, [sight for sight, _ in sights]),
+        instability_deg=instability_deg(matches, cameras, found, sure_inliers),
+        is_held=by_room is None or is_held(solution.plan_from_phone, seen.baseline_m(solution)),
+    )
+    return _fix(solution, evidence, seen, covariance, mounted)
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What a monitoring camera and a phone both see by their relative pose: the matches, of these the inliers, their
+    rays (n, 2) in both cameras, and their distances (n,) from the monitoring camera, in the unit of the pose."""
+
+    matches: PixelMatches
+    cameras: tuple[Camera, Camera]
+    found: PhoneBesideMonitor
+    inliers: PixelMatches
+    rays: tuple[Array, Array]
+    lengths: Array
+
+    @staticmethod
+    def of(matches: PixelMatches, cameras: tuple[Camera, Camera], found: PhoneBesideMonitor) -> _Seen:
+        """Return what both see by a relative pose."""
+        inliers = matches.take(found.estimate.inlier_mask)
+        rays = cameras[0].normalize(inliers.monitor_px), cameras[1].normalize(inliers.phone_px)
+        lengths = lengths_along_rays(*rays, found.estimate.b_from_a)
+        return _Seen(matches, cameras, found, inliers, rays, lengths)
+
+    @property
+    def phone_from_monitor(self) -> Pose:
+        return self.found.estimate.b_from_a
+
+    @property
+    def by_monitor(self) -> MatchedLengths:
+        """The same as the monitoring camera has it."""
+        phone_in_monitor = self.phone_from_monitor.inverse().translation
+        return MatchedLengths(self.cameras[0], self.inliers.monitor_px, self.lengths, phone_in_monitor)
+
+    def baseline_m(self, solution: AnchorSolution) -> float:
+        """Return the distance of the phone from the camera by a solution, in metres."""
+        return solution.metres_per_unit * float(np.linalg.norm(self.phone_from_monitor.translation))
+
+
+def _evidence(seen: _Seen, solution: AnchorSolution, pois: list[PoiSight]) -> AnchorEvidence:
+    """Return the figures of a solution but for those of regions, of the halves of the matches and of the height."""
+    phone = seen.cameras[1]
+    return AnchorEvidence(
+        matches=len(seen.matches),
+        inliers=len(seen.inliers),
+        coverage=coverage(seen.inliers.phone_px, (phone.width, phone.height)),
+        region_matches=0,
+        parallax_deg=seen.found.estimate.parallax_deg,
+        poi_error_share=_poi_error_share(solution, pois),
         scale_error=_scale_error(solution.scale_errors),
         log_scale_sigma=solution.log_scale_sigma,
-        instability_deg=instability_deg(matches, cameras, found, sure_inliers),
+        instability_deg=0.0,
         worst_scale_error=_worst_scale_error(solution),
-        is_upright=found.verticals is not None,
+        is_upright=seen.found.verticals is not None,
+        room_sigmas=solution.room_sigmas or 0.0,
     )
-    return _fix(solution, evidence, phone_from_monitor, covariance, rays, mounted, matches.take(inliers))
 
 
 def _sweep(
@@ -222,18 +300,17 @@ def _sweep(
 def _fix(
     solution: AnchorSolution,
     evidence: AnchorEvidence,
-    phone_from_monitor: Pose,
+    seen: _Seen,
     relative_covariance: Array,
-    rays: tuple[Array, Array],
     mounted: MountedCamera | None,
-    inliers: PixelMatches,
 ) -> AnchorFix:
     """Return a solution with its covariances."""
     orientation = np.trace(relative_covariance[:3, :3]) + np.trace(solution.plan_from_monitor_covariance)
-    position_covariance = _position_covariance(solution, phone_from_monitor, relative_covariance, rays)
+    position_covariance = _position_covariance(
+        solution, seen.phone_from_monitor, relative_covariance, seen.rays
+    )
     if mounted is not None:
         position_covariance = position_covariance + mounted.position_sigma_m**2 / 3.0 * np.eye(3)
-    distance_m = solution.metres_per_unit * float(np.linalg.norm(phone_from_monitor.translation))
     unsteady_rad = OPTIONS.sigma_per_instability * float(np.radians(evidence.instability_deg))
     orientation_deg = float(np.degrees(np.hypot(np.sqrt(orientation), unsteady_rad)))
     return AnchorFix(
@@ -241,31 +318,8 @@ def _fix(
         evidence=evidence,
         position_covariance=position_covariance,
         orientation_sigma_deg=orientation_deg,
-        inliers=inliers,
-        instability_sigma_m=unsteady_rad * distance_m,
-    )
-
-
-def _solution(
-    spec: AnchorSpec,
-    phone_from_monitor: Pose,
-    sights: list[tuple[PoiSight, int]],
-    gravity_in_phone: Array | None,
-    mounted: MountedCamera | None,
-    known_lengths_m: Array,
-    lengths: Array,
-) -> AnchorSolution:
-    pois = [sight for sight, _ in sights]
-    if mounted is None:
-        center = np.array([spec.x, spec.y])
-        return solve_anchor(center, spec.height_m, phone_from_monitor, pois, gravity_in_phone)
-    return solve_calibrated(
-        mounted.plan_from_monitor,
-        mounted.orientation_sigma_rad,
-        phone_from_monitor,
-        known_lengths_m,
-        lengths,
-        pois,
+        inliers=seen.inliers,
+        instability_sigma_m=unsteady_rad * seen.baseline_m(solution),
     )
 
 

@@ -12,6 +12,7 @@ from app.engine.anchors.calibration import calibration_of
 from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.fix import MountedCamera
 from app.engine.floors.floor import Floor
+from app.engine.floors.walls import FloorWalls
 from app.geometry.camera import Camera
 from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
@@ -19,13 +20,15 @@ from app.geometry.se3 import Pose
 
 @dataclass(frozen=True, slots=True)
 class LiveAnchor:
-    """A live anchor: its newest frame's name, camera and features, and the pose on the plan of a calibrated camera."""
+    """A live anchor: its newest frame's name, camera and features, the pose on the plan of a calibrated camera, and the
+    floor's walls in metres of its plan, None where the floor has no areas."""
 
     anchor: Anchor
     frame: str
     camera: Camera
     features: AnchorFeatures
     mounted: MountedCamera | None
+    walls: FloorWalls | None = None
 
 
 def mounted_camera(stored: dict[str, Any] | None, floor: Floor) -> MountedCamera | None:

@@ -153,6 +153,7 @@ def _fixes(
             gravity,
             live.mounted,
             timer,
+            live.walls,
         )
         most = max(most, matches)
         if fix is not None and _may_be(fix, around):

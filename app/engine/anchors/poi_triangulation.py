@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AnchorSpec, Poi
 from app.engine.anchors.poi_sweep import SweptLength
-from app.geometry.anchor_pose import PoiSight, common_scale
+from app.geometry.anchor_pose import PoiSight, scale_of_pois
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import homogeneous, pixel_depths
@@ -115,11 +115,8 @@ def scale_by_pois(
 ) -> tuple[float, float] | None:
     """Return the logarithm of the scale of lengths (n,) at a monitoring frame's pixels (n, 2), and its standard
     deviation, by the measured distances of the POIs (C eq. 4.2.7); None where no POI is triangulated."""
-    sights = reliable_sights_of(spec, camera, monitor_px, lengths_m)
-    if not sights:
-        return None
-    scale, sigma, _ = common_scale([sight for sight, _ in sights])
-    return float(np.log(scale)), sigma
+    scale = scale_of_pois([sight for sight, _ in reliable_sights_of(spec, camera, monitor_px, lengths_m)])
+    return None if scale is None else (scale.log_scale, scale.log_sigma)
 
 
 def reliable_sights_of(
@@ -191,8 +188,17 @@ def triangulate_poi(
     return _sight(poi, spec, camera, float(np.exp(center)), log_sigma), count
 
 
-def _sight(poi: Poi, spec: AnchorSpec, camera: Camera, length: float, log_sigma: float) -> PoiSight:
-    """Return a POI at a length along the ray to its region's middle."""
+def unseen_sights(spec: AnchorSpec, camera: Camera, seen: list[PoiSight]) -> list[PoiSight]:
+    """Return the POIs of an anchor that are not among those which a phone sees: of these only the ray is known."""
+    known = {sight.on_plan.tobytes() for sight in seen}
+    found = [_sight(poi, spec, camera) for poi in spec.pois]
+    return [sight for sight in found if sight.on_plan.tobytes() not in known]
+
+
+def _sight(
+    poi: Poi, spec: AnchorSpec, camera: Camera, length: float | None = None, log_sigma: float = 0.0
+) -> PoiSight:
+    """Return a POI along the ray to its region's middle, at a length where that is known."""
     ray = homogeneous(camera.normalize(centroid(region_in(poi, spec, camera))))[0]
     return PoiSight(
         ray_in_monitor=ray / np.linalg.norm(ray),

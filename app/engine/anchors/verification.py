@@ -79,6 +79,11 @@ class FixVerificationOptions:
         "Largest difference between the logarithms of the scale of most POIs and of the common scale.",
         chosen=SEEDS_1_TO_4,
     )
+    max_room_sigmas: float = limit(
+        3.0,
+        "Largest difference between the scales by POIs and by the room, in standard deviations.",
+        chosen="By hand: the usual limit between noise and outlier.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,6 +139,8 @@ def judge_fix(fix: AnchorFix, is_near: bool = False) -> Reason | None:
         (fix.position_sigma_m > max_sigma_m, "too_few_inliers"),
         (scale_error > OPTIONS.max_scale_error, "ambiguous"),
         (evidence.poi_error_share > 1.0, "ambiguous"),
+        (evidence.room_sigmas > OPTIONS.max_room_sigmas, "ambiguous"),
+        (not evidence.is_held, "ambiguous"),
         (not is_stable(evidence), "ambiguous"),
     )
     return next((reason for fails, reason in failed if fails), None)

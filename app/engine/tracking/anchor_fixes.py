@@ -119,8 +119,12 @@ def fix_of_anchor(
         frame_from_phone = world_pose(plan, frame_from_phone)
         frame_id = WORLD
     # What the features in a POI's region are nearer or further than its middle is the same in all pictures, too.
-    by_pois = TRIANGULATION_OPTIONS.base_log_sigma / float(np.sqrt(max(len(solution.scale_errors), 1)))
-    shared = OPTIONS.map_scale_sigma if solution.length_scatter > 0 else by_pois
+    # So is what a room alone is off by.
+    shared = solution.log_scale_sigma
+    if len(solution.scale_errors):
+        shared = TRIANGULATION_OPTIONS.base_log_sigma / float(np.sqrt(len(solution.scale_errors)))
+    if solution.length_scatter > 0:
+        shared = OPTIONS.map_scale_sigma
     known = KnownView(
         monitor_camera,
         PlacedPose(frame_from_monitor, frame_id),

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.tracking.plan_walk.walls import OPTIONS as WALLS
-from app.engine.tracking.plan_walk.walls import FloorWalls
+from app.engine.floors.walls import OPTIONS as WALLS
+from app.engine.floors.walls import FloorWalls
 from app.limits import limit
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.anchors.anchor import AroundPlace
+from app.engine.floors.plan_distances import distances_by_plan
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.fix import Fix, NoFix, confidence_of_sigma
 from app.engine.tracking.frame import TrackingFrame
-from app.engine.tracking.plan_walk.depths import distances_by_plan
 from app.engine.tracking.plan_walk.motion import PlanOdometry, yaw_of
 from app.engine.tracking.plan_walk.options import OPTIONS
 from app.engine.tracking.plan_walk.particles import Particles, PlanBelief, PlanFix

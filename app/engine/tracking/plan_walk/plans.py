@@ -12,8 +12,8 @@ from app.engine.anchors.anchor import AroundPlace
 from app.engine.floors.floor import Floor
 from app.engine.floors.model import FloorFeatures
 from app.engine.floors.plan_point import floor_of
+from app.engine.floors.walls import FloorWalls
 from app.engine.query.placed import WORLD, PlacedPose, plan_frame
-from app.engine.tracking.plan_walk.walls import FloorWalls
 from app.geometry.plan import PlanTransform, plan_position
 from app.geometry.se3 import Pose
 

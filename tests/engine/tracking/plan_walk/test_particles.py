@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.engine.floors.collection import read_collection
+from app.engine.floors.walls import FloorWalls
 from app.engine.tracking.plan_walk.particles import Particles, PlanFix, PlanMotion
-from app.engine.tracking.plan_walk.walls import FloorWalls
 from tests.plans import GROUND, UPPER, collection, landmark
 
 FIX_SIGMA_M = 0.2

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.tracking.plan_walk.walls import FloorWalls
+from app.engine.floors.walls import FloorWalls
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.geometry.triangulation import homogeneous

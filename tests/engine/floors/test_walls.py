@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.floors.collection import read_collection
-from app.engine.tracking.plan_walk.depths import distances_by_plan
-from app.engine.tracking.plan_walk.walls import FloorWalls
+from app.engine.floors.plan_distances import distances_by_plan
+from app.engine.floors.walls import FloorWalls
 from app.geometry.camera import Camera
 from tests.plans import GROUND, collection, landmark
 from tests.scenes import pose_at

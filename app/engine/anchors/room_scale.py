@@ -1,0 +1,162 @@
+"""The scale of a relative pose by the room on the plan: what a camera sees lies on the floor, the ceiling or a wall.
+
+A POI gives the scale only to a phone that sees it (C eq. 4.2.7). The floor and the walls are in every picture: where
+the camera's pose on the plan is known but for the phone's distance, each matched pixel has a distance by the plan.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.floors.plan_distances import distances_by_plan
+from app.engine.floors.walls import FloorWalls
+from app.geometry.anchor_pose import GRAVITY_SIGMA_RAD, KnownScale
+from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
+from app.limits import limit
+
+Array = NDArray[np.float64]
+
+PAIRS = (
+    "Measured on 430 rendered pairs of the demonstration's cameras, drawn at random: a right relative pose had "
+    "at least 0.4 of its matches there, a wrong one mostly less than 0.3; by a script that is not kept."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomScaleOptions:
+    """When the room gives a scale, and how exact it is."""
+
+    min_matches: int = limit(
+        30, "Least number of triangulated matches.", chosen="By hand: half of what a relative pose needs."
+    )
+    min_share: float = limit(
+        0.5, "Least share of the matches, each by its distance, that agree on the scale.", chosen=PAIRS
+    )
+    kernel_log: float = limit(
+        0.08,
+        "Difference of the logarithms of two scales at which a match counts for 0.6.",
+        chosen="By hand: a triangulated length is about as exact.",
+    )
+    near_log: float = limit(
+        0.25,
+        "Largest difference of a match's scale, in logarithms, from the scale that most agree on, for it to be used.",
+        chosen="By hand: three times the kernel.",
+    )
+    front_share: float = limit(
+        0.3,
+        "Share of the used matches that lie behind the wall at the scale that is taken: furniture stands before walls, "
+        "and nothing behind them.",
+        chosen="Measured on the same pairs: 0.5 has a bias of 2 %, 0.3 of 1 %.",
+    )
+    base_log_sigma: float = limit(
+        0.05,
+        "Standard deviation of the scale's logarithm at best.",
+        chosen="Measured on the same pairs.",
+    )
+    furniture_m: float = limit(
+        0.4,
+        "How far things stand out from a wall, metres: divided by the distance it is a standard deviation of the "
+        "scale's logarithm.",
+        chosen="Measured on the same pairs, in rooms with shelves: with 0.4 one in a hundred is beyond 3.5 sigmas.",
+    )
+    phone_height_m: float = limit(
+        1.5, "Height at which a phone is held above the floor, metres.", chosen="By hand: a grown-up's chest."
+    )
+    phone_height_sigma_m: float = limit(
+        0.25,
+        "Standard deviation of that height, metres.",
+        chosen="By hand: children and wheelchairs are within two of them.",
+    )
+    height_sigmas: float = limit(
+        3.0,
+        "Largest difference of a phone's height, and of the room's scale from that by the height, in standard "
+        "deviations.",
+        chosen="By hand: the usual limit between noise and outlier; the height only tells the right scale from one by "
+        "other things.",
+    )
+    min_drop_m: float = limit(
+        0.5,
+        "A camera tells by how much a phone is below it from this height above a phone's on.",
+        chosen="By hand: twice the standard deviation of a phone's height.",
+    )
+    steps: int = limit(
+        160,
+        "Number of scales that are tried.",
+        chosen="By hand: 0.01 apart in the usual range of logarithms.",
+    )
+
+
+OPTIONS = RoomScaleOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedLengths:
+    """What a monitoring camera and a phone both see: the pixels (n, 2) in the camera's frame, their distances (n,) from
+    it by triangulation, and the phone's position (3,) in the camera's axes, both in the unit of the relative pose."""
+
+    camera: Camera
+    pixels: Array
+    lengths: Array
+    phone_in_monitor: Array
+
+
+def scale_of_room(seen: MatchedLengths, plan_from_monitor: Pose, walls: FloorWalls) -> KnownScale | None:
+    """Return the scale at which what is seen lies where the plan has floor and walls, or None where most of it lies at
+    no common scale, or the phone then isn't at a height at which people hold one.
+
+    `plan_from_monitor` is in metres on the plan, z above the floor.
+    """
+    usable = np.isfinite(seen.lengths) & (seen.lengths > 0)
+    if np.count_nonzero(usable) < OPTIONS.min_matches:
+        return None
+    distances_m = distances_by_plan(seen.pixels[usable], seen.camera, plan_from_monitor, 0.0, walls)
+    logs = np.log(distances_m / seen.lengths[usable])
+    possible = _by_height(seen.phone_in_monitor, plan_from_monitor)
+    if possible is None:
+        return None
+    scale, share = _common(logs, max(possible[0], logs.min()), min(possible[1], logs.max()))
+    if share < OPTIONS.min_share:
+        return None
+    near = np.abs(logs - scale) < OPTIONS.near_log
+    by_furniture = OPTIONS.furniture_m / float(np.median(distances_m[near]))
+    return KnownScale(
+        float(np.quantile(logs[near], OPTIONS.front_share)),
+        float(np.hypot(OPTIONS.base_log_sigma, by_furniture)),
+    )
+
+
+def is_held(plan_from_phone: Pose, baseline_m: float) -> bool:
+    """Whether a phone, so far from a camera, is at a height above the floor at which people hold one."""
+    sigma_m = float(np.hypot(OPTIONS.phone_height_sigma_m, GRAVITY_SIGMA_RAD * baseline_m))
+    off_m = abs(float(plan_from_phone.translation[2]) - OPTIONS.phone_height_m)
+    return off_m <= OPTIONS.height_sigmas * sigma_m
+
+
+def _by_height(phone_in_monitor: Array, plan_from_monitor: Pose) -> tuple[float, float] | None:
+    """Return the least and largest logarithm of the scale by the phone's height, None where no scale has it there."""
+    below_m = float(plan_from_monitor.translation[2]) - OPTIONS.phone_height_m
+    if below_m < OPTIONS.min_drop_m:
+        return -np.inf, np.inf
+    offset = plan_from_monitor.rotation @ phone_in_monitor
+    tilt = GRAVITY_SIGMA_RAD * float(np.linalg.norm(offset[:2]))
+    drop = float(-offset[2])
+    if drop + OPTIONS.height_sigmas * tilt <= 0:
+        return None
+    if drop <= 0:
+        return -np.inf, np.inf
+    within = OPTIONS.height_sigmas * float(np.hypot(OPTIONS.phone_height_sigma_m / below_m, tilt / drop))
+    return float(np.log(below_m / drop)) - within, float(np.log(below_m / drop)) + within
+
+
+def _common(logs: Array, lowest: float, highest: float) -> tuple[float, float]:
+    """Return the logarithm of a scale that most of those in `logs` (n,) are near to, and which share of them is."""
+    if lowest > highest:
+        return 0.0, 0.0
+    tried = np.linspace(lowest, highest, OPTIONS.steps)
+    near = np.exp(-0.5 * ((logs[:, None] - tried) / OPTIONS.kernel_log) ** 2).sum(axis=0)
+    best = int(near.argmax())
+    return float(tried[best]), float(near[best]) / len(logs)
