@@ -199,10 +199,8 @@ def fix_by_anchor(
         by_room = partial(scale_of_room, seen.by_monitor, walls=walls)
     try:
         if mounted is None:
-            center = np.array([spec.x, spec.y])
-            solution = solve_anchor(
-                center, spec.height_m, seen.phone_from_monitor, pois, gravity_in_phone, by_room
-            )
+            at = np.array([spec.x, spec.y]), spec.height_m
+            solution = solve_anchor(*at, seen.phone_from_monitor, pois, gravity_in_phone, by_room)
         else:
             solution = solve_calibrated(
                 mounted.plan_from_monitor,
@@ -217,12 +215,10 @@ def fix_by_anchor(
         )
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
-    # Of a calibrated camera instability is the largest error, so that the halves are always compared.
-    sure_inliers = OPTIONS.sure_inliers if mounted is None else len(matches) + 1
     evidence = replace(
         _evidence(seen, solution, pois),
         region_matches=sum(count for _, count in sights),
-        instability_deg=instability_deg(matches, cameras, found, sure_inliers),
+        instability_deg=_instability_deg(seen, mounted is not None),
         is_held=by_room is None or is_held(solution.plan_from_phone, seen.baseline_m(solution)),
     )
     return _fix(solution, evidence, seen, covariance, mounted)
@@ -261,6 +257,12 @@ class _Seen:
     def baseline_m(self, solution: AnchorSolution) -> float:
         """Return the distance of the phone from the camera by a solution, in metres."""
         return solution.metres_per_unit * float(np.linalg.norm(self.phone_from_monitor.translation))
+
+
+def _instability_deg(seen: _Seen, is_calibrated: bool) -> float:
+    # Of a calibrated camera instability is the largest error, so that the halves are always compared.
+    sure_inliers = len(seen.matches) + 1 if is_calibrated else OPTIONS.sure_inliers
+    return instability_deg(seen.matches, seen.cameras, seen.found, sure_inliers)
 
 
 def _evidence(seen: _Seen, solution: AnchorSolution, pois: list[PoiSight]) -> AnchorEvidence:
