@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.errors import DegenerateGeometryError
-from app.geometry.anchor_pose import PoiSight, solve_anchor, solve_calibrated
+from app.geometry.anchor_pose import KnownScale, PoiSight, solve_anchor, solve_calibrated
 from app.geometry.se3 import Pose
 from tests.scenes import pose_at
 
@@ -87,6 +89,31 @@ def test_one_poi_that_was_moved_does_not_drag_the_others_along() -> None:
     found = solve_anchor(MONITOR.translation[:2], 2.5, relative(phone), sights, phone.rotation.T @ DOWN)
     assert found.metres_per_unit == pytest.approx(UNIT, rel=0.03)
     assert abs(found.scale_errors[-1]) > 0.7
+
+
+def test_a_poi_that_the_phone_does_not_see_turns_the_camera_and_the_room_gives_the_scale() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0, -10.0)
+    unseen = replace(sight(POIS[0]), length=None)
+    args = MONITOR.translation[:2], 2.5, relative(phone), [unseen], phone.rotation.T @ DOWN
+    with pytest.raises(DegenerateGeometryError):
+        solve_anchor(*args)
+    found = solve_anchor(*args, lambda _: KnownScale(float(np.log(UNIT)), 0.1))
+    assert np.allclose(found.plan_from_phone.translation, phone.translation, atol=1e-6)
+    assert found.log_scale_sigma == pytest.approx(0.1)
+    assert len(found.scale_errors) == 0
+    assert found.room_sigmas is None
+
+
+def test_pois_and_room_give_the_scale_together_and_say_how_they_differ() -> None:
+    phone = pose_at(5.5, 2.0, 1.5, 50.0)
+    args = MONITOR.translation[:2], 2.5, relative(phone), [sight(POIS[0])], phone.rotation.T @ DOWN
+    alone = solve_anchor(*args)
+    both = solve_anchor(*args, lambda _: KnownScale(float(np.log(UNIT)) + 0.3, 0.1))
+    assert alone.room_sigmas is None
+    assert both.room_sigmas == pytest.approx(0.3 / np.hypot(0.1, np.hypot(0.05, 0.015)))
+    assert UNIT < both.metres_per_unit < UNIT * np.exp(0.3)
+    assert both.log_scale_sigma < alone.log_scale_sigma
+    assert len(both.scale_errors) == 1
 
 
 def test_what_leaves_the_plan_open_is_refused() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from app.engine.anchors.anchor import AnchorSpec, AroundPlace, Poi
@@ -50,6 +52,14 @@ def test_an_anchor_is_asked_where_the_phone_may_see_one_of_its_pois(
 
 def test_anchors_of_other_floors_are_not_asked() -> None:
     assert not AROUND.has_anchor(anchor((4.0, 5.0), floor="1"))
+
+
+def test_on_a_floor_with_walls_a_near_anchor_is_asked_whatever_its_pois() -> None:
+    aside = anchor((16.0, 5.0))
+    assert not AROUND.has_anchor(aside)
+    assert AROUND.has_anchor(aside, has_walls=True)
+    assert not AROUND.has_anchor(anchor((4.0, 5.0), floor="1"), has_walls=True)
+    assert not AROUND.has_anchor(replace(aside, x=30.0), has_walls=True)
 
 
 def test_a_phone_is_no_farther_than_its_place_is_uncertain() -> None:

@@ -91,6 +91,15 @@ def test_pois_that_disagree_on_the_scale_make_an_answer_ambiguous() -> None:
     assert judge_fix(fix("gravity", scale_error=OPTIONS.max_scale_error + 0.01)) == "ambiguous"
 
 
+def test_a_room_that_contradicts_the_pois_makes_an_answer_ambiguous() -> None:
+    assert judge_fix(fix("gravity", room_sigmas=OPTIONS.max_room_sigmas - 0.1)) is None
+    assert judge_fix(fix("gravity", room_sigmas=OPTIONS.max_room_sigmas + 0.1)) == "ambiguous"
+
+
+def test_a_phone_where_nobody_holds_one_is_not_placed() -> None:
+    assert judge_fix(fix("gravity", is_held=False)) == "ambiguous"
+
+
 def test_a_poi_is_outvoted_only_by_a_steady_pose() -> None:
     moved = {"worst_scale_error": 0.6}
     assert judge_fix(fix("gravity", instability_deg=2.0, **moved)) is None
