@@ -21,12 +21,11 @@ from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.association import Trajectory, associate
 from app.importers.frame_files.spacing import spaced_rows
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.images.color_files import color_size
 from app.importers.recordings.files import recordings_in
 from app.importers.recordings.ros_camera import camera_of
 from app.importers.recordings.ros_images import depth_of, is_depth, picture_of
 from app.importers.recordings.ros_transforms import Transforms, pose_of
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
@@ -97,7 +96,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         trajectory = Trajectory.still(np.array(color.times_s))
     else:
         trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
-    frames = _frames(color, depth, trajectory, files, options, discarded)
+    frames = _frames(color, depth, trajectory, options, discarded)
     registered = depth is None or depth.frame == color.frame
     if depth is not None and not registered and not (depth.camera or options.depth_camera):
         raise InvalidScanError(
@@ -110,7 +109,6 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         has_depth=depth is not None,
-        notes=() if depth is not None else (WITHOUT_DEPTH,),
         keeps=files,
     )
     given = options
@@ -237,7 +235,6 @@ def _frames(
     color: _Stream,
     depth: _Stream | None,
     trajectory: Trajectory,
-    files: FrameFiles,
     options: ScanOptions,
     discarded: Discarded,
 ) -> list[Frame]:
@@ -256,10 +253,6 @@ def _frames(
         elif isinstance(pose, str):
             discarded.add(pose, name)
         else:
-            image = depth.paths[partner] if depth is not None else _blank(color.paths[i], files)
+            image = depth.paths[partner] if depth is not None else color.paths[i]
             frames.append(Frame(name, time_s, color.paths[i], image, pose))
     return frames
-
-
-def _blank(color: Path, files: FrameFiles) -> Path:
-    return files.blank_depth(*(color_size(color) or (1, 1)))
