@@ -75,7 +75,7 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
     ),
     "sens": ((".sens", r"[^/]+\.sens"),),
     "rtabmap": ((".db", r"[^/]+\.db"),),
-    "ros-bag": ((".bag, .db3 or .mcap", r"[^/]+\.(?:bag|db3|mcap)"),),
+    "ros-bag": ((".bag, .db3 or .mcap", r"[^/]+\.(?:bag|(?:db3|mcap)(?:\.zstd?)?)"),),
 }
 
 

@@ -116,7 +116,7 @@ def test_the_last_part_of_a_split_zip(tmp_path: Path) -> None:
     unpack_scan(tmp_path / "b.zip", tmp_path / "whole")
 
 
-@pytest.mark.parametrize("inner", ["seq-01.zip", "scan/part.7z", "walk_0.db3.zstd", "scan.zip.001"])
+@pytest.mark.parametrize("inner", ["seq-01.zip", "scan/part.7z", "scan.tar.zstd", "scan.zip.001"])
 def test_archives_in_an_archive_are_named(tmp_path: Path, inner: str) -> None:
     said = said_of(packed(tmp_path / "a.zip", inner, "readme.txt"), tmp_path / "unpacked")
     assert f"holds other archives, such as {inner.rpartition('/')[2]}: unpack those first" in said
