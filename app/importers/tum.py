@@ -136,9 +136,10 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 
 def _depth_rows_there(folder: ScanFolder, color: _ImageList, depth: ImageRows | None) -> ImageRows | None:
     """Return the rows of depth, None where no image of them is there, nor any other that may be of depth."""
-    if depth is None or any(_found(folder, depth).paths) or holds_depth(folder, color.paths):
-        return depth
-    return None
+    if depth is None:
+        return None
+    is_there = any(folder.find(name, place) for name, place in zip(depth.names, depth.places, strict=True))
+    return depth if is_there or holds_depth(folder, color.paths) else None
 
 
 def _image_rows(folder: ScanFolder) -> tuple[ImageRows, ImageRows | None]:
