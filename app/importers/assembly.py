@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from app.importers.frames import DepthFormat, Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.images.depth_files import DepthHeader, read_depth, read_depth_header
 from app.importers.scan_camera import camera_stated_in
+from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.limits import limit
 
 Size = tuple[int, int]
@@ -90,7 +91,8 @@ class ScanSource:
     A `camera` without values is stated by the options, or by the pictures' own ones.
     `depth_scale` is None when neither options nor files state it; `default_depth_scale` is the format's own. A depth
     camera is only needed for a depth of its own; options come first. `confidence` maps depth files to the images of
-    their confidence. Without `has_depth` the frames' depth images are blank. `keeps` must live as long as the scan.
+    their confidence. Without `has_depth` a frame's picture stands for its depth, which becomes a blank
+    image. `keeps` must live as long as the scan.
     """
 
     depth_scale: float | None
@@ -101,7 +103,7 @@ class ScanSource:
     notes: tuple[str, ...] = ()
     confidence: Mapping[Path, Path] = field(default_factory=dict)
     has_depth: bool = True
-    keeps: object = None
+    keeps: FrameFiles | None = None
 
 
 def assemble_scan(
@@ -109,9 +111,11 @@ def assemble_scan(
 ) -> Scan:
     """Return the scan of the candidate frames whose images can be read, in time order.
 
-    Intrinsics given as numbers get the size of the first image. Raises `InvalidScanError` when no frame is
-    left, or an image's size is not its camera's.
+    Intrinsics given as numbers get the size of the first image. A scan without depth says so, and has blank depth
+    images. Raises `InvalidScanError` when no frame is left, or an image's size is not its camera's.
     """
+    if not source.has_depth:
+        frames, source = _without_depth(frames, source, options)
     readable: list[tuple[Frame, Size, DepthHeader]] = []
     for frame in sorted(frames, key=lambda f: f.timestamp_s):
         color, depth_header = color_size(frame.color), read_depth_header(frame.depth)
@@ -137,6 +141,18 @@ def assemble_scan(
         notes=(*source.notes, *notes, *discarded.sentences(*OF_FILES)),
         has_depth=source.has_depth,
         keeps=source.keeps,
+    )
+
+
+def _without_depth(
+    frames: Sequence[Frame], source: ScanSource, options: ScanOptions
+) -> tuple[list[Frame], ScanSource]:
+    files = source.keeps or FrameFiles(options.scratch)
+    size = next(filter(None, (color_size(frame.color) for frame in frames)), (1, 1))
+    blank = files.blank_depth(*size)
+    return (
+        [replace(frame, depth=blank) for frame in frames],
+        replace(source, notes=(WITHOUT_DEPTH, *source.notes), keeps=files),
     )
 
 
@@ -166,7 +182,7 @@ def _depth_format(
     scale = options.depth_scale or source.depth_scale
     of_floats = [frame for frame, _, header in readable if header.is_float]
     float_scale, notes = _float_scale(of_floats, scale) if of_floats else (1.0, ())
-    given = options.depth_camera or source.depth_camera
+    given = (options.depth_camera or source.depth_camera) if source.has_depth else None
     depth_camera = None if given is None else _camera(given, size, "depth_camera")
     if depth_camera is None and _is_scaled(size, camera):
         with camera_stated_in(readable[0][0].depth.name):

@@ -16,6 +16,7 @@ from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import matrix_of, number_of, read_json_object
 from app.importers.frame_files.one_camera import assemble_of_cameras
@@ -23,7 +24,7 @@ from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import optional_file, read_gravity
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 
 FILE = "transforms.json"
 # NeRF's own layout has a file for each part of the frames.
@@ -56,7 +57,7 @@ def detect(directory: Path) -> bool:
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
-    """Return the scan of a folder in nerfstudio's layout; if no frame names a depth image, one without depth.
+    """Return the scan of a folder in nerfstudio's layout; if none of its depth images is there, one without depth.
 
     The frames' world is the scan's frame, without the scale that nerfstudio may have applied. Depth of another size
     than its colour image is that of the same picture resampled; integers are in 1000 per metre unless stated. Raises
@@ -64,7 +65,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """
     folder = ScanFolder(directory)
     content, listed = _content(_list_folder(directory) or directory)
-    has_depth = any(_depth_name(frame) for frame in listed)
+    has_depth = _has_depth(folder, listed)
     files, discarded = FrameFiles(options.scratch), Discarded()
     entries = sorted(listed, key=lambda frame: _natural(str(frame.get("file_path", ""))))
     scale = number_of(content, "applied_scale", FILE) if "applied_scale" in content else 1.0
@@ -76,7 +77,6 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=has_depth,
-        notes=() if has_depth else (WITHOUT_DEPTH,),
     )
     return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
@@ -110,6 +110,13 @@ def _content(directory: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def _depth_name(entry: Mapping[str, Any]) -> str:
     return str(next((entry[key] for key in DEPTH_KEYS if entry.get(key)), ""))
+
+
+def _has_depth(folder: ScanFolder, entries: list[dict[str, Any]]) -> bool:
+    """Whether the list names depth images, and any of them or other depth is there."""
+    named = [name for entry in entries if (name := _depth_name(entry))]
+    colors = (_file(folder, str(entry.get("file_path", "")), FILE) for entry in entries)
+    return bool(named) and (any(_file(folder, name, FILE) for name in named) or holds_depth(folder, colors))
 
 
 def _depth_scale(content: Mapping[str, Any]) -> float | None:

@@ -11,7 +11,7 @@ from app.importers.unposed.pictures import format_of_names
 from app.importers.unposed.recording import LIST_NAME
 
 # What a format's files are called, by regular expressions of paths below the scan's folder. The first is what the
-# format is known by; the others are what a scan of it needs too.
+# format is known by; the others are what a scan of it needs too. None needs depth.
 Part = tuple[str, str]
 PARTS: Mapping[str, tuple[Part, ...]] = {
     "stray-scanner": (
@@ -20,23 +20,19 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
         ("rgb.mp4", r"rgb\.(?:mp4|mov)"),
     ),
     "record3d": (
-        ("rgbd/0.depth", r"(?:[^/]+\.r3d|rgbd/\d+\.depth|depth/\d+\.exr)"),
-        ("rgbd/0.jpg", r"(?:[^/]+\.r3d|(?:rgbd|rgb|color)/\d+\.(?:jpe?g|png))"),
         ("metadata", r"(?:[^/]+\.r3d|metadata(?:\.json)?)"),
+        ("rgbd/0.jpg", r"(?:[^/]+\.r3d|(?:rgbd|rgb|color)/\d+\.(?:jpe?g|png))"),
     ),
     "polycam": (
         ("keyframes/cameras", r"(?:keyframes/(?:corrected_)?cameras/[^/]+|(?:corrected_)?cameras/\d+)\.json"),
         ("keyframes/images", r"(?:keyframes/)?(?:corrected_)?images/[^/]+\.(?:jpe?g|png)"),
-        ("keyframes/depth", r"(?:keyframes/)?depth/[^/]+\.png"),
     ),
     "3d-scanner-app": (
         ("frame_00000.json", r"frame_\d+\.json"),
         ("frame_00000.jpg", r"frame_\d+\.jpe?g"),
-        ("depth_00000.png", r"depth_\d+\.png"),
     ),
     "arkitscenes": (
         ("lowres_wide", r"lowres_wide/[^/]+\.(?:png|jpg)"),
-        ("lowres_depth", r"lowres_depth/[^/]+\.png"),
         ("lowres_wide.traj", r"lowres_wide\.traj"),
         ("lowres_wide_intrinsics", r"lowres_wide_intrinsics/[^/]+\.pincam"),
     ),
@@ -57,7 +53,6 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
     ),
     "7scenes": (
         ("frame-000000.color.png", r"frame-\d+\.color\.(?:png|jpe?g)"),
-        ("frame-000000.depth.png", r"frame-\d+\.depth\.\w+"),
         ("frame-000000.pose.txt", r"frame-\d+\.pose\.txt"),
     ),
     "tum": (
@@ -67,23 +62,20 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
     "scannet": (
         ("intrinsic", r"intrinsic/intrinsic_color\.txt"),
         ("color", r"color/\d+\.(?:jpe?g|png)"),
-        ("depth", r"depth/\d+\.\w+"),
         ("pose", r"pose/\d+\.txt"),
     ),
     "rtabmap-export": (
         ("calib", r"[^/]*calib/[^/]+\.ya?ml"),
         ("rgb", r"[^/]*rgb/[^/]+\.(?:jpg|png)"),
-        ("depth", r"[^/]*depth/[^/]+\.png"),
         ("poses.txt", r"[^/]*poses\.txt"),
     ),
     "redwood": (
         ("trajectory.log", r"(?:scene/)?[^/]+\.log"),
         ("color", r"(?:color|image|rgb|images)/[^/]+\.(?:png|jpe?g)"),
-        ("depth", r"depths?/[^/]+\.\w+"),
     ),
     "sens": ((".sens", r"[^/]+\.sens"),),
     "rtabmap": ((".db", r"[^/]+\.db"),),
-    "ros-bag": ((".bag, .db3 or .mcap", r"[^/]+\.(?:bag|db3|mcap)"),),
+    "ros-bag": ((".bag, .db3 or .mcap", r"[^/]+\.(?:bag|(?:db3|mcap)(?:\.zstd?)?)"),),
 }
 
 

@@ -11,6 +11,7 @@ from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import number_of, read_json_object
 from app.importers.frame_files.open3d_files import (
@@ -37,10 +38,8 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds a trajectory of Open3D, colour and depth."""
-    folder = ScanFolder(directory)
-    images = folder.subfolder(*COLOR_FOLDERS) and folder.subfolder(*DEPTH_FOLDERS)
-    return images is not None and bool(_trajectories(directory))
+    """Return whether the folder holds a trajectory of Open3D and colour."""
+    return ScanFolder(directory).subfolder(*COLOR_FOLDERS) is not None and bool(_trajectories(directory))
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -48,8 +47,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 
     The k-th pose of the trajectory, a `.log` file or Open3D's JSON, is that of the k-th colour image and depth image by
     name. Poses are `scan_from_camera` in a log, `camera_from_scan` in JSON; the camera is that of the options, of
-    `camera.txt`, of the JSON trajectory or of `intrinsic.json`; depth is in 1000 per metre unless stated. Raises
-    `InvalidScanError` for counts that differ and files that are not this.
+    `camera.txt`, of the JSON trajectory or of `intrinsic.json`; depth is in 1000 per metre unless stated. Without any
+    depth images the frames have none. Raises `InvalidScanError` for counts that differ and files that are not this.
     """
     folder = ScanFolder(directory)
     trajectories = _trajectories(directory)
@@ -63,11 +62,13 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     path = trajectories[0]
     is_json = path.suffix.lower() == ".json"
     poses, own_camera = open3d_trajectory(path) if is_json else (_poses(path), None)
-    color, depth = _images(folder, COLOR_FOLDERS, "colour"), _images(folder, DEPTH_FOLDERS, "depth")
+    color, has_depth = _images(folder, COLOR_FOLDERS, "colour"), holds_depth(folder)
+    depth = _images(folder, DEPTH_FOLDERS, "depth") if has_depth else color
     if not len(color) == len(depth) == len(poses):
+        images = f"{len(color)} colour" + (f" and {len(depth)} depth" if has_depth else "")
         raise InvalidScanError(
-            f"{path.name} has {len(poses)} poses for {len(color)} colour and {len(depth)} depth images: poses and "
-            "images are paired by their order, so send as many of each."
+            f"{path.name} has {len(poses)} poses for {images} images: poses and images are paired by their order, so "
+            "send as many of each."
         )
     discarded = Discarded()
     frames = []
@@ -83,6 +84,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=scale,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
+        has_depth=has_depth,
     )
     return assemble_scan(frames, discarded, source, options)
 

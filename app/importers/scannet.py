@@ -12,6 +12,7 @@ from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.pose_files import read_pose_files
 from app.importers.frames import Frame, Scan, ScanOptions
@@ -19,7 +20,6 @@ from app.importers.images.color_files import color_size
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
 from app.limits import limit
 
-FOLDERS = ("color", "depth", "pose")
 DEFAULT_DEPTH_SCALE = 1000.0
 FRAME_RATE_HZ = 30.0
 
@@ -38,16 +38,19 @@ class ScanNetOptions:
 OPTIONS = ScanNetOptions()
 _NUMBERED = re.compile(r"(\d{1,9})\.(?:jpe?g|png)$", re.IGNORECASE)
 # The folders beside the colour images, with the suffixes of their files.
-_OTHERS = (("depth", (".png", ".pgm", ".tiff", ".npy")), ("pose", (".txt",)))
+_DEPTHS = ("depth", (".png", ".pgm", ".tiff", ".npy"))
+_POSES = ("pose", (".txt",))
 # Where the exporter, and the data set of 25,000 frames, have a camera's matrix.
 _INTRINSICS = ("intrinsic/intrinsic_{}.txt", "intrinsics_{}.txt", "intrinsic_{}.txt")
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds the three folders of numbered files."""
+    """Return whether the folder holds folders of numbered pictures and poses, and such a folder of depth, if any."""
     folder = ScanFolder(directory)
-    found = [folder.subfolder(name) for name in FOLDERS]
-    return all(found) and found[0] is not None and bool(_images(folder, found[0]))
+    color = folder.subfolder("color")
+    if color is None or folder.subfolder("pose") is None or not _images(folder, color):
+        return False
+    return folder.subfolder("depth") is not None or bool(_numbered(folder, *_POSES))
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -55,27 +58,31 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 
     Colour and depth have a camera each, in `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`, or in the scene's
     own text file; the depth is registered to the colour image, both cameras in one place, as the exporter's extrinsics
-    say. Poses are `scan_from_camera`; `-inf` stands for lost tracking. Raises `InvalidScanError` for images of another
-    size than the intrinsics are for, and for missing files.
+    say. Without any depth images the frames have none. Poses are `scan_from_camera`; `-inf` stands for lost tracking.
+    Raises `InvalidScanError` for images of another size than the intrinsics are for, and for missing files.
     """
     folder = ScanFolder(directory)
     color_folder = folder.subfolder("color")
     images = {} if color_folder is None else _images(folder, color_folder)
     if not images:
         raise InvalidScanError("The scan has no color/0.jpg and so on.")
+    depths = _numbered(folder, *_DEPTHS)
+    has_depth = bool(depths) or holds_depth(folder)
     source = ScanSource(
         camera=options.camera or _intrinsics(folder, "color"),
-        depth_camera=_intrinsics(folder, "depth"),
+        depth_camera=_intrinsics(folder, "depth") if has_depth else None,
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
+        has_depth=has_depth,
     )
     if options.camera is None:
         _check_size(next(iter(images.values())), source.camera)
-    if options.color_from_depth is None:
+    if has_depth and options.color_from_depth is None:
         _check_extrinsics(folder)
     discarded = Discarded()
-    return assemble_scan(_frames(folder, images, discarded), discarded, source, options)
+    frames = _frames(folder, images, depths if has_depth else images, discarded)
+    return assemble_scan(frames, discarded, source, options)
 
 
 def _images(folder: ScanFolder, color: Path) -> dict[int, Path]:
@@ -83,8 +90,10 @@ def _images(folder: ScanFolder, color: Path) -> dict[int, Path]:
     return dict(sorted((int(match.group(1)), path) for match, path in found if match))
 
 
-def _frames(folder: ScanFolder, images: dict[int, Path], discarded: Discarded) -> list[Frame]:
-    depths, poses_of = (_numbered(folder, name, suffixes) for name, suffixes in _OTHERS)
+def _frames(
+    folder: ScanFolder, images: dict[int, Path], depths: dict[int, Path], discarded: Discarded
+) -> list[Frame]:
+    poses_of = _numbered(folder, *_POSES)
     complete = []
     for number, color in images.items():
         name, stem = folder.name_of(color), color.stem

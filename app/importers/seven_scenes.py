@@ -12,6 +12,7 @@ from app.geometry.camera import REFERENCE_FOCAL_PX
 from app.geometry.camera_hint import CameraHint
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.pose_files import read_pose_files
 from app.importers.frames import Frame, Scan, ScanOptions
@@ -46,6 +47,16 @@ class _Candidate:
     timestamp_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class NamedFrames:
+    """Frames that are named as in 7-Scenes, how their poses were read, and whether the scan has depth images; without
+    them a frame's picture stands for its depth."""
+
+    frames: list[Frame]
+    notes: tuple[str, ...]
+    has_depth: bool
+
+
 def detect(directory: Path) -> bool:
     """Return whether the folder, or a `seq-XX` folder in it, holds 7-Scenes colour images."""
     return any(_color_images(folder) for folder in _sequences(directory))
@@ -62,7 +73,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     original are those of the depth camera, so they are moved to the colour camera.
 
     Poses are 4x4 matrices or their upper 3x4, by rows or, if that makes more of them rotations, by columns. A frame
-    without depth or pose, or with a pose that is no rigid transform, is discarded.
+    without depth or pose, or with a pose that is no rigid transform, is discarded. Without any depth images the frames
+    have none.
     Raises `InvalidScanError` for other files, mostly broken poses, or no usable frame.
     """
     folder = ScanFolder(directory)
@@ -78,17 +90,19 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         gravity=read_gravity(directory),
     )
     discarded = Discarded()
-    frames, notes = frames_in(folder, options, discarded)
-    source = replace(source, notes=notes)
-    return assemble_scan(frames, discarded, source, options)
+    found = frames_in(folder, options, discarded)
+    source = replace(source, notes=found.notes, has_depth=found.has_depth)
+    return assemble_scan(found.frames, discarded, source, options)
 
 
-def frames_in(
-    folder: ScanFolder, options: ScanOptions, discarded: Discarded
-) -> tuple[list[Frame], tuple[str, ...]]:
-    """Return the frames of a folder with names as in 7-Scenes that have all of their files, and how poses were read."""
+def frames_in(folder: ScanFolder, options: ScanOptions, discarded: Discarded) -> NamedFrames:
+    """Return the frames of a folder with names as in 7-Scenes that have all of their files."""
+    candidates = list(_candidates(folder))
+    has_depth = any(candidate.depth for candidate in candidates) or holds_depth(folder)
+    if not has_depth:
+        candidates = [replace(candidate, depth=candidate.color) for candidate in candidates]
     color_from_depth = options.color_from_depth or Pose.identity()
-    return _frames(folder, list(_candidates(folder)), color_from_depth, discarded)
+    return NamedFrames(*_frames(folder, candidates, color_from_depth, discarded), has_depth)
 
 
 def sequences_of_split(directory: Path, split: str) -> tuple[str, ...]:

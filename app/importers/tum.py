@@ -14,15 +14,14 @@ from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.uniform_motion import UniformMotion
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
 from app.importers.association import Trajectory, associate
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.images.color_files import color_size
 from app.importers.layouts import icl_nuim
 from app.importers.rows.image_rows import ImageRows, parse_associations, parse_image_list
 from app.importers.rows.times import UNITS_PER_S, Times, check_distinct, range_in_words
 from app.importers.rows.trajectory_rows import TrajectoryRows, parse_trajectory
 from app.importers.scan_files import optional_file, read_camera_file, read_gravity, read_text
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
 from app.limits import limit
 
 DEFAULT_DEPTH_SCALE = 5000.0
@@ -101,13 +100,16 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     (`associations.txt`) may take the place of `rgb.txt` and `depth.txt`, and the only other trajectory that of
     `groundtruth.txt`. The camera is that of the options, else of `camera.txt`, else the published one of the sensor
     that `groundtruth.txt` names in its `# file:` comment; the depth scale that of the options, else of `camera.txt`,
-    else 5000 per metre. Without a trajectory the poses are those of the options' uniform motion, frame by frame.
+    else 5000 per metre. A scan with none of its depth images has no depth. Without a trajectory the poses are those
+    of the options' uniform motion, frame by frame.
     Raises `InvalidScanError` for missing or malformed lists, unknown intrinsics, or no usable frame.
     """
-    folder = ScanFolder(directory)
-    if _is_without_depth(directory):
-        return _open_without_depth(folder, options)
-    color_rows, depth_rows = _image_rows(directory)
+    folder, discarded = ScanFolder(directory), Discarded()
+    color_rows, listed_depth = _image_rows(folder)
+    color = _found(folder, color_rows)
+    there = _depth_rows_there(folder, color, listed_depth)
+    # Without depth images the pictures stand for them.
+    depth_rows = color_rows if there is None else there
     tolerance_s = options.max_time_difference_s
     poses = _poses(directory, color_rows, depth_rows, options)
     depth_rows = _in_unit_of(color_rows, depth_rows, tolerance_s, "the depth images")
@@ -120,50 +122,30 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         # A stated walk stands upright in its own frame.
         gravity=read_gravity(directory) if options.motion is None else (0.0, 0.0, -1.0),
         notes=tuple(notes),
+        has_depth=there is not None,
     )
-    discarded = Discarded()
-    color = _existing(_found(folder, color_rows), folder, discarded)
+    color = _existing(color, folder, discarded)
+    depth = color if there is None else _found(folder, depth_rows)
     poses = _moved(poses, options.convention.time_offset_s)
-    frames = _frames(folder, color, _found(folder, depth_rows), poses, discarded, tolerance_s)
+    frames = _frames(folder, color, depth, poses, discarded, tolerance_s)
     scan = assemble_scan(frames, discarded, source, options)
     if icl_nuim.is_trajectory(poses.name):
         return icl_nuim.with_right_hand(scan, options.convention)
     return replace(scan, trajectory=poses.trajectory)
 
 
-def _is_without_depth(directory: Path) -> bool:
-    """Whether the scan lists colour images alone and has no depth images that a list may be missing for."""
-    listed = optional_file(directory, "rgb.txt") is not None and optional_file(directory, "depth.txt") is None
-    if not listed or ScanFolder(directory).subfolder("depth") is not None:
-        return False
-    return parse_associations(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt") is None
+def _depth_rows_there(folder: ScanFolder, color: _ImageList, depth: ImageRows | None) -> ImageRows | None:
+    """Return the rows of depth, None where no image of them is there, nor any other that may be of depth."""
+    if depth is None:
+        return None
+    is_there = any(folder.find(name, place) for name, place in zip(depth.names, depth.places, strict=True))
+    return depth if is_there or holds_depth(folder, color.paths) else None
 
 
-def _open_without_depth(folder: ScanFolder, options: ScanOptions) -> Scan:
-    """Return the scan of colour images and poses; its depth images are blank."""
-    directory, files, discarded = folder.path, FrameFiles(options.scratch), Discarded()
-    rows = parse_image_list(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt", "colour")
-    poses = _poses(directory, rows, rows, options)
-    camera_file = read_camera_file(directory)
-    source = ScanSource(
-        camera=options.camera or (camera_file.camera if camera_file else _published_camera(poses)),
-        depth_scale=None,
-        default_depth_scale=DEFAULT_DEPTH_SCALE,
-        gravity=read_gravity(directory),
-        notes=(*dict.fromkeys([*rows.notes, *poses.notes]), WITHOUT_DEPTH),
-        has_depth=False,
-        keeps=files,
-    )
-    color = _existing(_found(folder, rows), folder, discarded)
-    poses = _moved(poses, options.convention.time_offset_s)
-    size = next(filter(None, (color_size(path) for path in color.paths if path is not None)), (1, 1))
-    blank = _ImageList(color.times_s, (files.blank_depth(*size),) * len(color.times_s), rows)
-    frames = _frames(folder, color, blank, poses, discarded, options.max_time_difference_s)
-    return replace(assemble_scan(frames, discarded, source, options), trajectory=poses.trajectory)
-
-
-def _image_rows(directory: Path) -> tuple[ImageRows, ImageRows]:
-    """Return the rows of colour and depth, from their own lists or from one association file."""
+def _image_rows(folder: ScanFolder) -> tuple[ImageRows, ImageRows | None]:
+    """Return the rows of colour and depth, from their own lists or from one association file; None for depth without a
+    list where there are no images that one may be missing for."""
+    directory = folder.path
     path = optional_file(directory, "rgb.txt")
     candidates = [path] if path else [optional_file(directory, name) for name in ASSOCIATIONS]
     for candidate in filter(None, candidates):
@@ -176,6 +158,8 @@ def _image_rows(directory: Path) -> tuple[ImageRows, ImageRows]:
                 "depth.txt for anything else."
             )
     color = parse_image_list(_list_text(directory, "rgb.txt", "colour images"), "rgb.txt", "colour")
+    if optional_file(directory, "depth.txt") is None and not holds_depth(folder):
+        return color, None
     depth = parse_image_list(_list_text(directory, "depth.txt", "depth images"), "depth.txt", "depth")
     return color, depth
 

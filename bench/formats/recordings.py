@@ -14,7 +14,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -157,10 +157,19 @@ def ros1(scan: WrittenScan, target: Path, kind: BagKind = REALSENSE) -> Path:
     return path
 
 
-def ros2(storage: StoragePlugin, scan: WrittenScan, target: Path, kind: BagKind = REALSENSE) -> Path:
-    """Write a folder with a ROS 2 bag of a RealSense with odometry of the base."""
+def ros2(
+    storage: StoragePlugin,
+    scan: WrittenScan,
+    target: Path,
+    kind: BagKind = REALSENSE,
+    *,
+    compression: CompressionMode = CompressionMode.NONE,
+) -> Path:
+    """Write a folder with a ROS 2 bag of a RealSense with odometry of the base, compressed by zstd or not."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    with Ros2Writer(target, version=9, storage_plugin=storage) as writer:
+    opened = Ros2Writer(target, version=9, storage_plugin=storage)
+    opened.set_compression(compression, CompressionFormat.ZSTD)
+    with opened as writer:
         _write_bag(scan, writer, "2", kind)
     return target
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.importers.frames import Scan
+
 WIDTH, HEIGHT = 64, 48
 INTRINSICS = (60.0, 60.0, 31.5, 23.5)
 CAMERA_LINE = f"PINHOLE {WIDTH} {HEIGHT} 60 60 31.5 23.5"
@@ -21,6 +23,18 @@ def real_scan(name: str) -> Path:
     if not folder.is_dir():
         pytest.skip(f"the real scan {name} is not beside the repository")
     return folder
+
+
+def assert_has_no_depth(scan: Scan, frames: int) -> None:
+    """Check a scan whose frames have no depth, and which says so once."""
+    assert len(scan.frames) == frames
+    assert not scan.has_depth
+    assert scan.depth.camera is None
+    assert sum("triangulated" in note for note in scan.notes) == 1
+    for frame in scan.frames:
+        depth_m = scan.depth_m(frame)
+        assert depth_m.shape == (scan.camera.height, scan.camera.width)
+        assert not depth_m.any()
 
 
 def write_color(path: Path, width: int = WIDTH, height: int = HEIGHT) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from app.geometry.se3 import Pose
 from app.importers.frames import Scan, ScanOptions
 from app.importers.recognition import recognised
 from app.importers.registry import open_scan
-from tests.importers.scans import HEIGHT, INTRINSICS, WIDTH, write_color, write_depth
+from tests.importers.scans import HEIGHT, INTRINSICS, WIDTH, assert_has_no_depth, write_color, write_depth
 
 FRAMES = 5
 # From camera axes (y down, z forward) to those of OpenGL and ARKit (y up, z back), and back.
@@ -160,13 +161,29 @@ def test_missing_files_are_named(tmp_path: Path, name: str) -> None:
             open_scan(folder)
         return
     scan = open_scan(folder)
+    assert scan.has_depth
     assert len(scan.frames) == FRAMES - 1
-    for path in depth.iterdir():
-        path.unlink()
-    if name == "polycam":
-        assert not open_scan(folder).has_depth
-        return
-    with pytest.raises(InvalidScanError, match=rf"{first.name}.* the folder depth holds no files"):
+    assert sum(len(names) for names in scan.discarded.values()) == 1
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("keeps_folder", [True, False])
+def test_without_any_depth_image_the_frames_have_none(tmp_path: Path, name: str, keeps_folder: bool) -> None:
+    folder = WRITERS[name](tmp_path / "export")
+    depth = next(folder.rglob("depth"))
+    shutil.rmtree(depth)
+    if keeps_folder:
+        depth.mkdir()
+    scan = open_scan(folder.parent)
+    assert_is_the_scan(scan)
+    assert_has_no_depth(scan, FRAMES)
+
+
+@pytest.mark.parametrize("name", ["nerfstudio", "scannet", "redwood"])
+def test_depth_under_other_names_is_not_ignored(tmp_path: Path, name: str) -> None:
+    folder = WRITERS[name](tmp_path)
+    (folder / "depth").rename(folder / "depthmaps")
+    with pytest.raises(InvalidScanError, match="depth"):
         open_scan(folder)
 
 

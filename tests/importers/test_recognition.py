@@ -26,7 +26,12 @@ def test_every_format_is_known_by_names() -> None:
         (["s/seq-01/frame-000000.color.png", "s/seq-01/frame-000000.depth.png"], "7scenes", "s/seq-01",
          ("frame-000000.pose.txt",)),
         (["bag/metadata.yaml", "bag/bag_0.mcap"], "ros-bag", "bag", ()),
-        (["keyframes/cameras/1.json", "keyframes/images/1.jpg"], "polycam", "", ("keyframes/depth",)),
+        (["keyframes/cameras/1.json", "keyframes/images/1.jpg"], "polycam", "", ()),
+        (["keyframes/cameras/1.json", "keyframes/depth/1.png"], "polycam", "", ("keyframes/images",)),
+        (["a/frame-000000.color.png", "a/frame-000000.pose.txt"], "7scenes", "a", ()),
+        (["color/0.jpg", "pose/0.txt", "intrinsic/intrinsic_color.txt"], "scannet", "", ()),
+        (["color/0.jpg", "trajectory.log"], "redwood", "", ()),
+        (["rgbd/0.jpg", "metadata"], "record3d", "", ()),
     ],
 )  # fmt: skip
 def test_names_say_the_format_and_what_is_missing(

@@ -116,7 +116,7 @@ def test_the_last_part_of_a_split_zip(tmp_path: Path) -> None:
     unpack_scan(tmp_path / "b.zip", tmp_path / "whole")
 
 
-@pytest.mark.parametrize("inner", ["seq-01.zip", "scan/part.7z", "walk_0.db3.zstd", "scan.zip.001"])
+@pytest.mark.parametrize("inner", ["seq-01.zip", "scan/part.7z", "scan.tar.zstd", "scan.zip.001"])
 def test_archives_in_an_archive_are_named(tmp_path: Path, inner: str) -> None:
     said = said_of(packed(tmp_path / "a.zip", inner, "readme.txt"), tmp_path / "unpacked")
     assert f"holds other archives, such as {inner.rpartition('/')[2]}: unpack those first" in said
@@ -127,8 +127,8 @@ INCOMPLETE = {
     "a raw export of Polycam, and keyframes/cameras": ("keyframes/images/1.jpg", "keyframes/depth/1.png"),
     "an export of 3D Scanner App, and frame_00000.json": ("frame_00000.jpg", "depth_00000.png", "info.json"),
     "a recording of Record3D, and metadata": ("EXR_RGBD/rgb/0.jpg", "EXR_RGBD/depth/0.exr"),
-    "a recording of ARKitScenes, and lowres_depth": (
-        "41/lowres_wide/41_1.000.png", "41/lowres_wide.traj", "41/lowres_wide_intrinsics/41_1.000.pincam",
+    "a recording of ARKitScenes, and lowres_wide": (
+        "41/lowres_depth/41_1.000.png", "41/lowres_wide.traj", "41/lowres_wide_intrinsics/41_1.000.pincam",
     ),
     "a scan of ScanNet, and pose": ("color/0.jpg", "depth/0.png", "intrinsic/intrinsic_color.txt"),
     "an export of RTAB-Map, and poses.txt": ("map_rgb/1.jpg", "map_depth/1.png", "map_calib/1.yaml"),

@@ -21,6 +21,7 @@ from app.importers.archives.archive_readers import (
     open_reader,
 )
 from app.importers.archives.lone_recording import lone_recording, suffix_of_recording
+from app.importers.archives.zstd_files import PACKED_SUFFIXES
 from app.importers.unread.single_files import UNREAD_SUFFIXES
 
 # What the importers read, and image files that they refuse by name. All else in an archive, from thumbnails'
@@ -110,7 +111,7 @@ class _Listing:
         if self.sizes.setdefault(path, entry.size) != entry.size:
             raise InvalidScanError(_twice(path))
         if is_read(path):
-            limits.check_entry(entry, is_recording=path.suffix.lower() in RECORDING_SUFFIXES)
+            limits.check_entry(entry, is_recording=_is_recording(path))
             self.counts[path] += 1
         elif is_named(path):
             self.unread.add(path)
@@ -180,8 +181,13 @@ def _check_kind(entry: Entry) -> None:
 
 def is_read(path: PurePath) -> bool:
     """Whether an importer may need a file of this path below the scan's folder."""
-    known = path.suffix.lower() in NEEDED_SUFFIXES | RECORDING_SUFFIXES or path.name in NEEDED_NAMES
-    return known and not _is_hidden(path)
+    known = path.suffix.lower() in NEEDED_SUFFIXES or path.name in NEEDED_NAMES
+    return (known or _is_recording(path)) and not _is_hidden(path)
+
+
+def _is_recording(path: PurePath) -> bool:
+    name = path.name.lower()
+    return path.suffix.lower() in RECORDING_SUFFIXES or name.endswith(PACKED_SUFFIXES)
 
 
 def is_named(path: PurePath) -> bool:

@@ -10,12 +10,15 @@ from pathlib import Path
 
 from app.errors import InvalidScanError
 from app.importers.archives.archive_readers import MIB, ArchiveLimits
+from app.importers.archives.zstd_files import MAGIC as ZSTD
+from app.importers.archives.zstd_files import first_bytes
 
 _HEAD_BYTES = 4096
+_MCAP = b"\x89MCAP0\r\n"
 # First bytes of a kind of recording -> the suffix that the importers know it by.
 _MAGIC = (
     (b"#ROSBAG V", ".bag"),
-    (b"\x89MCAP0\r\n", ".mcap"),
+    (_MCAP, ".mcap"),
     (b"\x1a\x45\xdf\xa3", ".mkv"),
 )
 _SQLITE = b"SQLite format 3\0"
@@ -35,8 +38,8 @@ def suffix_of_recording(path: Path) -> str | None:
         return ".mp4"
     if head.startswith(b"RIFF") and head[8:12] == b"AVI ":
         return ".avi"
-    if head.startswith(_SQLITE):
-        return _suffix_of_database(path)
+    if head.startswith((_SQLITE, ZSTD)):
+        return _suffix_of_database(path) if head.startswith(_SQLITE) else _suffix_of_packed(path)
     if head.startswith(_SENS_VERSION) and 0 < int.from_bytes(head[4:12], "little") <= _MAX_SENSOR_NAME:
         return ".sens"
     return None
@@ -55,6 +58,14 @@ def lone_recording(recording: Path, destination: Path, suffix: str, limits: Arch
     except OSError:
         shutil.copyfile(recording, target)
     return destination
+
+
+def _suffix_of_packed(path: Path) -> str | None:
+    """Return the suffix of a ROS 2 bag that was packed by zstd, None for anything else that was."""
+    inner = first_bytes(path, len(_SQLITE))
+    if inner.startswith(_MCAP):
+        return ".mcap.zstd"
+    return ".db3.zstd" if inner == _SQLITE else None
 
 
 def _suffix_of_database(path: Path) -> str:

@@ -102,15 +102,14 @@ def in_one_camera(
 
     None stands for the camera of a picture that can't be read: its frame stays as it is, to be left out later.
     The common camera is the one with the median focal length among those of the most frequent size. A camera of the
-    options, `given`, is that of all pictures as they are. Without `has_depth` all depth images become blank;
+    options, `given`, is that of all pictures as they are. Without `has_depth` depth is left as it is;
     `confidence` are the images of the depth images' confidence. Raises `InvalidScanError` that names the first picture
     whose camera has another kind of lens, or was held the other way.
     """
     known = [camera for camera in cameras if camera is not None]
     if given is not None or not known:
         # Where no picture is left, that and why is said where a scan is put together.
-        size = next(filter(None, (color_size(frame.color) for frame in frames)), (1, 1))
-        return SeenByOne(given or CameraHint(), list(frames) if has_depth else _blank(frames, files, size))
+        return SeenByOne(given or CameraHint(), list(frames))
     camera = _common(known)
     changed: list[Frame] = []
     count = 0
@@ -128,13 +127,7 @@ def in_one_camera(
         f"The pictures state more than one camera: {count} of {len(frames)} were resampled to the one with the median "
         "focal length."
     )
-    seen = changed if has_depth else _blank(changed, files, (camera.width, camera.height))
-    return SeenByOne(hint_of(camera), seen, (note,) if count else ())
-
-
-def _blank(frames: Sequence[Frame], files: FrameFiles, size: tuple[int, int]) -> list[Frame]:
-    blank = files.blank_depth(*size)
-    return [replace(frame, depth=blank) for frame in frames]
+    return SeenByOne(hint_of(camera), changed, (note,) if count else ())
 
 
 def _common(cameras: Sequence[Camera]) -> Camera:

@@ -17,12 +17,13 @@ from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import EXPORTS
 
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "model", "colmap", "colmap/sparse/0")
@@ -70,6 +71,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         )
         raise InvalidScanError(f"The COLMAP model {fault}: {EXPORTS['colmap'].remedy}.")
     depth_folder = folder.subfolder(*DEPTH_FOLDERS)
+    if depth_folder is not None and not holds_depth(folder):
+        depth_folder = None
     frames = _frames(
         folder, images, None if depth_folder is None else folder.name_of(depth_folder), discarded
     )
@@ -79,7 +82,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=has_depth,
-        notes=() if has_depth else (WITHOUT_DEPTH, NO_SCALE),
+        notes=() if has_depth else (NO_SCALE,),
     )
     return assemble_of_cameras(
         [item.frame for item in frames],

@@ -16,13 +16,13 @@ from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint, hint_of
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource, assemble_scan, check_pose_ratio
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.images.color_files import color_size
 from app.importers.rows.times import in_seconds
 from app.importers.scan_files import numbers, read_gravity, read_text, rows
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 
 SENSORS = "sensors/sensors.txt"
 TRAJECTORIES = "sensors/trajectories.txt"
@@ -58,6 +58,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """
     folder, files, discarded = ScanFolder(directory), FrameFiles(options.scratch), Discarded()
     data = _read(folder)
+    if not _has_depth(folder, data):
+        data = replace(data, depths={})
     sensors = sorted({sensor for _, sensor in data.pictures})
     if len(sensors) != 1:
         raise InvalidScanError(f"The scan has pictures of {len(sensors)} cameras: send those of one.")
@@ -80,10 +82,16 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=bool(data.depths),
-        notes=() if data.depths else (WITHOUT_DEPTH,),
         keeps=files,
     )
     return assemble_scan(frames, discarded, source, options)
+
+
+def _has_depth(folder: ScanFolder, data: _Data) -> bool:
+    """Whether the table of depth lists files, and any of them or other depth is there."""
+    listed = (folder.find(f"{DATA}/{name}", DEPTH_RECORDS) for name in data.depths.values())
+    colors = (folder.find(f"{DATA}/{name}", CAMERA_RECORDS) for name in data.pictures.values())
+    return bool(data.depths) and (any(listed) or holds_depth(folder, colors))
 
 
 def _with_place_of_depth(
@@ -118,8 +126,7 @@ def _frames(folder: ScanFolder, data: _Data, files: FrameFiles, discarded: Disca
             discarded.add(pose, name)
             invalid += [name] if pose == "invalid_pose" else []
         else:
-            blank = depth or files.blank_depth(*(color_size(color) or (1, 1)))
-            frames.append(Frame(name, time_s, color, blank, pose))
+            frames.append(Frame(name, time_s, color, depth or color, pose))
     check_pose_ratio(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
     return frames
 

@@ -16,6 +16,7 @@ from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.importers.assembly import Discarded, ScanSource
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
@@ -28,12 +29,15 @@ from app.importers.unpacked import FrameFiles
 DEFAULT_DEPTH_SCALE = 1000.0
 # With an id in the last column, which names the pictures.
 ID_COLUMNS = 9
+# What a calibration that lies beside the folders has in it, and another file of settings has not.
+_CAMERA = b"camera_matrix"
+_HEAD_BYTES = 8192
 
 
 @dataclass(frozen=True, slots=True)
 class _Folders:
     color: Path
-    depth: Path
+    depth: Path | None
     calibration: Path
     poses: Path
 
@@ -45,24 +49,24 @@ class _Calibration:
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds the three folders and the poses."""
+    """Return whether the folder holds pictures, calibrations and poses, and a folder of depth, if any."""
     return _folders(directory) is not None
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of an export; pictures, depth and poses are paired by the node's id, else by time.
 
-    Raises `InvalidScanError` for files that are missing or not this.
+    Without any depth images the frames have none. Raises `InvalidScanError` for files that are missing or not this.
     """
     found = _folders(directory)
     if found is None:
-        raise InvalidScanError(
-            "The scan has no folders rgb, depth and calib with a file of poses beside them."
-        )
+        raise InvalidScanError("The scan has no folders rgb and calib with a file of poses beside them.")
     folder, discarded = ScanFolder(directory), Discarded()
     calibrations = _calibrations(folder, found.calibration)
     poses = _poses(found.poses)
-    depths = {path.stem: path for path in folder.files_in(found.depth)}
+    has_depth = holds_depth(folder)
+    depth_folder = found.depth if has_depth and found.depth is not None else found.color
+    depths = {path.stem: path for path in folder.files_in(depth_folder)}
     frames, cameras = [], []
     for color in folder.files_in(found.color):
         name, row = folder.name_of(color), poses.get(_key(color.stem))
@@ -73,7 +77,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             )
         calibration = calibrations.get(color.stem) or next(iter(calibrations.values()))
         if color.stem not in depths:
-            detail = f"{found.depth.name} has no file {color.stem}"
+            detail = f"{depth_folder.name} has no file {color.stem}"
             discarded.add("no_depth", name, detail)
         elif row is None:
             discarded.add("no_pose", name, f"{found.poses.name} has no row for {color.name}")
@@ -86,6 +90,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     source = ScanSource(
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
+        has_depth=has_depth,
     )
     return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
@@ -110,6 +115,13 @@ def _is_yaml(path: Path) -> bool:
     return path.suffix.lower() in (".yaml", ".yml")
 
 
+def _is_calibration(path: Path) -> bool:
+    if not path.is_file() or path.is_symlink() or not _is_yaml(path):
+        return False
+    with path.open("rb") as file:
+        return _CAMERA in file.read(_HEAD_BYTES)
+
+
 def _folders(directory: Path) -> _Folders | None:
     below = sorted(child for child in directory.iterdir() if child.is_dir() and not child.is_symlink())
     found = {
@@ -122,15 +134,12 @@ def _folders(directory: Path) -> _Folders | None:
     # The camera's own poses come first where both were exported.
     poses.sort(key=lambda path: "camera" not in path.name)
     if not found["calib"]:
-        files = sorted(
-            path
-            for path in directory.iterdir()
-            if path.is_file() and not path.is_symlink() and _is_yaml(path)
-        )
+        files = sorted(path for path in directory.iterdir() if _is_calibration(path))
         found["calib"] = files if len(files) == 1 else []
-    if not poses or any(len(folders) != 1 for folders in found.values()):
+    depth = found.pop("depth")
+    if not poses or any(len(folders) != 1 for folders in found.values()) or len(depth) > 1:
         return None
-    return _Folders(found["rgb"][0], found["depth"][0], found["calib"][0], poses[0])
+    return _Folders(found["rgb"][0], depth[0] if depth else None, found["calib"][0], poses[0])
 
 
 def _key(text: str) -> str:

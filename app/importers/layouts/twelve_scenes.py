@@ -41,7 +41,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         raise InvalidScanError("The scan's cameras are not known: info.txt is missing.")
     values = dict(_entries(read_text(path)))
     folder, discarded = ScanFolder(_frame_folder(directory)), Discarded()
-    frames, notes = seven_scenes.frames_in(folder, options, discarded)
+    found = seven_scenes.frames_in(folder, options, discarded)
     scale = (
         numbers([values["m_depthShift"]], f"{path.name}: m_depthShift")[0]
         if "m_depthShift" in values
@@ -49,13 +49,14 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     )
     source = ScanSource(
         camera=options.camera or _intrinsics(values, COLOR_KEY, path.name),
-        depth_camera=_intrinsics(values, DEPTH_KEY, path.name),
+        depth_camera=_intrinsics(values, DEPTH_KEY, path.name) if found.has_depth else None,
         depth_scale=scale,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
-        notes=notes,
+        notes=found.notes,
+        has_depth=found.has_depth,
     )
-    return assemble_scan(frames, discarded, source, options)
+    return assemble_scan(found.frames, discarded, source, options)
 
 
 def _info(directory: Path) -> Path | None:

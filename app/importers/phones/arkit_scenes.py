@@ -17,6 +17,7 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_vector
 from app.importers.assembly import Discarded, ScanSource
 from app.importers.association import Trajectory
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
@@ -37,26 +38,27 @@ _NAMED_BY_TIME = re.compile(r".*?(\d+\.\d+)\.(?:png|jpe?g)$", re.IGNORECASE)
 
 
 def detect(directory: Path) -> bool:
-    """Return whether the folder holds the data set's folders."""
-    return (directory / DEPTH).is_dir() and any((directory / name).is_dir() for name in COLORS)
+    """Return whether the folder holds a folder of the data set's pictures, and its depth or its trajectory."""
+    has_pictures = any((directory / name).is_dir() for name in COLORS)
+    return has_pictures and ((directory / DEPTH).is_dir() or (directory / TRAJECTORY).is_file())
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of one recording of the data set; pictures are paired with depth by name, with poses by time.
 
-    Raises `InvalidScanError` for files that are missing or not this.
+    Without any depth images the frames have none. Raises `InvalidScanError` for files that are missing or not this.
     """
     folder = ScanFolder(directory)
     trajectory = _trajectory(folder)
     colors = next((name for name in COLORS if (directory / name).is_dir()), COLORS[0])
-    discarded = Discarded()
+    discarded, has_depth = Discarded(), holds_depth(folder)
     frames = []
     for color in folder.files_in(directory / colors):
         match = _NAMED_BY_TIME.fullmatch(color.name)
         if match is None:
             continue
         name = folder.name_of(color)
-        depth = folder.find(f"{DEPTH}/{color.stem}.png", "the scan")
+        depth = folder.find(f"{DEPTH}/{color.stem}.png", "the scan") if has_depth else color
         pose = trajectory.pose_at(float(match.group(1)), options.max_time_difference_s)
         if depth is None:
             missing = f"{DEPTH}/{color.stem}.png"
@@ -72,6 +74,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=DOWN,
         confidence=confidence,
+        has_depth=has_depth,
     )
     return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 

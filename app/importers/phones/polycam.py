@@ -22,7 +22,7 @@ from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.images.color_files import color_size
 from app.importers.phones.arkit import ARKIT_DOWN, confidence_files, pose_of_arkit
 from app.importers.scan_camera import camera_stated_in
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import lacking
 
 DEFAULT_DEPTH_SCALE = 1000.0
@@ -64,7 +64,6 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         gravity=ARKIT_DOWN,
         confidence=confidence,
         has_depth=has_depth,
-        notes=() if has_depth else (WITHOUT_DEPTH,),
     )
     return assemble_of_cameras(frames, own, discarded, source, options, files=files)
 

@@ -19,6 +19,7 @@ from app.geometry.camera import Camera
 from app.geometry.se3 import Pose, rotation_from_quaternion
 from app.importers.archives.archive import extract_archive
 from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
+from app.importers.depth_presence import holds_depth
 from app.importers.folder import ScanFolder
 from app.importers.frame_files.json_files import number_of, read_json_object
 from app.importers.frame_files.one_camera import assemble_of_cameras
@@ -76,16 +77,19 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a recording.
 
     Depth of another size than the colour images has the same field of view; what has low confidence is left out.
-    Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError` for files that are missing or not this.
+    Without any depth the frames have none. Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError`
+    for files that are missing or not this.
     """
     files, discarded = FrameFiles(options.scratch), Discarded()
     recording = _opened(directory, files)
-    frames = _frames(recording, files, discarded)
+    has_depth = holds_depth(recording.folder)
+    frames = _frames(recording, files, discarded, has_depth)
     cameras = [_camera(recording.metadata, frame) for frame in frames] if options.camera is None else []
     source = ScanSource(
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
+        has_depth=has_depth,
     )
     return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
 
@@ -116,7 +120,7 @@ def _extracted(path: Path, files: FrameFiles) -> Path:
         ) from None
 
 
-def _frames(recording: _Recording, files: FrameFiles, discarded: Discarded) -> list[Frame]:
+def _frames(recording: _Recording, files: FrameFiles, discarded: Discarded, has_depth: bool) -> list[Frame]:
     folder, metadata = recording.folder, recording.metadata
     color_folder = folder.subfolder(*COLOR_FOLDERS)
     poses = metadata.get("poses")
@@ -136,7 +140,7 @@ def _frames(recording: _Recording, files: FrameFiles, discarded: Discarded) -> l
     for number, color in sorted(pictures.items()):
         name = folder.name_of(color)
         pose = _pose(poses[number]) if number < len(poses) else None
-        depth = _depth(recording, color, number, files)
+        depth = _depth(recording, color, number, files) if has_depth else color
         if number >= len(poses):
             discarded.add("no_pose", name, f"the metadata has {len(poses)} poses, none for {name}")
         elif pose is None:

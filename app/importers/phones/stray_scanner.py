@@ -29,7 +29,7 @@ from app.importers.phones.arkit import ARKIT_DOWN, confidence_files
 from app.importers.phones.video import Video, open_video
 from app.importers.scan_camera import camera_stated_in
 from app.importers.scan_files import numbers, optional_file, read_text, rows
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import lacking
 from app.limits import limit
 
@@ -111,7 +111,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=ARKIT_DOWN,
-        notes=_notes(table, colors, len(frames), has_depth),
+        notes=_notes(table, colors, len(frames)),
         confidence=confidence,
         has_depth=has_depth,
     )
@@ -155,7 +155,7 @@ def _frames(
         row = wanted.pop(number)
         stem = f"depth/{number:06d}"
         found = (folder.find(f"{stem}{suffix}", "the scan") for suffix in DEPTH_SUFFIXES)
-        depth = next(filter(None, found), None) if has_depth else files.blank_depth(*colors.size)
+        depth = next(filter(None, found), None) if has_depth else picture
         if row.scan_from_camera is None:
             discarded.add("invalid_pose", name)
         elif depth is None:
@@ -188,8 +188,8 @@ def _pictures(
             return
 
 
-def _notes(table: list[_Row], colors: _Colors, kept: int, has_depth: bool) -> tuple[str, ...]:
-    notes = [] if has_depth else [WITHOUT_DEPTH]
+def _notes(table: list[_Row], colors: _Colors, kept: int) -> tuple[str, ...]:
+    notes = []
     name = colors.video.path.name if colors.video else "the recording"
     if kept < len(table):
         notes.append(f"Of {len(table)} pictures of {name}, {kept} were taken, 20 a second at most.")

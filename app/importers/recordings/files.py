@@ -13,7 +13,7 @@ def recordings_in(directory: Path, *suffixes: str) -> list[Path]:
     return sorted(
         path
         for path in directory.iterdir()
-        if path.suffix.lower() in suffixes
+        if path.name.lower().endswith(suffixes)
         and path.is_file()
         and not path.is_symlink()
         and path.name[0] != "."

@@ -1,12 +1,14 @@
 """ROS 1 and ROS 2 bags (`.bag`, `.db3`, `.mcap`): colour, depth and camera of a RealSense, Kinect or Orbbec, and poses.
 
-Read with the library `rosbags`. Messages follow the definitions of sensor_msgs, nav_msgs, geometry_msgs and tf2_msgs
-(docs.ros.org). A topic of poses is that of a frame of the robot; transforms lead from there to the colour camera.
+Read with the library `rosbags`; files of ROS 2 may be packed by zstd (`.db3.zstd`, `.mcap.zstd`). Messages follow the
+definitions of sensor_msgs, nav_msgs, geometry_msgs and tf2_msgs (docs.ros.org). A topic of poses is that of a frame of
+the robot; transforms lead from there to the colour camera.
 """
 
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,16 +19,16 @@ import numpy as np
 
 from app.errors import InvalidScanError
 from app.geometry.camera_hint import CameraHint
+from app.importers.archives.zstd_files import PACKED_SUFFIXES, unpack_files
 from app.importers.assembly import Discarded, ScanSource, assemble_scan
 from app.importers.association import Trajectory, associate
 from app.importers.frame_files.spacing import spaced_rows
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.images.color_files import color_size
 from app.importers.recordings.files import recordings_in
 from app.importers.recordings.ros_camera import camera_of
 from app.importers.recordings.ros_images import depth_of, is_depth, picture_of
 from app.importers.recordings.ros_transforms import Transforms, pose_of
-from app.importers.unpacked import WITHOUT_DEPTH, FrameFiles
+from app.importers.unpacked import FrameFiles
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
@@ -51,7 +53,7 @@ OF_VIEWER = (
     "RTAB-Map track it and send its .db."
 )
 # A recording that was split has parts with numbers behind their names.
-_PART = re.compile(r"_\d+\.\w+$")
+_PART = re.compile(r"_\d+\.\w+(?:\.zstd?)?$")
 # Poses are interpolated between rows that are as far apart as this.
 MAX_POSE_GAP_S = 0.2
 
@@ -77,7 +79,7 @@ class _Topics:
 
 def detect(directory: Path) -> bool:
     """Return whether the folder holds a bag."""
-    return bool(recordings_in(directory, *SUFFIXES))
+    return bool(recordings_in(directory, *SUFFIXES, *PACKED_SUFFIXES))
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
@@ -87,7 +89,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     `InvalidScanError` for a bag that lacks colour or poses, names the topics that it has, and for a damaged one.
     """
     files, discarded = FrameFiles(options.scratch), Discarded()
-    with _opened(directory) as reader:
+    with _opened(directory, options.scratch) as reader:
         topics = _chosen_topics(reader)
         color, depth, rows, transforms, frame = _read(reader, topics, files)
     camera = options.camera or color.camera
@@ -97,7 +99,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         trajectory = Trajectory.still(np.array(color.times_s))
     else:
         trajectory = transforms.trajectory_of(color.frame, rows, frame, topics.poses)
-    frames = _frames(color, depth, trajectory, files, options, discarded)
+    frames = _frames(color, depth, trajectory, options, discarded)
     registered = depth is None or depth.frame == color.frame
     if depth is not None and not registered and not (depth.camera or options.depth_camera):
         raise InvalidScanError(
@@ -110,7 +112,6 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         has_depth=depth is not None,
-        notes=() if depth is not None else (WITHOUT_DEPTH,),
         keeps=files,
     )
     given = options
@@ -120,24 +121,39 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 
 
 @contextmanager
-def _opened(directory: Path) -> Iterator[Any]:
+def _opened(directory: Path, scratch: Path | None) -> Iterator[Any]:
     """Open the bag in a folder with the library, whose errors become an `InvalidScanError`."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InvalidScanError("ROS bags need the extra: pip install 'roomfix[scans]'.") from None
-    bags = recordings_in(directory, *SUFFIXES)
+    bags = recordings_in(directory, *SUFFIXES, *PACKED_SUFFIXES)
     has_metadata = (directory / METADATA).is_file()
     if not has_metadata and len(bags) > 1 and not all(_PART.search(path.name) for path in bags):
         names = ", ".join(path.name for path in bags[:3])
         raise InvalidScanError(f"The scan has {len(bags)} bags, {names}: send those of one recording only.")
-    paths = [directory] if has_metadata and bags[0].suffix.lower() != ".bag" else bags
     try:
-        with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        with (
+            _plain(directory, bags, scratch) as paths,
+            AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader,
+        ):
             yield reader
     except (AnyReaderError, AssertionError, ValueError, KeyError, OSError) as error:
         raise InvalidScanError(f"{bags[0].name} can't be read as a ROS bag: {error}.") from None
+
+
+@contextmanager
+def _plain(directory: Path, bags: list[Path], scratch: Path | None) -> Iterator[list[Path]]:
+    """Yield what the library is to open; bags that are packed are unpacked for as long, each of their files by itself:
+    the library would unpack a folder of them without a limit."""
+    packed = [path for path in bags if path.name.lower().endswith(PACKED_SUFFIXES)]
+    if not packed:
+        has_metadata = (directory / METADATA).is_file()
+        yield [directory] if has_metadata and bags[0].suffix.lower() != ".bag" else bags
+        return
+    with tempfile.TemporaryDirectory(prefix="roomfix-bag-", dir=scratch) as folder:
+        yield [*(path for path in bags if path not in packed), *unpack_files(packed, Path(folder))]
 
 
 def _chosen_topics(reader: Any) -> _Topics:
@@ -237,7 +253,6 @@ def _frames(
     color: _Stream,
     depth: _Stream | None,
     trajectory: Trajectory,
-    files: FrameFiles,
     options: ScanOptions,
     discarded: Discarded,
 ) -> list[Frame]:
@@ -256,10 +271,6 @@ def _frames(
         elif isinstance(pose, str):
             discarded.add(pose, name)
         else:
-            image = depth.paths[partner] if depth is not None else _blank(color.paths[i], files)
+            image = depth.paths[partner] if depth is not None else color.paths[i]
             frames.append(Frame(name, time_s, color.paths[i], image, pose))
     return frames
-
-
-def _blank(color: Path, files: FrameFiles) -> Path:
-    return files.blank_depth(*(color_size(color) or (1, 1)))

@@ -69,7 +69,8 @@ def detect(directory: Path) -> bool:
 
 
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
-    """Return the scan of a database, a frame for each node that has colour, depth and a pose.
+    """Return the scan of a database, a frame for each node that has colour, depth and a pose; without depth if no node
+    has any.
 
     Raises `InvalidScanError` for another kind of file, several cameras on one base, and data that can't be read.
     """
@@ -81,7 +82,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     try:
         with closing(_connected(path)) as connection:
             poses, notes = _poses(connection)
-            frames = _frames(connection, path.name, poses, files, discarded, cameras)
+            has_depth = _has_depth(connection)
+            frames = _frames(connection, path.name, poses, files, discarded, cameras, has_depth=has_depth)
     except sqlite3.DatabaseError as error:
         raise InvalidScanError(
             f"{path.name} can't be read as a database of RTAB-Map, or its version is older than those that are read "
@@ -94,6 +96,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         notes=notes,
+        has_depth=has_depth,
     )
     return assemble_of_cameras(frames, own, discarded, source, options, files=files)
 
@@ -117,6 +120,10 @@ def _is_database(path: Path) -> bool:
     except sqlite3.DatabaseError:
         return False
     return {"Node", "Data"} <= names
+
+
+def _has_depth(connection: sqlite3.Connection) -> bool:
+    return connection.execute("SELECT 1 FROM Data WHERE length(depth) > 0 LIMIT 1").fetchone() is not None
 
 
 def _poses(connection: sqlite3.Connection) -> tuple[dict[int, NDArray[np.float64]], tuple[str, ...]]:
@@ -179,13 +186,15 @@ def _frames(
     files: FrameFiles,
     discarded: Discarded,
     cameras: list[_Camera],
+    *,
+    has_depth: bool,
 ) -> list[Frame]:
     frames, invalid = [], []
     for node in _nodes(connection):
         label = f"{name}/{node.number:06d}"
         if not node.color:
             continue
-        if not node.depth:
+        if has_depth and not node.depth:
             discarded.add("no_depth", label)
             continue
         if node.number not in poses:
@@ -200,7 +209,7 @@ def _frames(
         cameras.append(camera)
         suffix = ".png" if node.color.startswith(b"\x89PNG") else ".jpg"
         color = files.write(f"color/{node.number:06d}{suffix}", node.color)
-        depth = _write_depth(node, label, files)
+        depth = _write_depth(node, label, files) if has_depth else color
         frames.append(Frame(label, node.time_s, color, depth, pose @ camera.base_from_camera))
     check_pose_ratio(len(invalid), len(frames) + len(invalid), f"that of {invalid[0]}" if invalid else "")
     return frames

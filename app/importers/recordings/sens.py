@@ -27,6 +27,7 @@ SUFFIX = ".sens"
 VERSION = 4
 FRAME_RATE_HZ = 30.0
 MICROSECONDS_PER_S = 1e6
+DEFAULT_DEPTH_SCALE = 1000.0
 COLOR_SUFFIXES = {1: ".png", 2: ".jpg"}
 RAW_DEPTH = 0
 ZLIB_DEPTH = 1
@@ -56,23 +57,31 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a recording: pictures as they are stored, depth as PNG, both in a folder of their own.
 
-    Poses are `scan_from_camera`; `-inf` stands for lost tracking. Raises `InvalidScanError` for another version or
-    compression, and for a file that is damaged or cut short.
+    Poses are `scan_from_camera`; `-inf` stands for lost tracking. If no frame has depth, the scan has none. Raises
+    `InvalidScanError` for another version or compression, and for a file that is damaged or cut short.
     """
     path = the_recording(directory, SUFFIX)
     files, discarded = FrameFiles(options.scratch), Discarded()
     with path.open("rb") as file:
         header = _read_header(file, path.name)
         frames = _frames(file, header, path.name, files, discarded)
-    if header.apart and options.color_from_depth is None:
+    with_depth = [frame for frame in frames if frame.depth != frame.color]
+    has_depth = bool(with_depth)
+    if has_depth:
+        for frame in frames:
+            if frame.depth == frame.color:
+                discarded.add("no_depth", frame.name)
+        frames = with_depth
+    if has_depth and header.apart and options.color_from_depth is None:
         raise InvalidScanError(
             f"{path.name} says that colour and depth camera are apart: give depth_camera and color_from_depth."
         )
     source = ScanSource(
         camera=options.camera or _camera(header.intrinsics),
-        depth_camera=_camera(header.depth_intrinsics),
-        depth_scale=header.depth_scale,
-        default_depth_scale=header.depth_scale,
+        depth_camera=_camera(header.depth_intrinsics) if has_depth else None,
+        depth_scale=header.depth_scale if has_depth else None,
+        default_depth_scale=DEFAULT_DEPTH_SCALE,
+        has_depth=has_depth,
         keeps=files,
     )
     return assemble_scan(frames, discarded, source, options)
@@ -81,6 +90,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
 def _frames(
     file: BinaryIO, header: _Header, name: str, files: FrameFiles, discarded: Discarded
 ) -> list[Frame]:
+    """Return the frames with a pose; the picture of one without depth stands for that."""
     frames, invalid = [], []
     for number in range(header.frames):
         matrix = _floats(file, 16, name).reshape(4, 4)
@@ -93,14 +103,27 @@ def _frames(
             discarded.add("invalid_pose", label)
             invalid.append(label)
             continue
-        depth = _depth(packed, header, label)
         suffix = COLOR_SUFFIXES[header.color_compression]
         time_s = time_us / MICROSECONDS_PER_S if time_us else number / FRAME_RATE_HZ
         color_path = files.write(f"color/{number:06d}{suffix}", color)
-        depth_path = files.write_depth(f"depth/{number:06d}.png", depth)
+        depth_path = color_path
+        if packed:
+            _check_depth(header, name)
+            depth_path = files.write_depth(f"depth/{number:06d}.png", _depth(packed, header, label))
         frames.append(Frame(label, time_s, color_path, depth_path, pose))
     check_pose_ratio(len(invalid), header.frames, f"that of {invalid[0]}" if invalid else "")
     return frames
+
+
+def _check_depth(header: _Header, name: str) -> None:
+    """Raise for depth that can't be read; what the header of a recording without any says of it means nothing."""
+    if header.depth_compression not in (RAW_DEPTH, ZLIB_DEPTH):
+        raise InvalidScanError(f"{name} holds depth in a compression that is not read: plain and zlib are.")
+    if 0 in header.depth_size:
+        width, height = header.depth_size
+        raise InvalidScanError(f"{name} is damaged: it holds depth of {width} x {height} pixels.")
+    if not 0 < header.depth_scale < np.inf:
+        raise InvalidScanError(f"{name} is damaged: its depth has {header.depth_scale} units per metre.")
 
 
 def _depth(packed: bytes, header: _Header, label: str) -> NDArray[np.uint16]:
@@ -137,14 +160,10 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
         raise InvalidScanError(
             f"{name} holds colour without compression, which is not read: JPEG and PNG are."
         )
-    if depth_compression not in (RAW_DEPTH, ZLIB_DEPTH):
-        raise InvalidScanError(f"{name} holds depth in a compression that is not read: plain and zlib are.")
-    if not 0 < depth_width * depth_height <= LIMITS.max_pixels or not 0 < count <= _MAX_FRAMES:
+    if depth_width * depth_height > LIMITS.max_pixels or not 0 < count <= _MAX_FRAMES:
         raise InvalidScanError(
             f"{name} is damaged: it lists {count} frames of {depth_width} x {depth_height} pixels."
         )
-    if not 0 < depth_scale < np.inf:
-        raise InvalidScanError(f"{name} is damaged: its depth has {depth_scale} units per metre.")
     return _Header(
         intrinsics=color,
         depth_intrinsics=depth,

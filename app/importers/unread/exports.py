@@ -52,7 +52,8 @@ EXPORTS: Mapping[str, Export] = {
         "a COLMAP model", "send cameras and images (.txt or .bin) with the folder of the pictures beside them"
     ),
     "7scenes": Export(
-        "a scan of 7-Scenes", "each frame needs frame-000000.color.png, .depth.png and .pose.txt"
+        "a scan of 7-Scenes",
+        "each frame needs frame-000000.color.png and .pose.txt, and .depth.png where the scan has depth",
     ),
     "tum": Export("a scan in TUM layout", _ALL_FILES),
     "redwood": Export(

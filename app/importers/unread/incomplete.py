@@ -12,7 +12,7 @@ from app.importers.unread.exports import EXPORTS
 # Names that no other format has, by regular expressions of paths below a scan's folder.
 SIGNS: Mapping[str, str] = {
     "stray-scanner": r"(?:odometry|camera_matrix)\.csv",
-    "record3d": r"(?:rgbd/\d+\.(?:jpg|depth|conf)|rgb/\d+\.(?:jpg|png)|depth/\d+\.exr)",
+    "record3d": r"(?:rgbd/\d+\.(?:jpg|depth|conf)|depth/\d+\.exr)",
     "polycam": r"keyframes/(?:corrected_)?(?:images|cameras|depth|confidence)/[^/]+",
     "3d-scanner-app": r"(?:frame_\d+\.json|(?:depth|conf)_\d+\.png)",
     "arkitscenes": r"(?:lowres_(?:wide|depth)/[^/]+\.png|lowres_wide\.traj|lowres_wide_intrinsics/[^/]+\.pincam)",
