@@ -58,9 +58,16 @@ class AnchorLibrary:
             features = self._features(frame.id)
             if features is not None:
                 floor = floors[anchor.spec.floor_id]
-                mounted = mounted_camera(anchor.calibration, floor)
-                walls = self._floor_features.walls(floor)
-                found.append(LiveAnchor(anchor, frame.id, frame.camera, features, mounted, walls))
+                found.append(
+                    LiveAnchor(
+                        anchor=anchor,
+                        frame=frame.id,
+                        camera=frame.camera,
+                        features=features,
+                        mounted=mounted_camera(anchor.calibration, floor),
+                        walls=self._floor_features.walls(floor),
+                    )
+                )
         return found
 
     def _features(self, frame_id: str) -> AnchorFeatures | None:

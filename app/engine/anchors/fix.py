@@ -224,7 +224,7 @@ def fix_by_anchor(
     return _fix(solution, evidence, seen, covariance, mounted)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
     """What a monitoring camera and a phone both see by their relative pose: the matches, of these the inliers, their
     rays (n, 2) in both cameras, and their distances (n,) from the monitoring camera, in the unit of the pose."""
@@ -242,7 +242,9 @@ class _Seen:
         inliers = matches.take(found.estimate.inlier_mask)
         rays = cameras[0].normalize(inliers.monitor_px), cameras[1].normalize(inliers.phone_px)
         lengths = lengths_along_rays(*rays, found.estimate.b_from_a)
-        return _Seen(matches, cameras, found, inliers, rays, lengths)
+        return _Seen(
+            matches=matches, cameras=cameras, found=found, inliers=inliers, rays=rays, lengths=lengths
+        )
 
     @property
     def phone_from_monitor(self) -> Pose:

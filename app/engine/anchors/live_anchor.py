@@ -18,7 +18,7 @@ from app.geometry.plan import PlanTransform
 from app.geometry.se3 import Pose
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LiveAnchor:
     """A live anchor: its newest frame's name, camera and features, the pose on the plan of a calibrated camera, and the
     floor's walls in metres of its plan, None where the floor has no areas."""

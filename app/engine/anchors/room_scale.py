@@ -31,7 +31,8 @@ class RoomScaleOptions:
         30, "Least number of triangulated matches.", chosen="By hand: half of what a relative pose needs."
     )
     min_share: float = limit(
-        0.5, "Least share of the matches, each by its distance, that agree on the scale.",
+        0.5,
+        "Least share of the matches, each by its distance, that agree on the scale.",
         chosen=f"{PAIRS}: with a right relative pose at least 0.4 do, with a wrong one mostly less than 0.3.",
     )
     kernel_log: float = limit(
