@@ -21,7 +21,7 @@ COMMANDS = {
     "evaluate-walk": "bench.commands.evaluate_walk:evaluate_walk",
     "evaluate-cameras": "bench.commands.evaluate_cameras:evaluate_cameras_command",
     "evaluate-anchors": "bench.commands.evaluate_anchors:evaluate_anchors",
-    "evaluate-walls": "bench.commands.evaluate_walls:evaluate_walls",
+    "evaluate-walls": "bench.anchors.evaluate_walls:evaluate_walls",
     "evaluate-thesis": "bench.thesis.command:evaluate_thesis",
     "reliability": "bench.commands.reliability:reliability",
     "fit-confidence": "bench.commands.fit_confidence:fit_confidence_command",
