@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.engine.anchors.anchor import AroundPlace
+from app.engine.anchors.anchor import ANYWHERE, AnchorSearch
 from app.engine.anchors.features import AnchorDescriber
 from app.engine.anchors.locator import AnchorLocalization, locate_by_anchors
 from app.engine.stage_timer import StageTimer
@@ -51,18 +51,18 @@ class AnchorLocator:
         rgb: Rgb,
         camera: Camera,
         gravity: Sequence[float] | None,
-        around: AroundPlace | None = None,
+        search: AnchorSearch = ANYWHERE,
     ) -> AnchorLocalization:
-        """Return where an image was taken, by the anchors of a venue, of one floor, or `around` a place
-        (`locate_by_anchors`)."""
-        timer = StageTimer()
+        """Return where an image was taken, by the anchors of a venue, of one floor, or around the place of a
+        `search` (`locate_by_anchors`)."""
+        timer, around = StageTimer(), search.around
         live = self._library.live(venue_id, floor_id if around is None else around.floor_id)
         if around is not None:
             live = [
                 one for one in live if around.has_anchor(one.anchor.spec, has_walls=one.walls is not None)
             ]
         timer.lap("anchors")
-        found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer, around)
+        found = locate_by_anchors(live, self._describer, rgb, camera, gravity, timer, search)
         if found.plan_from_phone is not None:
             self._count_uses(found.anchors)
         return found

@@ -81,6 +81,27 @@ class AroundPlace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorSearch:
+    """What is known of a phone before anchors are asked: it is `around` a place, or its fix is `to_be_confirmed` by a
+    second one."""
+
+    around: AroundPlace | None = None
+    to_be_confirmed: bool = False
+
+    @property
+    def may_be_rough(self) -> bool:
+        """Whether less exact fixes are of use."""
+        return self.to_be_confirmed or self.around is not None
+
+    def has_phone(self, x: float, y: float) -> bool:
+        """Whether the phone can be at a point of the floor's plan."""
+        return self.around is None or self.around.has_phone(x, y)
+
+
+ANYWHERE = AnchorSearch()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Anchor:
     """A stored anchor. `calibration` is the camera's pose in the map, as the calibration found it."""
 

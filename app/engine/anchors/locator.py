@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.anchors.anchor import AroundPlace
+from app.engine.anchors.anchor import ANYWHERE, AnchorSearch
 from app.engine.anchors.features import AnchorDescriber, AnchorFeatures
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live_anchor import LiveAnchor
@@ -81,7 +81,8 @@ class AnchorLocalization:
     """The outcome for one image; `plan_from_phone` is None exactly when there is a `reason`.
 
     Positions are in metres on the plan of floor `floor_id`, z is height. `anchors` are the ids of those whose fixes
-    agree, `best` is the anchor with the highest confidence and its own fix.
+    agree, `best` is the anchor with the highest confidence and its own fix. `is_contested` says that another place was
+    seen as well.
     """
 
     plan_from_phone: Pose | None = None
@@ -94,6 +95,7 @@ class AnchorLocalization:
     support: Support = Support()
     timings_ms: dict[str, float] = field(default_factory=dict)
     best: tuple[LiveAnchor, AnchorFix] | None = None
+    is_contested: bool = False
 
 
 def locate_by_anchors(
@@ -103,12 +105,12 @@ def locate_by_anchors(
     camera: Camera,
     gravity: Sequence[float] | None,
     timer: StageTimer,
-    around: AroundPlace | None = None,
+    search: AnchorSearch = ANYWHERE,
 ) -> AnchorLocalization:
     """Return the pose of an RGB image (height, width, 3) of a camera of that size, by the live anchors.
 
-    `gravity` is down in camera axes; without it the phone is assumed to be upright. A phone that is known to be
-    `around` a place can't be elsewhere, and there also less certain fixes are accepted.
+    `gravity` is down in camera axes; without it the phone is assumed to be upright. The phone is not
+    where the `search` says that it can't be.
     """
     if not live:
         return not_located("no_map", timer)
@@ -122,10 +124,10 @@ def locate_by_anchors(
     phone = describer.describe_phone(gray, akaze, roll_deg(gravity))
     timer.lap("describe")
     down = None if gravity is None else np.array(gravity, dtype=np.float64)
-    fixes, matches = _fixes(candidates, phone, camera, down, timer, around)
+    fixes, matches = _fixes(candidates, phone, camera, down, timer, search)
     if not fixes and matches == 0 and measure_quality(gray).is_poor:
         return not_located("poor_image", timer)
-    return combine_fixes(fixes, matches, timer, is_near=around is not None)
+    return combine_fixes(fixes, matches, timer, may_be_rough=search.may_be_rough)
 
 
 def _fixes(
@@ -134,7 +136,7 @@ def _fixes(
     camera: Camera,
     gravity: Array | None,
     timer: StageTimer,
-    around: AroundPlace | None,
+    search: AnchorSearch,
 ) -> tuple[list[tuple[LiveAnchor, AnchorFix]], int]:
     """Return the fixes by the anchors with the highest likeness, and the largest number of matches of an anchor."""
     alike = [likeness(anchor.features, phone) for anchor in candidates]
@@ -142,8 +144,9 @@ def _fixes(
     found: list[tuple[LiveAnchor, AnchorFix]] = []
     most = 0
     for row in ranked(alike)[: OPTIONS.matched_anchors]:
-        accepted = any(judge_fix(fix, around is not None) is None for _, fix in found)
-        if accepted and alike[row] < OPTIONS.min_likeness_ratio * max(alike):
+        accepted = any(judge_fix(fix, search.may_be_rough) is None for _, fix in found)
+        # A fix that has to be confirmed may be of a place that looks alike, which the second anchor shows.
+        if accepted and not search.to_be_confirmed and alike[row] < OPTIONS.min_likeness_ratio * max(alike):
             break
         live = candidates[row]
         fix, matches = match_anchor(
@@ -156,14 +159,14 @@ def _fixes(
             live.walls,
         )
         most = max(most, matches)
-        if fix is not None and _may_be(fix, around):
+        if fix is not None and _may_be(fix, search):
             found.append((live, fix))
     return found, most
 
 
-def _may_be(fix: AnchorFix, around: AroundPlace | None) -> bool:
+def _may_be(fix: AnchorFix, search: AnchorSearch) -> bool:
     x, y, _ = fix.solution.plan_from_phone.translation
-    return around is None or around.has_phone(float(x), float(y))
+    return search.has_phone(float(x), float(y))
 
 
 def ranked(alike: Sequence[int]) -> list[int]:
@@ -189,11 +192,11 @@ def combine_fixes(
     matches: int,
     timer: StageTimer,
     *,
-    is_near: bool = False,
+    may_be_rough: bool = False,
 ) -> AnchorLocalization:
-    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none. `is_near`
-    says that the phone is known to be near."""
-    judged = [(anchor, fix, judge_fix(fix, is_near)) for anchor, fix in fixes]
+    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none. Less exact
+    fixes are accepted where they `may_be_rough`."""
+    judged = [(anchor, fix, judge_fix(fix, may_be_rough)) for anchor, fix in fixes]
     accepted = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
     if not accepted:
         reasons = [reason for _, _, reason in judged if reason is not None]
@@ -207,7 +210,7 @@ def combine_fixes(
     agreeing = [pair for pair in accepted if _agree(anchor, best, *pair)]
     rivals = [pair for pair in fixes if not _agree(anchor, best, *pair) and _rivals(best, pair[1])]
     if len(agreeing) < len(accepted) or rivals:
-        return not_located("ambiguous", timer, matches)
+        return replace(not_located("ambiguous", timer, matches), is_contested=True)
     pose, covariance = _joined([fix for _, fix in agreeing])
     timer.lap("pose")
     return AnchorLocalization(

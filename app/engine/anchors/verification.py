@@ -66,12 +66,12 @@ class FixVerificationOptions:
     )
     near_noise_sigma_m: float = limit(
         0.8,
-        "`max_noise_sigma_m` of a phone that is known to be near.",
+        "`max_noise_sigma_m` of a phone that is known to be near, or of a fix that a second one has to confirm.",
         chosen="Recorded walks of roomfix simulate --no-map: the errors of such fixes were below their sigmas.",
     )
     near_unstable_sigma_m: float = limit(
         1.0,
-        "`max_unstable_sigma_m` of a phone that is known to be near.",
+        "`max_unstable_sigma_m` of the same.",
         chosen="By hand: as near_noise_sigma_m.",
     )
     max_scale_error: float = limit(
@@ -116,15 +116,15 @@ OPTIONS = FixVerificationOptions()
 CONFIDENCE_OPTIONS = FixConfidenceOptions()
 
 
-def judge_fix(fix: AnchorFix, is_near: bool = False) -> Reason | None:
+def judge_fix(fix: AnchorFix, may_be_rough: bool = False) -> Reason | None:
     """Return why a fix is rejected, or None where it is accepted.
 
-    Of a calibrated camera the map and every POI must agree on the scale, else most of the POIs. A phone that `is_near`
-    by what is known already may be placed less exactly.
+    Of a calibrated camera the map and every POI must agree on the scale, else most of the POIs. A fix `may_be_rough`
+    of a phone that is known to be near, and where a second fix has to confirm it.
     """
     evidence = fix.evidence
     max_noise_m, max_sigma_m = OPTIONS.max_noise_sigma_m, OPTIONS.max_unstable_sigma_m
-    if is_near:
+    if may_be_rough:
         max_noise_m, max_sigma_m = OPTIONS.near_noise_sigma_m, OPTIONS.near_unstable_sigma_m
     if fix.is_calibrated:
         max_sigma_m = max_noise_m

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.anchors.anchor import AnchorSpec, AroundPlace
+from app.engine.anchors.anchor import ANYWHERE, AnchorSearch, AnchorSpec
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.locator import AnchorLocalization
 from app.engine.anchors.place_on_floor import place_on_floor, world_pose
@@ -44,14 +44,14 @@ OPTIONS = AnchorFixOptions()
 
 
 class LocateByAnchors(Protocol):
-    """What a venue's anchors say of an image, its camera and gravity; all of them, or those around a place."""
+    """What a venue's anchors say of an image, its camera and gravity; all of them, or those that a search leaves."""
 
     def __call__(
         self,
         rgb: Rgb,
         camera: Camera,
         gravity: Sequence[float] | None,
-        around: AroundPlace | None = None,
+        search: AnchorSearch = ANYWHERE,
         /,
     ) -> AnchorLocalization:
         """Return where the image was taken."""
@@ -70,16 +70,16 @@ class AnchorFixes:
         camera: Camera | None,
         _near: Pose | None,
         _any_floor: bool = False,
-        around: AroundPlace | None = None,
+        search: AnchorSearch = ANYWHERE,
     ) -> Fix | NoFix:
-        """Locate by the anchors that see what the frame shows, all of them or those around a place; without a camera
-        there is no fix."""
+        """Locate by the anchors that see what the frame shows, all of them or those that a `search` leaves; without a
+        camera there is no fix."""
         if camera is None:
             return NoFix("no_match")
         full = camera.scaled_to(frame.rgb.shape[1], frame.rgb.shape[0])
-        found = self._locate(frame.rgb, full, frame.gravity, around)
+        found = self._locate(frame.rgb, full, frame.gravity, search)
         if found.best is None or found.floor_id is None or found.plan_from_phone is None:
-            return NoFix(found.reason or "no_match", found.support)
+            return NoFix(found.reason or "no_match", found.support, found.is_contested)
         if place_on_floor(self._floors, found.floor_id, found.plan_from_phone) is None:
             return NoFix("outside_venue", found.support)
         floor = next(floor for floor in self._floors if floor.id == found.floor_id)

@@ -77,10 +77,11 @@ class Fix:
 
 @dataclass(frozen=True, slots=True)
 class NoFix:
-    """Why there is none, and how many features were matched and agreed."""
+    """Why there is none, how many features were matched and agreed, and whether two places were seen."""
 
     reason: Reason
     support: Support = Support()
+    is_contested: bool = False
 
 
 def _is_far(pose: Pose | None, near: Pose) -> bool:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.anchors.anchor import AroundPlace
+from app.engine.anchors.anchor import AnchorSearch, AroundPlace
 from app.engine.floors.plan_distances import distances_by_plan
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.fix import Fix, NoFix, confidence_of_sigma
@@ -85,6 +85,8 @@ class PlanTracker:
         if fix is not None:
             state = self._believe(fix, frame, plans)
             support = fix.support
+        elif isinstance(found, NoFix) and found.is_contested:
+            self._contest()
         if self._particles is None or state == "lost":
             reason = (
                 found if isinstance(found, NoFix) else NoFix("ambiguous" if fix is not None else "no_match")
@@ -126,7 +128,8 @@ class PlanTracker:
         )
         if is_known and belief is not None and plans is not None and not is_doubtful:
             around = self._around(belief, plans, camera)
-        return anchors.locate(frame, camera, None, around=around)
+        search = AnchorSearch(around=around, to_be_confirmed=not is_known)
+        return anchors.locate(frame, camera, None, search=search)
 
     def _around(self, belief: PlanBelief, plans: Plans, camera: Camera) -> AroundPlace:
         """Return what the camera may see from the place that is believed."""
@@ -178,6 +181,12 @@ class PlanTracker:
             frame.time_s,
         )
         return "lost"
+
+    def _contest(self) -> None:
+        """Forget a fix that waits for a second one: two places look like what is seen, and it was of one of them."""
+        self._pending = None
+        if self._trust.is_by_one_fix:
+            self._particles, self._trust = None, PlaceTrust()
 
     def _begin(self, seen: PlanFix, fix: Fix, floor: PlanFloor, plans: Plans, frame: TrackingFrame) -> None:
         """Begin at a fix. What odometry followed had its scale by another place."""

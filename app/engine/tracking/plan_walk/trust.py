@@ -49,19 +49,20 @@ OPTIONS = TrustOptions()
 
 
 class PlaceTrust:
-    """Follows whether a place is lost: `is_lost` until a fix, or the walls, have found it again."""
+    """Follows whether a place is lost: `is_lost` until a fix, or the walls, have found it again, and whether it has to be
+    confirmed: `is_by_one_fix`."""
 
     def __init__(self) -> None:
         self.is_lost = False
-        self._is_by_one_fix = False
+        self.is_by_one_fix = False
 
     def begun(self) -> None:
         """Note that a place is by one fix alone: it may be one that looks alike."""
-        self.is_lost = self._is_by_one_fix = True
+        self.is_lost = self.is_by_one_fix = True
 
     def found(self) -> None:
         """Note that a fix is believed."""
-        self.is_lost = self._is_by_one_fix = False
+        self.is_lost = self.is_by_one_fix = False
 
     def moved(self, unseen_s: float) -> None:
         """Note a step, after a time in which none was seen."""
@@ -77,7 +78,7 @@ class PlaceTrust:
 
     def may_answer(self, belief: PlanBelief, accuracy: Accuracy) -> bool:
         """Whether a place may be answered."""
-        if self.is_lost and not self._is_by_one_fix:
+        if self.is_lost and not self.is_by_one_fix:
             is_narrow = belief.position_sigma_m <= OPTIONS.refound_sigma_m
             is_turned = np.degrees(belief.yaw_sigma_rad) > OPTIONS.refound_sigma_deg
             self.is_lost = is_turned or not is_narrow
