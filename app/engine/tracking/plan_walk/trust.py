@@ -49,8 +49,10 @@ OPTIONS = TrustOptions()
 
 
 class PlaceTrust:
-    """Follows whether a place is lost: `is_lost` until a fix, or the walls, have found it again, and whether it has to be
-    confirmed: `is_by_one_fix`."""
+    """Follows whether a place is lost: `is_lost` until a fix, or the walls, have found it again.
+
+    It `is_by_one_fix` while a second fix has to confirm it.
+    """
 
     def __init__(self) -> None:
         self.is_lost = False
