@@ -16,6 +16,7 @@ from app.engine.floors.walls import FloorWalls
 from app.geometry.anchor_pose import GRAVITY_SIGMA_RAD, KnownScale
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.geometry.triangulation import homogeneous
 from app.limits import limit
 
 Array = NDArray[np.float64]
@@ -77,6 +78,16 @@ class RoomScaleOptions:
         chosen="By hand: the usual limit between noise and outlier; the height only tells the right scale from one by "
         "other things.",
     )
+    one_wall_sigmas: float = limit(
+        1.5,
+        "The same where all that is used lies on one wall, which may be a line between two areas that nobody sees.",
+        chosen="By hand: grown-ups hold a phone within 0.4 m of `phone_height_m`.",
+    )
+    one_wall_m: float = limit(
+        0.1,
+        "Root mean square distance of the used points from one plane below which they lie on one wall, metres.",
+        chosen="By hand: a grid cell of the walls.",
+    )
     min_drop_m: float = limit(
         0.5,
         "A camera tells by how much a phone is below it from this height above a phone's on.",
@@ -112,15 +123,20 @@ def scale_of_room(seen: MatchedLengths, plan_from_monitor: Pose, walls: FloorWal
     usable = np.isfinite(seen.lengths) & (seen.lengths > 0)
     if np.count_nonzero(usable) < OPTIONS.min_matches:
         return None
-    distances_m = distances_by_plan(seen.pixels[usable], seen.camera, plan_from_monitor, 0.0, walls)
+    pixels = seen.pixels[usable]
+    distances_m = distances_by_plan(pixels, seen.camera, plan_from_monitor, 0.0, walls)
     logs = np.log(distances_m / seen.lengths[usable])
-    possible = _by_height(seen.phone_in_monitor, plan_from_monitor)
+    possible = _by_height(seen.phone_in_monitor, plan_from_monitor, OPTIONS.height_sigmas)
     if possible is None:
         return None
     scale, share = _common(logs, max(possible[0], logs.min()), min(possible[1], logs.max()))
     if share < OPTIONS.min_share:
         return None
     near = np.abs(logs - scale) < OPTIONS.near_log
+    if _is_one_wall(pixels[near], distances_m[near], seen.camera):
+        possible = _by_height(seen.phone_in_monitor, plan_from_monitor, OPTIONS.one_wall_sigmas)
+        if possible is None or not possible[0] <= scale <= possible[1]:
+            return None
     by_furniture = OPTIONS.furniture_m / float(np.median(distances_m[near]))
     return KnownScale(
         float(np.quantile(logs[near], OPTIONS.front_share)),
@@ -135,19 +151,28 @@ def is_held(plan_from_phone: Pose, baseline_m: float) -> bool:
     return off_m <= OPTIONS.height_sigmas * sigma_m
 
 
-def _by_height(phone_in_monitor: Array, plan_from_monitor: Pose) -> tuple[float, float] | None:
-    """Return the least and largest logarithm of the scale by the phone's height, None where no scale has it there."""
+def _is_one_wall(pixels: Array, distances_m: Array, camera: Camera) -> bool:
+    """Whether what is at pixels (n, 2), at distances (n,) along their rays, lies on one plane."""
+    rays = homogeneous(camera.normalize(pixels))
+    points = rays * (distances_m / np.linalg.norm(rays, axis=1))[:, None]
+    across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1]
+    return bool(across / np.sqrt(len(points)) < OPTIONS.one_wall_m)
+
+
+def _by_height(phone_in_monitor: Array, plan_from_monitor: Pose, sigmas: float) -> tuple[float, float] | None:
+    """Return the least and largest logarithm of the scale by the phone's height, within so many standard deviations of
+    it; None where no scale has it there."""
     below_m = float(plan_from_monitor.translation[2]) - OPTIONS.phone_height_m
     if below_m < OPTIONS.min_drop_m:
         return -np.inf, np.inf
     offset = plan_from_monitor.rotation @ phone_in_monitor
     tilt = GRAVITY_SIGMA_RAD * float(np.linalg.norm(offset[:2]))
     drop = float(-offset[2])
-    if drop + OPTIONS.height_sigmas * tilt <= 0:
+    if drop + sigmas * tilt <= 0:
         return None
     if drop <= 0:
         return -np.inf, np.inf
-    within = OPTIONS.height_sigmas * float(np.hypot(OPTIONS.phone_height_sigma_m / below_m, tilt / drop))
+    within = sigmas * float(np.hypot(OPTIONS.phone_height_sigma_m / below_m, tilt / drop))
     return float(np.log(below_m / drop)) - within, float(np.log(below_m / drop)) + within
 
 

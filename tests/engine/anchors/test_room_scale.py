@@ -91,6 +91,22 @@ def test_a_scale_that_has_the_phone_on_the_floor_is_not_taken() -> None:
     assert scale_of_room(seen(phone=pose_at(1.5, 2.0, 0.1)), MONITOR, walls()) is None
 
 
+@pytest.mark.parametrize(("height_m", "is_known"), [(1.5, True), (1.2, True), (0.95, False)])
+def test_what_lies_on_one_wall_alone_needs_a_grown_ups_height(height_m: float, is_known: bool) -> None:
+    level = Pose(pose_at(0.0, 0.0).rotation, np.array([6.0, 2.5, 2.5]))
+    rng = np.random.default_rng(3)
+    pixels = rng.uniform([120, 100], [520, 300], (300, 2))
+    lengths = distances_by_plan(pixels, CAMERA, level, 0.0, walls()) / UNIT
+    phone = (level.inverse() @ pose_at(5.0, 2.0, height_m)).translation / UNIT
+    found = scale_of_room(MatchedLengths(CAMERA, pixels, lengths, phone), level, walls())
+    assert (found is not None) == is_known
+    # With the floor in view as well the same phone may be a child's.
+    wide = rng.uniform([0, 0], [639, 479], (300, 2))
+    lengths = distances_by_plan(wide, CAMERA, MONITOR, 0.0, walls()) / UNIT
+    phone = (MONITOR.inverse() @ pose_at(3.0, 2.0, height_m)).translation / UNIT
+    assert off(scale_of_room(MatchedLengths(CAMERA, wide, lengths, phone), MONITOR, walls())) < 0.05
+
+
 def test_a_camera_no_higher_than_a_phone_says_nothing_of_its_height() -> None:
     low = Pose(MONITOR.rotation, np.array([0.4, 2.5, 1.6]))
     rng = np.random.default_rng(2)
