@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from app.geometry.camera import Camera
+from app.geometry.se3 import Pose
 from tests.api.test_anchors import SHIFT, down, push
 from tests.plans import area, collection, put_features
 from tests.scenes import Room, View, pose_at
@@ -36,8 +37,8 @@ def server(tmp_path: Path) -> Iterator[Server]:
         yield running_server
 
 
-def hall(view: View) -> dict[str, Any]:
-    """Return the camera with its one POI."""
+def hall(view: View, height_m: float = MONITOR.translation[2]) -> dict[str, Any]:
+    """Return the camera with its one POI, at a height on the plan's z axis."""
     u, v = POI_PIXEL
     in_camera = LENS.unproject(np.array([[u, v]]), np.array([view.depth_m[v, u]]))
     point, at = MONITOR.apply(in_camera)[0], MONITOR.translation
@@ -47,7 +48,7 @@ def hall(view: View) -> dict[str, Any]:
         "venue": "v",
         "floor": "0",
         "position": {"x": x, "y": y},
-        "height_m": float(at[2]),
+        "height_m": float(height_m),
         "camera": {"model": LENS.model, "width": LENS.width, "height": LENS.height, "params": LENS.params},
         "pois": [
             {
@@ -67,17 +68,17 @@ def put_room(server: Server, deep_m: float = 4.0) -> None:
     assert put_features(server, "0", drawn, "v").status_code == 200
 
 
-def ask(server: Server, *, with_gravity: bool = True) -> dict[str, Any]:
+def ask(server: Server, pose: Pose = PHONE, *, with_gravity: bool = True) -> dict[str, Any]:
     """Ask where the phone is."""
-    view = Room(seed=7).view(PHONE, LENS)
+    view = Room(seed=7).view(pose, LENS)
     gravity = {"gravity": down(view)} if with_gravity else {}
     camera = ",".join(str(value) for value in LENS.params)
     return server.locate(view.png(), venue="v", method="anchor", camera=camera, **gravity)
 
 
-def off_m(found: dict[str, Any]) -> float:
+def off_m(found: dict[str, Any], pose: Pose = PHONE) -> float:
     """Return how far an answer is off on the plan."""
-    x, y = PHONE.translation[:2] + SHIFT
+    x, y = pose.translation[:2] + SHIFT
     return float(np.hypot(found["plan"]["x"] - x, found["plan"]["y"] - y))
 
 
@@ -99,3 +100,21 @@ def test_a_plan_that_is_not_the_room_places_nobody_elsewhere(server: Server) -> 
     put_room(server, deep_m=11.0)
     found = ask(server)
     assert not found["located"] or off_m(found) < 3.0 * found["accuracy"]["position_m"]
+
+
+@pytest.mark.parametrize("shift_m", [-1.4, 3.5])
+def test_where_z_does_not_count_from_the_floor_the_pois_alone_are_asked(
+    server: Server, shift_m: float
+) -> None:
+    put_room(server)
+    view = Room(seed=7).view(MONITOR, LENS)
+    floor = {"name": "Ground", "level": 0, "z_min_m": -3, "z_max_m": 9}
+    assert server.client.put("/venues/v/floors/0", json=floor).status_code == 200
+    body = hall(view, MONITOR.translation[2] + shift_m)
+    assert server.client.put("/anchors/hall", json=body).status_code == 200
+    assert push(server, "hall", view.png()).status_code == 200
+    sees_poi = pose_at(1.2, 1.3, 1.5, 12.0, -10.0)
+    found = ask(server, sees_poi)
+    assert found["located"], found
+    assert off_m(found, sees_poi) < 0.2
+    assert not ask(server)["located"]

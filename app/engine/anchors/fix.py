@@ -19,7 +19,7 @@ from app.engine.anchors.relative_pose import (
     known_verticals,
     phone_beside_monitor,
 )
-from app.engine.anchors.room_scale import MatchedLengths, is_held, scale_of_room
+from app.engine.anchors.room_scale import MatchedLengths, is_above_floor, is_held, scale_of_room
 from app.engine.floors.walls import FloorWalls
 from app.engine.query.verification import coverage
 from app.errors import DegenerateGeometryError
@@ -193,7 +193,8 @@ def fix_by_anchor(
     sights = reliable_sights_of(spec, monitor_camera, seen.inliers.monitor_px, seen.lengths, sweep)
     pois = [sight for sight, _ in sights]
     by_room = None
-    if walls is not None and gravity_in_phone is not None and mounted is None:
+    is_usable = mounted is None and gravity_in_phone is not None and is_above_floor(spec.height_m)
+    if walls is not None and is_usable:
         # The phone needn't see a POI, whose ray turns the camera on the plan all the same.
         pois += unseen_sights(spec, monitor_camera, pois)
         by_room = partial(scale_of_room, seen.by_monitor, walls=walls)

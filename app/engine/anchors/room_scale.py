@@ -88,10 +88,16 @@ class RoomScaleOptions:
         "Root mean square distance of the used points from one plane below which they lie on one wall, metres.",
         chosen="By hand: a grid cell of the walls.",
     )
-    min_drop_m: float = limit(
-        0.5,
-        "A camera tells by how much a phone is below it from this height above a phone's on.",
-        chosen="By hand: twice the standard deviation of a phone's height.",
+    least_camera_m: float = limit(
+        2.0,
+        "Least height of a camera on the plan's z axis with which walls are used, metres.",
+        chosen="By hand: above a phone by twice the standard deviation of its height; below, z may not count from the "
+        "floor.",
+    )
+    most_camera_m: float = limit(
+        4.5,
+        "Largest height of a camera on the plan's z axis with which walls are used, metres.",
+        chosen="By hand: a camera of the storey above, where the plan's z is the world's, is higher.",
     )
     steps: int = limit(
         160,
@@ -114,11 +120,19 @@ class MatchedLengths:
     phone_in_monitor: Array
 
 
+def is_above_floor(camera_height_m: float) -> bool:
+    """Whether a camera at a height on the plan's z axis hangs as cameras do above a floor at z = 0.
+
+    Elsewhere the plan's z may count from another height, and floor and phone aren't where they are looked for.
+    """
+    return OPTIONS.least_camera_m <= camera_height_m <= OPTIONS.most_camera_m
+
+
 def scale_of_room(seen: MatchedLengths, plan_from_monitor: Pose, walls: FloorWalls) -> KnownScale | None:
     """Return the scale at which what is seen lies where the plan has floor and walls, or None where most of it lies at
     no common scale, or the phone then isn't at a height at which people hold one.
 
-    `plan_from_monitor` is in metres on the plan, z above the floor.
+    `plan_from_monitor` is in metres on the plan, z above the floor; the camera `is_above_floor`.
     """
     usable = np.isfinite(seen.lengths) & (seen.lengths > 0)
     if np.count_nonzero(usable) < OPTIONS.min_matches:
@@ -163,8 +177,6 @@ def _by_height(phone_in_monitor: Array, plan_from_monitor: Pose, sigmas: float) 
     """Return the least and largest logarithm of the scale by the phone's height, within so many standard deviations of
     it; None where no scale has it there."""
     below_m = float(plan_from_monitor.translation[2]) - OPTIONS.phone_height_m
-    if below_m < OPTIONS.min_drop_m:
-        return -np.inf, np.inf
     offset = plan_from_monitor.rotation @ phone_in_monitor
     tilt = GRAVITY_SIGMA_RAD * float(np.linalg.norm(offset[:2]))
     drop = float(-offset[2])

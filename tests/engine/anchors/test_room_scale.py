@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.engine.anchors.room_scale import OPTIONS, MatchedLengths, is_held, scale_of_room
+from app.engine.anchors.room_scale import OPTIONS, MatchedLengths, is_above_floor, is_held, scale_of_room
 from app.engine.floors.collection import read_collection
 from app.engine.floors.plan_distances import distances_by_plan
 from app.engine.floors.walls import FloorWalls
@@ -107,13 +107,11 @@ def test_what_lies_on_one_wall_alone_needs_a_grown_ups_height(height_m: float, i
     assert off(scale_of_room(MatchedLengths(CAMERA, wide, lengths, phone), MONITOR, walls())) < 0.05
 
 
-def test_a_camera_no_higher_than_a_phone_says_nothing_of_its_height() -> None:
-    low = Pose(MONITOR.rotation, np.array([0.4, 2.5, 1.6]))
-    rng = np.random.default_rng(2)
-    pixels = rng.uniform([0, 0], [639, 479], (300, 2))
-    lengths = distances_by_plan(pixels, CAMERA, low, 0.0, walls()) / UNIT
-    above = (low.inverse() @ pose_at(3.0, 2.0, 1.8)).translation / UNIT
-    assert off(scale_of_room(MatchedLengths(CAMERA, pixels, lengths, above), low, walls())) < 0.03
+@pytest.mark.parametrize(("height_m", "is_used"), [(1.05, False), (2.45, True), (5.95, False)])
+def test_a_camera_that_hangs_above_no_floor_at_zero_says_nothing_of_the_room(
+    height_m: float, is_used: bool
+) -> None:
+    assert is_above_floor(height_m) == is_used
 
 
 @pytest.mark.parametrize(
