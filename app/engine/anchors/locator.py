@@ -61,6 +61,12 @@ class AnchorLocatorOptions:
         chosen="Recorded walks of roomfix simulate --no-map: of look-alike corridors one was rejected for its sigma "
         "alone; false matches are hardly ever stable.",
     )
+    unstable_rival_ratio: float = limit(
+        0.75,
+        "The same ratio of a fix that isn't stable, where the answer is to be confirmed.",
+        chosen="Recorded walks of roomfix simulate --no-map --pois 1 --seed 9: of two corridors that look alike the "
+        "right one had 178 inliers, as the wrong one, and was not stable.",
+    )
     agreement_m: float = limit(
         0.3,
         "Distance on the plan within which two fixes agree whatever their standard deviations.",
@@ -127,7 +133,7 @@ def locate_by_anchors(
     fixes, matches = _fixes(candidates, phone, camera, down, timer, search)
     if not fixes and matches == 0 and measure_quality(gray).is_poor:
         return not_located("poor_image", timer)
-    return combine_fixes(fixes, matches, timer, may_be_rough=search.may_be_rough)
+    return combine_fixes(fixes, matches, timer, search)
 
 
 def _fixes(
@@ -191,12 +197,10 @@ def combine_fixes(
     fixes: Sequence[tuple[LiveAnchor, AnchorFix]],
     matches: int,
     timer: StageTimer,
-    *,
-    may_be_rough: bool = False,
+    search: AnchorSearch = ANYWHERE,
 ) -> AnchorLocalization:
-    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none. Less exact
-    fixes are accepted where they `may_be_rough`."""
-    judged = [(anchor, fix, judge_fix(fix, may_be_rough)) for anchor, fix in fixes]
+    """Return the answer by all fixes that are accepted and agree; `matches` is stated where there is none."""
+    judged = [(anchor, fix, judge_fix(fix, search.may_be_rough)) for anchor, fix in fixes]
     accepted = [(anchor, fix) for anchor, fix, reason in judged if reason is None]
     if not accepted:
         reasons = [reason for _, _, reason in judged if reason is not None]
@@ -208,7 +212,7 @@ def combine_fixes(
     accepted.sort(key=lambda pair: -confidence_of_fix(pair[1]))
     anchor, best = accepted[0]
     agreeing = [pair for pair in accepted if _agree(anchor, best, *pair)]
-    rivals = [pair for pair in fixes if not _agree(anchor, best, *pair) and _rivals(best, pair[1])]
+    rivals = [pair for pair in fixes if not _agree(anchor, best, *pair) and _rivals(best, pair[1], search)]
     if len(agreeing) < len(accepted) or rivals:
         return replace(not_located("ambiguous", timer, matches), is_contested=True)
     pose, covariance = _joined([fix for _, fix in agreeing])
@@ -244,10 +248,12 @@ def _agree(one: LiveAnchor, a: AnchorFix, other: LiveAnchor, b: AnchorFix) -> bo
     return float(np.linalg.norm(difference)) <= max(OPTIONS.agreement_sigmas * sigma, OPTIONS.agreement_m)
 
 
-def _rivals(best: AnchorFix, other: AnchorFix) -> bool:
+def _rivals(best: AnchorFix, other: AnchorFix, search: AnchorSearch) -> bool:
     """Whether a fix elsewhere, not exact enough itself, has so many inliers that the two places look alike."""
-    enough = other.evidence.inliers >= OPTIONS.rival_inlier_ratio * best.evidence.inliers
-    return enough and is_stable(other.evidence)
+    share = other.evidence.inliers / max(best.evidence.inliers, 1)
+    # A first fix can wait, so that it needs more than to be the steadier one of two.
+    is_as_likely = search.to_be_confirmed and share >= OPTIONS.unstable_rival_ratio
+    return is_as_likely or (share >= OPTIONS.rival_inlier_ratio and is_stable(other.evidence))
 
 
 def _joined(fixes: Sequence[AnchorFix]) -> tuple[Pose, Array]:

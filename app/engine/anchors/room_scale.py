@@ -75,8 +75,7 @@ class RoomScaleOptions:
         3.0,
         "Largest difference of a phone's height, and of the room's scale from that by the height, in standard "
         "deviations.",
-        chosen="By hand: the usual limit between noise and outlier; the height only tells the right scale from one by "
-        "other things.",
+        chosen="By hand: the usual limit between noise and outlier.",
     )
     one_wall_sigmas: float = limit(
         1.5,
@@ -130,7 +129,8 @@ def is_above_floor(camera_height_m: float) -> bool:
 
 def scale_of_room(seen: MatchedLengths, plan_from_monitor: Pose, walls: FloorWalls) -> KnownScale | None:
     """Return the scale at which what is seen lies where the plan has floor and walls, or None where most of it lies at
-    no common scale, or the phone then isn't at a height at which people hold one.
+    no common scale, or the phone then isn't at a height at which people hold one. It is the mean with the scale by that
+    height.
 
     `plan_from_monitor` is in metres on the plan, z above the floor; the camera `is_above_floor`.
     """
@@ -140,22 +140,25 @@ def scale_of_room(seen: MatchedLengths, plan_from_monitor: Pose, walls: FloorWal
     pixels = seen.pixels[usable]
     distances_m = distances_by_plan(pixels, seen.camera, plan_from_monitor, 0.0, walls)
     logs = np.log(distances_m / seen.lengths[usable])
-    possible = _by_height(seen.phone_in_monitor, plan_from_monitor, OPTIONS.height_sigmas)
-    if possible is None:
+    offset = plan_from_monitor.rotation @ seen.phone_in_monitor
+    by_height = _scale_of_height(offset, float(plan_from_monitor.translation[2]))
+    if by_height is None and not _may_be_below(offset):
         return None
-    scale, share = _common(logs, max(possible[0], logs.min()), min(possible[1], logs.max()))
+    lowest, highest = _possible(by_height, OPTIONS.height_sigmas)
+    scale, share = _common(logs, max(lowest, logs.min()), min(highest, logs.max()))
     if share < OPTIONS.min_share:
         return None
     near = np.abs(logs - scale) < OPTIONS.near_log
     if _is_one_wall(pixels[near], distances_m[near], seen.camera):
-        possible = _by_height(seen.phone_in_monitor, plan_from_monitor, OPTIONS.one_wall_sigmas)
-        if possible is None or not possible[0] <= scale <= possible[1]:
+        lowest, highest = _possible(by_height, OPTIONS.one_wall_sigmas)
+        if by_height is None or not lowest <= scale <= highest:
             return None
     by_furniture = OPTIONS.furniture_m / float(np.median(distances_m[near]))
-    return KnownScale(
+    by_room = KnownScale(
         float(np.quantile(logs[near], OPTIONS.front_share)),
         float(np.hypot(OPTIONS.base_log_sigma, by_furniture)),
     )
+    return by_room if by_height is None else _mean(by_room, by_height)
 
 
 def is_held(plan_from_phone: Pose, baseline_m: float) -> bool:
@@ -173,19 +176,44 @@ def _is_one_wall(pixels: Array, distances_m: Array, camera: Camera) -> bool:
     return bool(across / np.sqrt(len(points)) < OPTIONS.one_wall_m)
 
 
-def _by_height(phone_in_monitor: Array, plan_from_monitor: Pose, sigmas: float) -> tuple[float, float] | None:
-    """Return the least and largest logarithm of the scale by the phone's height, within so many standard deviations of
-    it; None where no scale has it there."""
-    below_m = float(plan_from_monitor.translation[2]) - OPTIONS.phone_height_m
-    offset = plan_from_monitor.rotation @ phone_in_monitor
-    tilt = GRAVITY_SIGMA_RAD * float(np.linalg.norm(offset[:2]))
+def _scale_of_height(offset: Array, camera_height_m: float) -> KnownScale | None:
+    """Return the scale that has a phone at the height at which people hold one; None where it isn't below the camera.
+
+    `offset` (3,) is the phone's from the camera, in plan axes and the unit of the relative pose.
+    """
     drop = float(-offset[2])
-    if drop + sigmas * tilt <= 0:
-        return None
     if drop <= 0:
+        return None
+    below_m = camera_height_m - OPTIONS.phone_height_m
+    sigma = float(np.hypot(OPTIONS.phone_height_sigma_m / below_m, _tilt(offset) / drop))
+    return KnownScale(float(np.log(below_m / drop)), sigma)
+
+
+def _may_be_below(offset: Array) -> bool:
+    """Whether a phone that seems to be above its camera may be below by what gravity is off."""
+    return float(-offset[2]) + OPTIONS.height_sigmas * _tilt(offset) > 0
+
+
+def _tilt(offset: Array) -> float:
+    """Return the standard deviation of an offset's height by that of gravity."""
+    return GRAVITY_SIGMA_RAD * float(np.linalg.norm(offset[:2]))
+
+
+def _possible(by_height: KnownScale | None, sigmas: float) -> tuple[float, float]:
+    """Return the least and largest logarithm of a scale within so many standard deviations of that by the height."""
+    if by_height is None:
         return -np.inf, np.inf
-    within = sigmas * float(np.hypot(OPTIONS.phone_height_sigma_m / below_m, tilt / drop))
-    return float(np.log(below_m / drop)) - within, float(np.log(below_m / drop)) + within
+    return (
+        by_height.log_scale - sigmas * by_height.log_sigma,
+        by_height.log_scale + sigmas * by_height.log_sigma,
+    )
+
+
+def _mean(one: KnownScale, other: KnownScale) -> KnownScale:
+    """Return the mean of two scales by their variances."""
+    weights = np.array([one.log_sigma, other.log_sigma]) ** -2.0
+    log_scale = float(weights @ [one.log_scale, other.log_scale] / weights.sum())
+    return KnownScale(log_scale, float(weights.sum() ** -0.5))
 
 
 def _common(logs: Array, lowest: float, highest: float) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.engine.anchors.anchor import Anchor, AnchorSearch, AnchorSpec, AroundPlace
+from app.engine.anchors.anchor import ANYWHERE, Anchor, AnchorSearch, AnchorSpec, AroundPlace
 from app.engine.anchors.features import AnchorFeatures
 from app.engine.anchors.fix import AnchorFix
 from app.engine.anchors.live_anchor import LiveAnchor
@@ -50,10 +50,10 @@ def at(x: float, *, sigma_m: float = 0.05, inliers: int = 500) -> AnchorFix:
     return replace(found, solution=solution, position_covariance=sigma_m**2 * np.eye(3))
 
 
-def combined(*fixes: tuple[str, AnchorFix], may_be_rough: bool = False) -> AnchorLocalization:
+def combined(*fixes: tuple[str, AnchorFix], search: AnchorSearch = ANYWHERE) -> AnchorLocalization:
     """Return the answer by fixes of anchors on these floors."""
     pairs = [(live(f"camera-{number}", floor), one) for number, (floor, one) in enumerate(fixes)]
-    return combine_fixes(pairs, 800, StageTimer(), may_be_rough=may_be_rough)
+    return combine_fixes(pairs, 800, StageTimer(), search)
 
 
 def test_anchors_that_agree_answer_together() -> None:
@@ -75,6 +75,16 @@ def test_an_inexact_fix_elsewhere_contests_a_place_by_its_inliers() -> None:
     assert not combined(("0", at(1.0)), ("1", at(6.0, sigma_m=2.0, inliers=100))).is_contested
 
 
+def test_an_unstable_fix_with_as_many_inliers_contests_one_that_is_to_be_confirmed() -> None:
+    other = at(6.0, sigma_m=2.0, inliers=400)
+    unstable = replace(other, evidence=replace(other.evidence, instability_deg=90.0))
+    few = replace(unstable, evidence=replace(unstable.evidence, inliers=350))
+    first = AnchorSearch(to_be_confirmed=True)
+    assert not combined(("0", at(1.0)), ("1", unstable)).is_contested
+    assert combined(("0", at(1.0)), ("1", unstable), search=first).is_contested
+    assert not combined(("0", at(1.0)), ("1", few), search=first).is_contested
+
+
 def test_a_fix_that_fails_alone_is_no_contest() -> None:
     found = combined(("0", replace(at(1.0), evidence=replace(at(1.0).evidence, scale_error=0.5))))
     assert (found.reason, found.is_contested) == ("ambiguous", False)
@@ -83,7 +93,7 @@ def test_a_fix_that_fails_alone_is_no_contest() -> None:
 def test_less_exact_fixes_are_accepted_where_they_may_be_rough() -> None:
     rough = at(1.0, sigma_m=0.4)
     assert combined(("0", rough)).reason == "too_few_inliers"
-    assert combined(("0", rough), may_be_rough=True).plan_from_phone is not None
+    assert combined(("0", rough), search=AnchorSearch(to_be_confirmed=True)).plan_from_phone is not None
 
 
 def test_a_search_may_be_rough_around_a_place_or_before_a_second_fix() -> None:

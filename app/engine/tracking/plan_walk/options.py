@@ -53,6 +53,11 @@ class PlanTrackerOptions:
     confirmation_m: float = limit(
         0.5, "Distance, beyond the way between, of two fixes that confirm each other.", chosen="By hand."
     )
+    same_place_m: float = limit(
+        1.0,
+        "Distance within which the fixes by the same cameras err alike.",
+        chosen="By hand: what they see, and its distance, is much the same.",
+    )
     height_m: float = limit(1.5, "Height of a phone in a hand above the floor.", chosen="By hand.")
     least_height_m: float = limit(
         0.8, "Least height that is believed of a fix.", chosen="By hand: a child's."

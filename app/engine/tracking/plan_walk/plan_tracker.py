@@ -38,6 +38,14 @@ class _Pending:
     time_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Corrected:
+    """The anchors of a fix that corrected the particles, and its place (2,)."""
+
+    anchors: tuple[str, ...]
+    xy: Array
+
+
 class PlanTracker:
     """Tracks one camera through its frames on floor plans, one at a time. Memory and camera as in `Tracker`."""
 
@@ -49,6 +57,7 @@ class PlanTracker:
         self._trust = PlaceTrust()
         self._particles: Particles | None = None
         self._pending: _Pending | None = None
+        self._corrected: _Corrected | None = None
         self._frame_id = self.memory.frame_id
         self._height_m = OPTIONS.height_m
         self._since_search = OPTIONS.sure_every
@@ -160,7 +169,7 @@ class PlanTracker:
         )
         if self._particles is not None and fix.frame_id == self._frame_id and _agrees(self._particles, seen):
             is_found = self._trust.is_lost and self.memory.last is not None
-            self._particles.correct(seen)
+            self._correct(self._particles, seen, fix.anchors)
             self._trust.found()
             self._note_height(pose, floor)
             self._pending, self._has_fix = None, True
@@ -182,6 +191,24 @@ class PlanTracker:
         )
         return "lost"
 
+    def _correct(self, particles: Particles, seen: PlanFix, anchors: tuple[str, ...]) -> None:
+        """Correct particles by a fix, but for one that says nothing new.
+
+        Pictures of the same cameras from one place err alike: however many there are, they make the place no surer than
+        one of them does.
+        """
+        before = self._corrected
+        is_again = (
+            before is not None
+            and before.anchors == anchors
+            and bool(np.linalg.norm(before.xy - seen.xy) < OPTIONS.same_place_m)
+        )
+        if is_again and particles.belief().position_sigma_m <= seen.position_sigma_m:
+            return
+        particles.correct(seen)
+        if not is_again:
+            self._corrected = _Corrected(anchors, seen.xy)
+
     def _contest(self) -> None:
         """Forget a fix that waits for a second one: two places look like what is seen, and it was of one of them."""
         self._pending = None
@@ -192,6 +219,7 @@ class PlanTracker:
         """Begin at a fix. What odometry followed had its scale by another place."""
         self._odometry.start(frame, fix.frame_from_camera)
         self._particles, self._frame_id = Particles(plans.walls_in(fix.frame_id), seen), fix.frame_id
+        self._corrected = _Corrected(fix.anchors, seen.xy)
         self._note_height(fix.frame_from_camera, floor)
 
     def _is_confirmed(self, seen: PlanFix, frame_id: str, time_s: float) -> bool:

@@ -104,3 +104,34 @@ def test_rough_fixes_are_asked_for_until_the_place_is_known_and_then_around_it()
     assert not third.to_be_confirmed
     assert third.around is not None
     assert third.may_be_rough
+
+
+def by(name: str, x: float = 9.0, sigma_m: float = 0.2) -> Fix:
+    """Return a fix by one camera, somewhere in the office."""
+    fix = replace(fix_at(x, 4.0, frame_id=PLAN), accuracy=Accuracy(sigma_m, 2.0))
+    return replace(fix, anchors=(name,))
+
+
+def sigma_m(answer: Tracked) -> float:
+    """Return the stated accuracy of an answer."""
+    assert answer.accuracy is not None
+    return answer.accuracy.position_m
+
+
+def test_many_pictures_of_one_camera_make_the_place_no_surer_than_one() -> None:
+    again, anew = Walk(), Walk()
+    for walk in (again, anew):
+        walk.look(by("hall", sigma_m=0.8))
+        walk.look(by("hall", sigma_m=0.8))
+    for number in range(4):
+        same = again.look(by("hall", sigma_m=0.8))
+        other = anew.look(by(f"camera-{number}", sigma_m=0.8))
+    assert sigma_m(same) > 0.7
+    assert sigma_m(other) < 0.5
+
+
+def test_a_place_that_got_less_sure_is_corrected_by_the_same_camera() -> None:
+    walk = Walk()
+    walk.look(by("hall", sigma_m=0.4))
+    walk.look(by("hall", sigma_m=0.4))
+    assert sigma_m(walk.look(by("hall", sigma_m=0.1))) < 0.2
