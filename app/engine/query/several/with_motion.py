@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from app.engine.query.intrinsics import CheckedCamera, check_intrinsics
 from app.engine.query.localization import Localization, votes_of
 from app.engine.query.localizer import Localizer
 from app.engine.query.matches import Matches
-from app.engine.query.placed import Accuracy
+from app.engine.query.placed import Accuracy, Support
 from app.engine.query.several.frame import AskedFrame, as_given
 from app.engine.query.several.hypothesis import RigHypothesis, rig_evidence
 from app.engine.query.several.options import OPTIONS
@@ -38,11 +37,31 @@ def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Lo
     """Return where frame 0 is by all frames, whose cameras are stated and whose motion is known.
 
     The generalized pose must pass the limits of a single picture's. Where it doesn't, frame 0 alone may still answer,
-    unless another frame contradicts it: by a pose of its own, or by a better place for all.
+    unless another frame contradicts it: by a better place for all, or by a pose of its own. Of the frames that have one
+    most must agree where frame 0 is, frame 0 among them if it has one; the others are left out.
     """
     alone = as_given(frames[0], frames[0].found, frames[0].world_from_given)
-    if _is_disputed(frames):
+    kept = _undisputed(frames)
+    if kept is None:
         return alone.refused("ambiguous")
+    if len(kept) == len(frames):
+        return _by_all(localizer, frames, alone)
+    found = _by_all(localizer, kept, alone)
+    return replace(found, frames=_support_of_all(found, frames, kept))
+
+
+def _support_of_all(
+    found: Localization, frames: Sequence[AskedFrame], kept: Sequence[AskedFrame]
+) -> tuple[Support, ...]:
+    """Return the support of all frames by the outcome for those that were kept: the others have no inliers."""
+    if not found.frames:
+        return ()
+    supports = dict(zip(map(id, kept), found.frames, strict=True))
+    return tuple(supports.get(id(frame), Support(0, frame.found.evidence.matches)) for frame in frames)
+
+
+def _by_all(localizer: Localizer, frames: Sequence[AskedFrame], alone: Localization) -> Localization:
+    """Return where frame 0 is by frames that don't contradict each other."""
     if any(frame.found.is_refined for frame in frames):
         # What was stated of a camera is wrong, and the motion may be for it.
         return alone
@@ -64,15 +83,27 @@ def locate_with_motion(localizer: Localizer, frames: Sequence[AskedFrame]) -> Lo
     return alone if agrees else alone.refused("ambiguous")
 
 
-def _is_disputed(frames: Sequence[AskedFrame]) -> bool:
-    """Whether two frames that are located alone disagree about where frame 0 is."""
+def _undisputed(frames: Sequence[AskedFrame]) -> list[AskedFrame] | None:
+    """Return the frames without those whose own pose most others contradict; None where most don't agree where frame 0
+    is, or not with frame 0's own pose."""
     located = [
-        (pose, _own_sigma_m(frame)) for frame in frames if (pose := frame.world_from_first) is not None
+        (frame, pose, _own_sigma_m(frame)) for frame in frames if (pose := frame.world_from_first) is not None
     ]
-    return any(
-        not agree(one, other, math.hypot(sigma_m, other_sigma_m))
-        for (one, sigma_m), (other, other_sigma_m) in combinations(located, 2)
-    )
+    groups = [
+        [
+            frame
+            for frame, other, other_sigma_m in located
+            if agree(one, other, math.hypot(sigma_m, other_sigma_m))
+        ]
+        for _, one, sigma_m in located
+    ]
+    group = max(groups, key=len, default=[])
+    if len(group) < len(located) and 2 * len(group) <= len(located):
+        return None
+    out = [frame for frame, _, _ in located if not any(frame is each for each in group)]
+    if any(frame is frames[0] for frame in out):
+        return None
+    return [frame for frame in frames if not any(frame is each for each in out)]
 
 
 def _own_sigma_m(frame: AskedFrame) -> float:

@@ -96,6 +96,22 @@ def test_a_motion_that_two_frames_contradict_is_refused(wall: Localizer, room: R
     assert_refused(localize_several(wall, [frames[0], frame(room.view(NEXT).rgb, false)]), "ambiguous")
 
 
+def test_one_frame_that_two_others_contradict_is_left_out(wall: Localizer, room: Room) -> None:
+    false = Pose(LAST.rotation, LAST.translation + np.array([0.5, 0.0, 0.0]))
+    right = [frame(room.view(QUERY).rgb, QUERY), frame(room.view(NEXT).rgb, NEXT)]
+    found = localize_several(wall, [*right, frame(room.view(LAST).rgb, false)])
+    assert_at_query(found)
+    assert [support.inliers > 0 for support in found.frames] == [True, True, False]
+
+
+def test_frame_0_is_not_answered_against_its_own_pose(wall: Localizer, room: Room) -> None:
+    moved = Pose(np.eye(3), np.array([0.5, 0.0, 0.0]))
+    given = [frame(room.view(pose).rgb, moved @ pose) for pose in (NEXT, LAST)]
+    asked = [ask_alone(wall, each) for each in (frame(room.view(QUERY).rgb, QUERY), *given)]
+    assert all(each.world_from_first is not None for each in asked)
+    assert_refused(locate_with_motion(wall, asked), "ambiguous")
+
+
 def test_a_frame_whose_camera_was_refined_contradicts_another_only_beyond_its_own_accuracy(
     wall: Localizer, room: Room
 ) -> None:
