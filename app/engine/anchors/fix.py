@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -23,12 +23,7 @@ from app.engine.anchors.room_scale import MatchedLengths, is_above_floor, is_hel
 from app.engine.floors.walls import FloorWalls
 from app.engine.query.verification import coverage
 from app.errors import DegenerateGeometryError
-from app.geometry.anchor_pose import (
-    AnchorSolution,
-    PoiSight,
-    solve_anchor,
-    solve_calibrated,
-)
+from app.geometry.anchor_pose import AnchorSolution, PoiSight, solve_anchor, solve_calibrated
 from app.geometry.camera import Camera, tangent_of_px
 from app.geometry.relative_covariance import perturbed_relative, relative_pose_covariance
 from app.geometry.se3 import Pose, skew
@@ -216,11 +211,8 @@ def fix_by_anchor(
         )
     except (DegenerateGeometryError, np.linalg.LinAlgError):
         return None
-    evidence = replace(
-        _evidence(seen, solution, pois),
-        region_matches=sum(count for _, count in sights),
-        instability_deg=_instability_deg(seen, mounted is not None),
-        is_held=by_room is None or is_held(solution.plan_from_phone, seen.baseline_m(solution)),
+    evidence = _evidence(
+        seen, solution, pois, sights, is_calibrated=mounted is not None, has_floor=by_room is not None
     )
     return _fix(solution, evidence, seen, covariance, mounted)
 
@@ -262,28 +254,36 @@ class _Seen:
         return solution.metres_per_unit * float(np.linalg.norm(self.phone_from_monitor.translation))
 
 
-def _instability_deg(seen: _Seen, is_calibrated: bool) -> float:
+def _evidence(
+    seen: _Seen,
+    solution: AnchorSolution,
+    pois: list[PoiSight],
+    sights: list[tuple[PoiSight, int]],
+    *,
+    is_calibrated: bool,
+    has_floor: bool,
+) -> AnchorEvidence:
+    """Return the figures of a solution by `pois`, of which the phone sees those in `sights`, with their matches.
+
+    `has_floor` says that the plan's z counts from the floor.
+    """
+    phone = seen.cameras[1]
     # Of a calibrated camera instability is the largest error, so that the halves are always compared.
     sure_inliers = len(seen.matches) + 1 if is_calibrated else OPTIONS.sure_inliers
-    return instability_deg(seen.matches, seen.cameras, seen.found, sure_inliers)
-
-
-def _evidence(seen: _Seen, solution: AnchorSolution, pois: list[PoiSight]) -> AnchorEvidence:
-    """Return the figures of a solution but for those of regions, of the halves of the matches and of the height."""
-    phone = seen.cameras[1]
     return AnchorEvidence(
         matches=len(seen.matches),
         inliers=len(seen.inliers),
         coverage=coverage(seen.inliers.phone_px, (phone.width, phone.height)),
-        region_matches=0,
+        region_matches=sum(count for _, count in sights),
         parallax_deg=seen.found.estimate.parallax_deg,
         poi_error_share=_poi_error_share(solution, pois),
         scale_error=_scale_error(solution.scale_errors),
         log_scale_sigma=solution.log_scale_sigma,
-        instability_deg=0.0,
+        instability_deg=instability_deg(seen.matches, seen.cameras, seen.found, sure_inliers),
         worst_scale_error=_worst_scale_error(solution),
         is_upright=seen.found.verticals is not None,
         room_sigmas=solution.room_sigmas or 0.0,
+        is_held=not has_floor or is_held(solution.plan_from_phone, seen.baseline_m(solution)),
     )
 
 

@@ -21,7 +21,7 @@ from app.limits import limit
 
 Array = NDArray[np.float64]
 
-PAIRS = "Measured on the phones of `roomfix evaluate-walls --building 0`"
+PAIRS = "By a script that is not kept, on phones drawn like those of `roomfix evaluate-walls --building 0`"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
