@@ -30,6 +30,8 @@ FRAMES = 1200
 # The hand's motion is made at this number of steps a frame.
 STEPS = 2
 QUERIES = 60
+# A phone held before the body with bent elbows, metres.
+ARM_M = 0.35
 # Filmed at the marker first: sideways past it, then turning away.
 MARKER_STEPS = 50
 TURN_STEPS = 20
@@ -53,7 +55,7 @@ class FilmedFloor:
     @property
     def walk(self) -> tuple[Walk, ...]:
         """The walk after the marker."""
-        return (Walk(self.floor, stops_of(self.stops)),)
+        return (Walk(self.floor, stops_of(self.stops), arm_m=ARM_M),)
 
     @property
     def marker_at(self) -> tuple[float, float, float]:

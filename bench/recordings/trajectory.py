@@ -38,11 +38,13 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Stops on one floor (`climb` 0), or the way up (1) or down (-1) the stair."""
+    """Stops on one floor (`climb` 0), or the way up (1) or down (-1) the stair; the camera is held `arm_m` metres
+    ahead of the body, round which it swings when the person turns."""
 
     floor: int
     stops: tuple[Stop, ...] = ()
     climb: int = 0
+    arm_m: float = 0.12
 
 
 def stops_of(text: str) -> tuple[Stop, ...]:
@@ -154,7 +156,7 @@ def _climb(direction: int) -> tuple[Floats, Floats]:
     return points[::direction], np.zeros(len(y))
 
 
-def _headings(points: Floats, turns_deg: Floats, phase: float) -> tuple[Floats, Floats]:
+def _headings(points: Floats, turns_deg: Floats, phase: float, arm_m: float) -> tuple[Floats, Floats]:
     """Return points (m, 3) and headings (m,) in radians, with the turns on the spot put in as extra
     samples."""
     ahead = gaussian_filter1d(np.gradient(points[:, :2], axis=0), 12, axis=0, mode="nearest")
@@ -167,7 +169,7 @@ def _headings(points: Floats, turns_deg: Floats, phase: float) -> tuple[Floats, 
         steps = int(abs(turn) / 2) + 1
         swing = np.radians(np.linspace(0, turn, steps)) if turn else np.zeros(1)
         # Turning on the spot moves the camera round the body, an arm's length.
-        sway = 0.12 * np.column_stack(
+        sway = arm_m * np.column_stack(
             [np.cos(angle + turned + swing), np.sin(angle + turned + swing), 0 * swing]
         )
         places.append(point + sway)
@@ -202,7 +204,7 @@ def scan_poses(walks: tuple[Walk, ...], frames: int, seed: int = 0) -> list[Pose
     places: list[Floats] = []
     headings: list[Floats] = []
     for k, walk in enumerate(walks):
-        points, angles = _headings(*smooth_path(walk), phase=1.7 * k)
+        points, angles = _headings(*smooth_path(walk), phase=1.7 * k, arm_m=walk.arm_m)
         if headings:
             angles = angles + 2 * np.pi * np.round((headings[-1][-1] - angles[0]) / (2 * np.pi))
         places.append(points)
