@@ -128,7 +128,7 @@ def build_map(
     run = in_chunks(executor, progress)
     artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
-    if has_second_features(options) and source.has_depth:
+    if has_second_features(options):
         placed_frames = [PlacedKeyframe(source.frames[row], poses[row]) for row in kept]
         camera = refined.camera
         artifact = _with_second_features(artifact, source, placed_frames, camera, models, executor, progress)

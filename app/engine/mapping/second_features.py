@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.options import BuildOptions
+from app.engine.mapping.triangulated_depth import with_triangulated_depth
 from app.engine.maps.points import MapPoints, View, points_from_depth
 from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import Progress, map_in_order
@@ -31,9 +32,15 @@ class SecondFeatureOptions:
         "Most features of XFeat that a keyframe keeps.",
         chosen="By hand: with 152 bytes each they take no more than the keyframe's own features.",
     )
+    max_matched: int = limit(
+        800,
+        "Features of a keyframe without depth that are matched with those of other keyframes, for points.",
+        chosen="By hand: about half of them get a point.",
+    )
 
 
 OPTIONS = SecondFeatureOptions()
+STAGE = "second features"
 
 # The features of maps that a second look can judge: what resembles something elsewhere is judged by them.
 SECOND_LOOK_FEATURES = ("sift", "sift-full")
@@ -60,15 +67,15 @@ def second_features(
     executor: Executor,
     progress: Progress,
 ) -> SecondFeatures:
-    """Return the best of each keyframe's features that have a depth, with points by it; `camera` is the map's."""
+    """Return the best of each keyframe's features that have a depth, with points by it; `camera` is the map's.
 
-    def described(keyframe: PlacedKeyframe) -> MapPoints:
-        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
-        depth_m = sample_depth(source.depth_m(keyframe.frame), features.keypoints_px)
-        points = points_from_depth(View(keyframe.world_from_camera, features, depth_m), camera)
-        return points.take(np.arange(min(OPTIONS.max_features, len(points.features))))
-
-    found = list(map_in_order(executor, described, keyframes, "second features", progress))
+    Where the scan has no depth, features that several keyframes see have that of their triangulated point.
+    """
+    if source.has_depth:
+        views = _with_sensed_depth(source, keyframes, extractor, executor, progress)
+    else:
+        views = _with_triangulated_depth(source, keyframes, camera, extractor, executor, progress)
+    found = [_best_points(view, camera) for view in views]
     counts = [len(points.features) for points in found]
     return SecondFeatures(
         offsets=np.cumsum([0, *counts]).astype(np.int64),
@@ -77,3 +84,41 @@ def second_features(
         point_sigma_m=np.concatenate([points.sigma_m for points in found]).astype(np.float32),
         descriptors=np.concatenate([points.features.descriptors for points in found]).astype(np.float16),
     )
+
+
+def _with_sensed_depth(
+    source: FrameSource,
+    keyframes: Sequence[PlacedKeyframe],
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[View]:
+    def seen(keyframe: PlacedKeyframe) -> View:
+        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
+        depth_m = sample_depth(source.depth_m(keyframe.frame), features.keypoints_px)
+        return View(keyframe.world_from_camera, features, depth_m)
+
+    return map_in_order(executor, seen, keyframes, STAGE, progress)
+
+
+def _with_triangulated_depth(
+    source: FrameSource,
+    keyframes: Sequence[PlacedKeyframe],
+    camera: Camera,
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[View]:
+    def seen(keyframe: PlacedKeyframe) -> View:
+        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
+        best = features.take(np.arange(min(OPTIONS.max_matched, len(features))))
+        return View(keyframe.world_from_camera, best, np.zeros(len(best), np.float32))
+
+    views = dict(enumerate(map_in_order(executor, seen, keyframes, STAGE, progress)))
+    deep = with_triangulated_depth(views, camera, extractor, executor, progress)
+    return (deep[row] for row in sorted(deep))
+
+
+def _best_points(view: View, camera: Camera) -> MapPoints:
+    points = points_from_depth(view, camera)
+    return points.take(np.arange(min(OPTIONS.max_features, len(points.features))))
