@@ -10,7 +10,7 @@ import numpy as np
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.options import BuildOptions
-from app.engine.mapping.triangulated_depth import with_triangulated_depth
+from app.engine.mapping.triangulated_depth import triangulated_points
 from app.engine.maps.points import MapPoints, View, points_from_depth
 from app.engine.maps.second_features import SecondFeatures
 from app.engine.progress import Progress, map_in_order
@@ -71,11 +71,8 @@ def second_features(
 
     Where the scan has no depth, features that several keyframes see have that of their triangulated point.
     """
-    if source.has_depth:
-        views = _with_sensed_depth(source, keyframes, extractor, executor, progress)
-    else:
-        views = _with_triangulated_depth(source, keyframes, camera, extractor, executor, progress)
-    found = [_best_points(view, camera) for view in views]
+    points_of = _sensed_points if source.has_depth else _triangulated_points
+    found = [_best(points) for points in points_of(source, keyframes, camera, extractor, executor, progress)]
     counts = [len(points.features) for points in found]
     return SecondFeatures(
         offsets=np.cumsum([0, *counts]).astype(np.int64),
@@ -86,39 +83,38 @@ def second_features(
     )
 
 
-def _with_sensed_depth(
-    source: FrameSource,
-    keyframes: Sequence[PlacedKeyframe],
-    extractor: LocalFeatureExtractor,
-    executor: Executor,
-    progress: Progress,
-) -> Iterator[View]:
-    def seen(keyframe: PlacedKeyframe) -> View:
-        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
-        depth_m = sample_depth(source.depth_m(keyframe.frame), features.keypoints_px)
-        return View(keyframe.world_from_camera, features, depth_m)
-
-    return map_in_order(executor, seen, keyframes, STAGE, progress)
-
-
-def _with_triangulated_depth(
+def _sensed_points(
     source: FrameSource,
     keyframes: Sequence[PlacedKeyframe],
     camera: Camera,
     extractor: LocalFeatureExtractor,
     executor: Executor,
     progress: Progress,
-) -> Iterator[View]:
+) -> Iterator[MapPoints]:
+    def described(keyframe: PlacedKeyframe) -> MapPoints:
+        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
+        depth_m = sample_depth(source.depth_m(keyframe.frame), features.keypoints_px)
+        return points_from_depth(View(keyframe.world_from_camera, features, depth_m), camera)
+
+    return map_in_order(executor, described, keyframes, STAGE, progress)
+
+
+def _triangulated_points(
+    source: FrameSource,
+    keyframes: Sequence[PlacedKeyframe],
+    camera: Camera,
+    extractor: LocalFeatureExtractor,
+    executor: Executor,
+    progress: Progress,
+) -> Iterator[MapPoints]:
     def seen(keyframe: PlacedKeyframe) -> View:
         features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
         best = features.take(np.arange(min(OPTIONS.max_matched, len(features))))
         return View(keyframe.world_from_camera, best, np.zeros(len(best), np.float32))
 
     views = dict(enumerate(map_in_order(executor, seen, keyframes, STAGE, progress)))
-    deep = with_triangulated_depth(views, camera, extractor, executor, progress)
-    return (deep[row] for row in sorted(deep))
+    return triangulated_points(views, camera, extractor, executor, progress)
 
 
-def _best_points(view: View, camera: Camera) -> MapPoints:
-    points = points_from_depth(view, camera)
+def _best(points: MapPoints) -> MapPoints:
     return points.take(np.arange(min(OPTIONS.max_features, len(points.features))))

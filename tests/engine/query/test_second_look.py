@@ -74,7 +74,9 @@ def test_without_depth_points_are_triangulated(room: Room, tmp_path: Path) -> No
     assert second is not None
     assert len(second.keypoints_px) > 200
     # The room's faces are at 0 and at its size.
-    off_m = np.abs(second.points_in_world[:, :, None] - np.stack([np.zeros(3), room.size_m], axis=1)).min(axis=2)
+    off_m = np.abs(second.points_in_world[:, :, None] - np.stack([np.zeros(3), room.size_m], axis=1)).min(
+        axis=2
+    )
     assert np.median(off_m.min(axis=1)) < 0.05
     assert np.quantile(off_m.min(axis=1), 0.9) < 0.2
 
