@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class SecondFeatureOptions:
     )
     max_matched: int = limit(
         800,
-        "Features of a keyframe without depth that are matched with those of other keyframes, for points.",
+        "Features of a frame without depth that are matched with those of other frames, for points.",
         chosen="By hand: about half of them get a point.",
     )
 
@@ -52,7 +53,7 @@ def has_second_features(options: BuildOptions) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacedKeyframe:
+class PlacedFrame:
     """A frame of the scan and its `world_from_camera`."""
 
     frame: Frame
@@ -61,7 +62,8 @@ class PlacedKeyframe:
 
 def second_features(
     source: FrameSource,
-    keyframes: Sequence[PlacedKeyframe],
+    keyframes: Sequence[PlacedFrame],
+    others: Sequence[PlacedFrame],
     camera: Camera,
     extractor: LocalFeatureExtractor,
     executor: Executor,
@@ -69,10 +71,18 @@ def second_features(
 ) -> SecondFeatures:
     """Return the best of each keyframe's features that have a depth, with points by it; `camera` is the map's.
 
-    Where the scan has no depth, features that several keyframes see have that of their triangulated point.
+    Where the scan has no depth, features that several frames see, keyframes and `others`, have that of their
+    triangulated point.
     """
-    points_of = _sensed_points if source.has_depth else _triangulated_points
-    found = [_best(points) for points in points_of(source, keyframes, camera, extractor, executor, progress)]
+    if source.has_depth:
+        points_of = partial(_sensed_points, source, camera=camera, extractor=extractor)
+        every = map_in_order(executor, points_of, keyframes, STAGE, progress)
+    else:
+        seen = partial(_seen, source, extractor=extractor)
+        views = dict(enumerate(map_in_order(executor, seen, [*keyframes, *others], STAGE, progress)))
+        wanted = range(len(keyframes))
+        every = triangulated_points(views, wanted, camera, extractor, executor, progress)
+    found = [points.take(np.arange(min(OPTIONS.max_features, len(points.features)))) for points in every]
     counts = [len(points.features) for points in found]
     return SecondFeatures(
         offsets=np.cumsum([0, *counts]).astype(np.int64),
@@ -84,37 +94,14 @@ def second_features(
 
 
 def _sensed_points(
-    source: FrameSource,
-    keyframes: Sequence[PlacedKeyframe],
-    camera: Camera,
-    extractor: LocalFeatureExtractor,
-    executor: Executor,
-    progress: Progress,
-) -> Iterator[MapPoints]:
-    def described(keyframe: PlacedKeyframe) -> MapPoints:
-        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
-        depth_m = sample_depth(source.depth_m(keyframe.frame), features.keypoints_px)
-        return points_from_depth(View(keyframe.world_from_camera, features, depth_m), camera)
-
-    return map_in_order(executor, described, keyframes, STAGE, progress)
+    source: FrameSource, frame: PlacedFrame, *, camera: Camera, extractor: LocalFeatureExtractor
+) -> MapPoints:
+    features = extractor.extract(to_gray(frame_rgb(source, frame.frame)))
+    depth_m = sample_depth(source.depth_m(frame.frame), features.keypoints_px)
+    return points_from_depth(View(frame.world_from_camera, features, depth_m), camera)
 
 
-def _triangulated_points(
-    source: FrameSource,
-    keyframes: Sequence[PlacedKeyframe],
-    camera: Camera,
-    extractor: LocalFeatureExtractor,
-    executor: Executor,
-    progress: Progress,
-) -> Iterator[MapPoints]:
-    def seen(keyframe: PlacedKeyframe) -> View:
-        features = extractor.extract(to_gray(frame_rgb(source, keyframe.frame)))
-        best = features.take(np.arange(min(OPTIONS.max_matched, len(features))))
-        return View(keyframe.world_from_camera, best, np.zeros(len(best), np.float32))
-
-    views = dict(enumerate(map_in_order(executor, seen, keyframes, STAGE, progress)))
-    return triangulated_points(views, camera, extractor, executor, progress)
-
-
-def _best(points: MapPoints) -> MapPoints:
-    return points.take(np.arange(min(OPTIONS.max_features, len(points.features))))
+def _seen(source: FrameSource, frame: PlacedFrame, *, extractor: LocalFeatureExtractor) -> View:
+    features = extractor.extract(to_gray(frame_rgb(source, frame.frame)))
+    best = features.take(np.arange(min(OPTIONS.max_matched, len(features))))
+    return View(frame.world_from_camera, best, np.zeros(len(best), np.float32))

@@ -104,7 +104,7 @@ def with_triangulated_depth(
     A feature is matched with the views near its own. Each match gives a depth; the median weighted by the parallax is
     refined along the ray by all matches that agree with it. The poses are taken to be right.
     """
-    found = _triangulated(views, camera, extractor, executor, progress)
+    found = _triangulated(views, sorted(views), camera, extractor, executor, progress)
     known = {row: view.depth_m for row, view in views.items()}
     return {
         row: replace(
@@ -116,13 +116,14 @@ def with_triangulated_depth(
 
 def triangulated_points(
     views: Mapping[int, View],
+    wanted: Sequence[int],
     camera: Camera,
     extractor: LocalFeatureExtractor,
     executor: Executor,
     progress: Progress,
 ) -> Iterator[MapPoints]:
-    """Yield the features of each view whose point is determined by the other views, in the order of their keys."""
-    for row, depths in _triangulated(views, camera, extractor, executor, progress):
+    """Yield the features of each of the `wanted` views whose point is determined by the other views."""
+    for row, depths in _triangulated(views, wanted, camera, extractor, executor, progress):
         has = depths.depth_m > 0
         points = points_from_depth(replace(views[row], depth_m=depths.depth_m.astype(np.float32)), camera)
         yield replace(points, sigma_m=depths.sigma_m[has], views=depths.views[has])
@@ -130,6 +131,7 @@ def triangulated_points(
 
 def _triangulated(
     views: Mapping[int, View],
+    wanted: Sequence[int],
     camera: Camera,
     extractor: LocalFeatureExtractor,
     executor: Executor,
@@ -144,8 +146,7 @@ def _triangulated(
         others = [(views[other], units[other]) for other in near]
         return _depths(views[row], units[row], others, camera, extractor)
 
-    found = map_in_order(executor, triangulate, rows, "triangulate", progress)
-    return zip(rows, found, strict=True)
+    return zip(wanted, map_in_order(executor, triangulate, wanted, "triangulate", progress), strict=True)
 
 
 def _depths(
