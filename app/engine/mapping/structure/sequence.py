@@ -10,7 +10,8 @@ from pathlib import Path
 
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
-from app.engine.mapping.structure.parts.cut import cut_where_bent
+from app.engine.mapping.structure.parts.between import with_pieces_between
+from app.engine.mapping.structure.parts.cut import cut_where_bent, cut_where_wrong
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.placed import with_placed
 from app.engine.mapping.structure.reconstruction import Reconstruction
@@ -30,7 +31,7 @@ class SequenceOptions:
     """How the parts of a path grow together."""
 
     rounds: int = limit(
-        3,
+        5,
         "Times that parts are joined, pictures between them registered, and both adjusted.",
         chosen="By hand: a round takes minutes of a video of four; it ends earlier where no part is added.",
     )
@@ -116,11 +117,16 @@ def reconstruct_sequence(
                 progress=progress,
             )
             whole = tied or whole
-        parts = [whole, *rest]
+        parts = [*cut_where_wrong(whole, matched.features, near, times_s), *rest]
     if joined > 1:
         agreeing = revisits.agreeing if revisits is not None else ()
-        pieces = cut_where_bent(parts[0], matched.features, near, agreeing)
-        parts = sorted([*pieces, *parts[1:]], key=lambda part: -len(part.poses))
+        pieces = [
+            piece
+            for part in cut_where_wrong(parts[0], matched.features, near, times_s)
+            for piece in cut_where_bent(part, matched.features, near, agreeing)
+        ]
+        parts, placed = with_pieces_between([*pieces, *parts[1:]], matched, times_s)
+        joined += placed
     return Path3D(parts, revisits, joined)
 
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.engine.mapping.structure.matches import MatchedPictures
-from app.engine.mapping.structure.parts.cut import OPTIONS, broken_steps, cut_where_bent, only
-from app.engine.mapping.structure.parts.steps import Step
+from app.engine.mapping.structure.parts import cut
+from app.engine.mapping.structure.parts.cut import (
+    OPTIONS,
+    broken_steps,
+    cut_where_bent,
+    cut_where_wrong,
+    only,
+)
+from app.engine.mapping.structure.parts.pace import usual_speed
+from app.engine.mapping.structure.parts.steps import Step, scale_steps
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.se3 import Pose, rotation_from_vector
 from tests.engine.mapping.structure.parts.test_steps import BEND, FRAMES, Array, path
@@ -133,3 +142,52 @@ def test_one_step_alone_is_no_bend_and_few_points_are_no_step() -> None:
     steps[4] = Step(OPTIONS.min_points - 1, 0.0, 0.004)
     steps[5] = Step(100, 0.0, 1.1 * OPTIONS.max_sigma)
     assert broken_steps(steps) == [4, 5]
+
+
+TIMES_S = [0.5 * row for row in range(FRAMES)]
+
+
+def test_a_path_that_no_person_walks_is_cut_at_its_leaps(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    (whole,) = cut_where_wrong(right, matched.features, matched.matches, TIMES_S)
+    assert whole is right
+    first, last = 10, 19
+    away = Pose(np.eye(3), np.array([0.0, 0.0, 20.0 * usual_speed(right.poses, TIMES_S)]))
+    moved = {row: away @ pose if first <= row <= last else pose for row, pose in right.poses.items()}
+    astray = replace(right, poses=moved)
+    assert rows_of(cut_where_wrong(astray, matched.features, {}, TIMES_S)) == [
+        list(range(first)),
+        list(range(first, last + 1)),
+        list(range(last + 1, FRAMES)),
+    ]
+
+
+def test_a_wrong_path_is_cut_at_its_gaps_in_time_too(matched: MatchedPictures) -> None:
+    right = with_points(path(1.0))
+    later = [time + (60.0 if row >= 20 else 0.0) for row, time in enumerate(TIMES_S)]
+    assert len(cut_where_wrong(right, matched.features, {}, later)) == 1
+    away = Pose(np.eye(3), np.array([0.0, 0.0, 20.0 * usual_speed(right.poses, TIMES_S)]))
+    astray = replace(
+        right, poses={row: away @ pose if row >= 10 else pose for row, pose in right.poses.items()}
+    )
+    assert rows_of(cut_where_wrong(astray, matched.features, {}, later)) == [
+        list(range(10)),
+        list(range(10, 20)),
+        list(range(20, FRAMES)),
+    ]
+
+
+def test_a_path_is_cut_where_many_points_disagree_on_the_scale(
+    matched: MatchedPictures, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bent = with_points(path(1.25))
+    most = max(step.points for step in scale_steps(bent, matched.features, matched.matches).values())
+    assert cut_where_wrong(bent, matched.features, matched.matches, TIMES_S) == [bent]
+    monkeypatch.setattr(cut, "OPTIONS", replace(OPTIONS, sure_points=most // 3))
+    pieces = rows_of(cut_where_wrong(bent, matched.features, matched.matches, TIMES_S))
+    assert len(pieces) > 1
+    assert [rows for rows in pieces if rows[0] <= BEND - 2 and rows[-1] >= BEND + 3] == []
+
+
+def rows_of(pieces: Sequence[Reconstruction]) -> list[list[int]]:
+    return sorted(sorted(piece.poses) for piece in pieces)
