@@ -118,16 +118,16 @@ def reconstruct_sequence(
             )
             whole = tied or whole
         parts = [*cut_where_wrong(whole, matched.features, near, times_s), *rest]
-    if joined > 1:
-        agreeing = revisits.agreeing if revisits is not None else ()
-        pieces = [
-            piece
-            for part in cut_where_wrong(parts[0], matched.features, near, times_s)
-            for piece in cut_where_bent(part, matched.features, near, agreeing)
-        ]
-        parts, placed = with_pieces_between([*pieces, *parts[1:]], matched, times_s)
-        joined += placed
-    return Path3D(parts, revisits, joined)
+    if joined == 1:
+        return Path3D(sorted(parts, key=lambda part: -len(part.poses)), revisits)
+    agreeing = revisits.agreeing if revisits is not None else ()
+    pieces = [
+        piece
+        for part in cut_where_wrong(parts[0], matched.features, near, times_s)
+        for piece in cut_where_bent(part, matched.features, near, agreeing)
+    ]
+    parts, placed = with_pieces_between([*pieces, *parts[1:]], matched, times_s)
+    return Path3D(parts, revisits, joined + placed)
 
 
 def without_insides(
