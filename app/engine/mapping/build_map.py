@@ -17,7 +17,7 @@ from app.engine.mapping.keyframe_quality import blur_limit, fault_of, find_repla
 from app.engine.mapping.keyframe_rule import KeyframeRule
 from app.engine.mapping.options import BuildOptions
 from app.engine.mapping.refine_scan import RefinedScan, refined_scan
-from app.engine.mapping.second_features import PlacedFrame, has_second_features, second_features
+from app.engine.mapping.second_features import has_second_features, second_features
 from app.engine.mapping.select_keyframes import select_keyframes
 from app.engine.mapping.sparse_map import feature_limit, thin_out
 from app.engine.mapping.triangulated_depth import with_triangulated_depth
@@ -128,12 +128,8 @@ def build_map(
     artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
     if has_second_features(options):
-        own, others = (
-            [PlacedFrame(source.frames[row], poses[row]) for row in rows]
-            for rows in (kept, sorted(set(support) - set(kept)))
-        )
-        xfeat = models.extractor("xfeat")
-        second = second_features(source, own, others, refined.camera, xfeat, executor, progress)
+        xfeat, camera = models.extractor("xfeat"), refined.camera
+        second = second_features(source, poses, kept, support, camera, xfeat, executor, progress)
         artifact = replace(artifact, second=second)
         clock.lap("second features")
     return BuiltMap(

@@ -18,7 +18,7 @@ from app.engine.progress import Progress, map_in_order
 from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
-from app.importers.frames import Frame, FrameSource
+from app.importers.frames import FrameSource
 from app.limits import limit
 from app.vision.features import LocalFeatureExtractor
 from app.vision.images import to_gray
@@ -52,18 +52,11 @@ def has_second_features(options: BuildOptions) -> bool:
     return options.second_features and options.store_images and options.features in SECOND_LOOK_FEATURES
 
 
-@dataclass(frozen=True, slots=True)
-class PlacedFrame:
-    """A frame of the scan and its `world_from_camera`."""
-
-    frame: Frame
-    world_from_camera: Pose
-
-
 def second_features(
     source: FrameSource,
-    keyframes: Sequence[PlacedFrame],
-    others: Sequence[PlacedFrame],
+    poses: Sequence[Pose],
+    keyframes: Sequence[int],
+    support: Sequence[int],
     camera: Camera,
     extractor: LocalFeatureExtractor,
     executor: Executor,
@@ -71,17 +64,17 @@ def second_features(
 ) -> SecondFeatures:
     """Return the best of each keyframe's features that have a depth, with points by it; `camera` is the map's.
 
-    Where the scan has no depth, features that several frames see, keyframes and `others`, have that of their
-    triangulated point.
+    `keyframes` and `support` are rows of the source's frames, `poses` the `world_from_camera` of all. Where the scan
+    has no depth, features that several of these frames see have that of their triangulated point.
     """
     if source.has_depth:
-        points_of = partial(_sensed_points, source, camera=camera, extractor=extractor)
+        points_of = partial(_sensed_points, source, poses, camera=camera, extractor=extractor)
         every = map_in_order(executor, points_of, keyframes, STAGE, progress)
     else:
-        seen = partial(_seen, source, extractor=extractor)
-        views = dict(enumerate(map_in_order(executor, seen, [*keyframes, *others], STAGE, progress)))
-        wanted = range(len(keyframes))
-        every = triangulated_points(views, wanted, camera, extractor, executor, progress)
+        seen = partial(_seen, source, poses, extractor=extractor)
+        rows = sorted({*keyframes, *support})
+        views = dict(zip(rows, map_in_order(executor, seen, rows, STAGE, progress), strict=True))
+        every = triangulated_points(views, keyframes, camera, extractor, executor, progress)
     found = [points.take(np.arange(min(OPTIONS.max_features, len(points.features)))) for points in every]
     counts = [len(points.features) for points in found]
     return SecondFeatures(
@@ -94,14 +87,20 @@ def second_features(
 
 
 def _sensed_points(
-    source: FrameSource, frame: PlacedFrame, *, camera: Camera, extractor: LocalFeatureExtractor
+    source: FrameSource,
+    poses: Sequence[Pose],
+    row: int,
+    *,
+    camera: Camera,
+    extractor: LocalFeatureExtractor,
 ) -> MapPoints:
-    features = extractor.extract(to_gray(frame_rgb(source, frame.frame)))
-    depth_m = sample_depth(source.depth_m(frame.frame), features.keypoints_px)
-    return points_from_depth(View(frame.world_from_camera, features, depth_m), camera)
+    frame = source.frames[row]
+    features = extractor.extract(to_gray(frame_rgb(source, frame)))
+    depth_m = sample_depth(source.depth_m(frame), features.keypoints_px)
+    return points_from_depth(View(poses[row], features, depth_m), camera)
 
 
-def _seen(source: FrameSource, frame: PlacedFrame, *, extractor: LocalFeatureExtractor) -> View:
-    features = extractor.extract(to_gray(frame_rgb(source, frame.frame)))
+def _seen(source: FrameSource, poses: Sequence[Pose], row: int, *, extractor: LocalFeatureExtractor) -> View:
+    features = extractor.extract(to_gray(frame_rgb(source, source.frames[row])))
     best = features.take(np.arange(min(OPTIONS.max_matched, len(features))))
-    return View(frame.world_from_camera, best, np.zeros(len(best), np.float32))
+    return View(poses[row], best, np.zeros(len(best), np.float32))
