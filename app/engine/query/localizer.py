@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
+from app.engine.maps.votes import voted_keyframes
 from app.engine.query.attempt.attempt import attempt
 from app.engine.query.attempt.pose import PoseSearch
 from app.engine.query.attempt.second_look import second_look
@@ -87,7 +88,9 @@ class Localizer:
             and result.reason in UNSURE
             and matcher.feature_count >= self.limits.min_inliers
         ):
-            result = _later(result, self._second_attempt(matcher, descriptor))
+            voted = self._voted(matcher)
+            result = _later(result, self._second_attempt(matcher, descriptor, voted))
+            similar = list(dict.fromkeys([*voted[: settings.voted], *similar]))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
             result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
         if (
@@ -102,15 +105,28 @@ class Localizer:
             return replace(result, reason="poor_image")
         return result
 
-    def _second_attempt(self, matcher: QueryMatcher, descriptor: NDArray[np.float32]) -> Localization:
-        """Localize with keyframes further down the ranks, and with those for the image turned by 90, 180 and 270
-        degrees, since the global descriptor wants it upright and the phone may not say how it was held."""
+    def _voted(self, matcher: QueryMatcher) -> list[int]:
+        """Return the keyframes that share single features with the query's picture."""
+        if self.map.extractor.binary:
+            return []
+        started = clock_s()
+        _, unit = matcher.features
+        found = voted_keyframes(self.map.artifact, unit, self.settings.keyframes, matcher.query.allowed)
+        matcher.query.spent_s["retrieve"] += clock_s() - started
+        return found
+
+    def _second_attempt(
+        self, matcher: QueryMatcher, descriptor: NDArray[np.float32], voted: list[int]
+    ) -> Localization:
+        """Localize with keyframes further down the ranks, with the `voted` ones, and with those for the image turned by
+        90, 180 and 270 degrees, since the global descriptor wants it upright and the phone may not say how it was
+        held."""
         query, retrieval = matcher.query, self.map.retrieval
         rows = retrieval.similar(descriptor, self.settings.second_attempt, 0, query.allowed)
         for turns in () if query.upright else (1, 2, 3):
             turned = self.map.descriptor.describe(np.ascontiguousarray(np.rot90(query.rgb, turns)))
             rows += retrieval.similar(turned, self.settings.keyframes, 0, query.allowed)
-        return attempt(self.search, matcher, matcher.match_all(rows))
+        return attempt(self.search, matcher, matcher.match_all([*voted, *rows]))
 
     def _third_attempt(self, query: Query, keyframes: list[int]) -> Localization:
         """Localize with the features of a faint image, among keyframes that were matched before."""

@@ -41,6 +41,11 @@ class LocalizerSettings:
         "Most similar keyframes that are matched when the first attempt fails; 0 for none.",
         chosen=MEASURED,
     )
+    voted: int = limit(
+        3,
+        "Keyframes that share most single features with a frame, which come first in its second look.",
+        chosen="By hand: half of those that the second look begins with.",
+    )
     max_error_tangent: float = limit(
         tangent_of_px(6.0), "Inlier threshold: the reprojection error over the focal length.", chosen=MEASURED
     )
