@@ -17,7 +17,7 @@ from app.engine.mapping.keyframe_quality import blur_limit, fault_of, find_repla
 from app.engine.mapping.keyframe_rule import KeyframeRule
 from app.engine.mapping.options import BuildOptions
 from app.engine.mapping.refine_scan import RefinedScan, refined_scan
-from app.engine.mapping.second_features import has_second_features, second_features
+from app.engine.mapping.second_features import PlacedKeyframe, has_second_features, second_features
 from app.engine.mapping.select_keyframes import select_keyframes
 from app.engine.mapping.sparse_map import feature_limit, thin_out
 from app.engine.mapping.triangulated_depth import with_triangulated_depth
@@ -29,6 +29,7 @@ from app.engine.progress import Progress, map_in_order
 from app.engine.stage_timer import StageTimer
 from app.errors import InvalidScanError
 from app.geometry.alignment import world_from_scan_by_gravity
+from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.importers.frames import Frame, FrameSource
@@ -127,10 +128,10 @@ def build_map(
     run = in_chunks(executor, progress)
     artifact, index, kept = _pack(described, usable, points, refined, z_up, source, options, models, run)
     clock.lap("pack")
-    if has_second_features(options):
-        xfeat, camera = models.extractor("xfeat"), refined.camera
-        second = second_features(source, poses, kept, support, camera, xfeat, executor, progress)
-        artifact = replace(artifact, second=second)
+    if has_second_features(options) and source.has_depth:
+        placed_frames = [PlacedKeyframe(source.frames[row], poses[row]) for row in kept]
+        camera = refined.camera
+        artifact = _with_second_features(artifact, source, placed_frames, camera, models, executor, progress)
         clock.lap("second features")
     return BuiltMap(
         artifact=artifact,
@@ -142,6 +143,19 @@ def build_map(
         seconds=clock.seconds,
         calibration=calibration,
     )
+
+
+def _with_second_features(
+    artifact: MapArtifact,
+    source: FrameSource,
+    keyframes: Sequence[PlacedKeyframe],
+    camera: Camera,
+    models: VisionModels,
+    executor: Executor,
+    progress: Progress,
+) -> MapArtifact:
+    second = second_features(source, keyframes, camera, models.extractor("xfeat"), executor, progress)
+    return replace(artifact, second=second)
 
 
 def scan_placement(options: BuildOptions, source: FrameSource) -> Pose:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.maps.points import MapPoints, View, nearby_views, points_from_depth, scaled_px
+from app.engine.maps.points import View, nearby_views, scaled_px
 from app.engine.progress import Progress, map_in_order
 from app.geometry.camera import Camera
 from app.geometry.ray_depth import Observations, refine_depth_along_rays
@@ -62,16 +62,6 @@ OPTIONS = TriangulatedDepthOptions()
 
 
 @dataclass(frozen=True, slots=True)
-class _Depths:
-    """Depths (n,) of a view's features, 0 where they are not determined, with their standard deviations (n,) along the
-    ray, both in metres, and the number of other views (n,) that agree."""
-
-    depth_m: Array
-    sigma_m: Array
-    views: Rows
-
-
-@dataclass(frozen=True, slots=True)
 class _Matches:
     """Matches of a view with others: rows (m,), image-plane coordinates there (m, 2), which view (m,), depths of each
     match alone (m,) and their parallax in degrees (m,)."""
@@ -104,49 +94,18 @@ def with_triangulated_depth(
     A feature is matched with the views near its own. Each match gives a depth; the median weighted by the parallax is
     refined along the ray by all matches that agree with it. The poses are taken to be right.
     """
-    found = _triangulated(views, sorted(views), camera, extractor, executor, progress)
-    known = {row: view.depth_m for row, view in views.items()}
-    return {
-        row: replace(
-            views[row], depth_m=np.where(known[row] > 0, known[row], depths.depth_m).astype(np.float32)
-        )
-        for row, depths in found
-    }
-
-
-def triangulated_points(
-    views: Mapping[int, View],
-    wanted: Sequence[int],
-    camera: Camera,
-    extractor: LocalFeatureExtractor,
-    executor: Executor,
-    progress: Progress,
-) -> Iterator[MapPoints]:
-    """Yield the features of each of the `wanted` views whose point is determined by the other views."""
-    for row, depths in _triangulated(views, wanted, camera, extractor, executor, progress):
-        has = depths.depth_m > 0
-        points = points_from_depth(replace(views[row], depth_m=depths.depth_m.astype(np.float32)), camera)
-        yield replace(points, sigma_m=depths.sigma_m[has], views=depths.views[has])
-
-
-def _triangulated(
-    views: Mapping[int, View],
-    wanted: Sequence[int],
-    camera: Camera,
-    extractor: LocalFeatureExtractor,
-    executor: Executor,
-    progress: Progress,
-) -> Iterator[tuple[int, _Depths]]:
     rows = sorted(views)
     poses = [views[row].world_from_camera for row in rows]
     units = {row: to_unit_vectors(views[row].features.descriptors, extractor.binary) for row in rows}
 
-    def triangulate(row: int) -> _Depths:
+    def triangulate(row: int) -> View:
         near = [rows[i] for i in nearby_views(views[row].world_from_camera, poses)]
         others = [(views[other], units[other]) for other in near]
-        return _depths(views[row], units[row], others, camera, extractor)
+        depth_m = _depths(views[row], units[row], others, camera, extractor)
+        known = views[row].depth_m
+        return replace(views[row], depth_m=np.where(known > 0, known, depth_m).astype(np.float32))
 
-    return zip(wanted, map_in_order(executor, triangulate, wanted, "triangulate", progress), strict=True)
+    return dict(zip(rows, map_in_order(executor, triangulate, rows, "triangulate", progress), strict=True))
 
 
 def _depths(
@@ -155,13 +114,14 @@ def _depths(
     others: Sequence[tuple[View, NDArray[np.float32]]],
     camera: Camera,
     extractor: LocalFeatureExtractor,
-) -> _Depths:
-    """Return the depths of a view's n features."""
+) -> Array:
+    """Return the depths (n,) of a view's features, 0 where they are not determined."""
     n = len(view.features)
+    depth_m = np.zeros(n)
     own = camera.normalize(view.features.keypoints_px)
     matches = _matches(view, unit, own, others, camera, extractor)
     if not len(matches.rows):
-        return _Depths(np.zeros(n), np.full(n, np.inf), np.zeros(n, np.intp))
+        return depth_m
     start = _weighted_median_by_row(matches.rows, matches.depth_m, matches.parallax_deg, n)
     gate_px = scaled_px(OPTIONS.max_error_px, camera)
     rays = homogeneous(own)
@@ -181,7 +141,8 @@ def _depths(
     good &= refined.sigma_m < OPTIONS.max_sigma_ratio * refined.depth_m
     with np.errstate(invalid="ignore"):
         good &= refined.error_px <= scaled_px(OPTIONS.max_median_error_px, camera)
-    return _Depths(np.where(good, refined.depth_m, 0.0), refined.sigma_m, refined.views)
+    depth_m[good] = refined.depth_m[good]
+    return depth_m
 
 
 def _matches(

@@ -34,15 +34,12 @@ from tests.scenes import CAMERA, Room, pose_at, scan_files
 SEEN_FROM = pose_at(1.5, 1.3, yaw_deg=4.0)
 
 
-def built(
-    folder: Path, room: Room, options: BuildOptions, *, has_depth: bool = True, step_m: float = 0.1
-) -> BuiltMap:
-    views = [room.view(pose_at(1.4 + step_m * i, 1.3, yaw_deg=-20 + 12 * i)) for i in range(5)]
+def built(folder: Path, room: Room, options: BuildOptions) -> BuiltMap:
+    views = [room.view(pose_at(1.4 + 0.1 * i, 1.3, yaw_deg=-20 + 12 * i)) for i in range(5)]
     for path, data in scan_files(views).items():
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).write_bytes(data)
     scan = open_scan(folder, "tum", ScanOptions(camera=hint_of(CAMERA)))
-    scan = replace(scan, has_depth=has_depth)
     with ThreadPoolExecutor(1) as executor:
         return build_map(scan, options, models(), executor, NoProgress())
 
@@ -66,19 +63,6 @@ def test_what_the_first_look_misses_is_located(opened: OpenMap, room: Room) -> N
     assert np.linalg.norm(found.world_from_camera.translation - SEEN_FROM.translation) < 0.05
     assert found.evidence.inliers > 60
     assert found.hints == ()
-
-
-def test_without_depth_points_are_triangulated(room: Room, tmp_path: Path) -> None:
-    made = built(tmp_path, room, parse_build_options({}), has_depth=False, step_m=0.25)
-    second = made.artifact.second
-    assert second is not None
-    assert len(second.keypoints_px) > 200
-    # The room's faces are at 0 and at its size.
-    off_m = np.abs(second.points_in_world[:, :, None] - np.stack([np.zeros(3), room.size_m], axis=1)).min(
-        axis=2
-    )
-    assert np.median(off_m.min(axis=1)) < 0.05
-    assert np.quantile(off_m.min(axis=1), 0.9) < 0.2
 
 
 def test_a_vague_direction_is_refused(opened: OpenMap, room: Room) -> None:
