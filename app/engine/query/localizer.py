@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from app.engine.maps.artifact import MapArtifact
 from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
-from app.engine.maps.votes import voted_keyframes
 from app.engine.query.attempt.attempt import attempt
 from app.engine.query.attempt.pose import PoseSearch
 from app.engine.query.attempt.second_look import second_look
@@ -20,6 +19,7 @@ from app.engine.query.matches import QueryMatcher
 from app.engine.query.query import Query
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.verification import Limits
+from app.engine.query.votes import voted_keyframes
 from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
