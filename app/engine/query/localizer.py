@@ -12,6 +12,7 @@ from app.engine.maps.open_map import OpenMap
 from app.engine.maps.vision_models import VisionModels
 from app.engine.query.attempt.attempt import attempt
 from app.engine.query.attempt.pose import PoseSearch
+from app.engine.query.attempt.second_attempt import second_attempt, voted_by
 from app.engine.query.attempt.second_look import second_look
 from app.engine.query.hints import picture_hints
 from app.engine.query.localization import Localization, same_place
@@ -19,7 +20,6 @@ from app.engine.query.matches import QueryMatcher
 from app.engine.query.query import Query
 from app.engine.query.settings import LocalizerSettings
 from app.engine.query.verification import Limits
-from app.engine.query.votes import voted_keyframes
 from app.engine.stage_timer import clock_s
 from app.geometry.camera import Camera
 from app.geometry.focal import ApproximateCamera
@@ -88,8 +88,8 @@ class Localizer:
             and result.reason in UNSURE
             and matcher.feature_count >= self.limits.min_inliers
         ):
-            voted = self._voted(matcher)
-            result = _later(result, self._second_attempt(matcher, descriptor, voted))
+            voted = voted_by(matcher, opened, settings.keyframes)
+            result = _later(result, second_attempt(self.search, matcher, descriptor, voted))
             similar = list(dict.fromkeys([*voted[: settings.voted], *similar]))
         if settings.second_attempt and result.reason in UNSURE and opened.faint_extractor is not None:
             result = _later(result, self._third_attempt(query, [*similar, *matcher.matched]))
@@ -104,29 +104,6 @@ class Localizer:
         if result.reason == "no_match" and measure_quality(query.gray).is_poor:
             return replace(result, reason="poor_image")
         return result
-
-    def _voted(self, matcher: QueryMatcher) -> list[int]:
-        """Return the keyframes that share single features with the query's picture."""
-        if self.map.extractor.binary:
-            return []
-        started = clock_s()
-        _, unit = matcher.features
-        found = voted_keyframes(self.map.artifact, unit, self.settings.keyframes, matcher.query.allowed)
-        matcher.query.spent_s["retrieve"] += clock_s() - started
-        return found
-
-    def _second_attempt(
-        self, matcher: QueryMatcher, descriptor: NDArray[np.float32], voted: list[int]
-    ) -> Localization:
-        """Localize with keyframes further down the ranks, with the `voted` ones, and with those for the image turned by
-        90, 180 and 270 degrees, since the global descriptor wants it upright and the phone may not say how it was
-        held."""
-        query, retrieval = matcher.query, self.map.retrieval
-        rows = retrieval.similar(descriptor, self.settings.second_attempt, 0, query.allowed)
-        for turns in () if query.upright else (1, 2, 3):
-            turned = self.map.descriptor.describe(np.ascontiguousarray(np.rot90(query.rgb, turns)))
-            rows += retrieval.similar(turned, self.settings.keyframes, 0, query.allowed)
-        return attempt(self.search, matcher, matcher.match_all([*voted, *rows]))
 
     def _third_attempt(self, query: Query, keyframes: list[int]) -> Localization:
         """Localize with the features of a faint image, among keyframes that were matched before."""

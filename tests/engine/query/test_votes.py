@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArtifact
-from app.engine.query import votes
-from app.engine.query.votes import OPTIONS, voted_keyframes
+from app.engine.query.attempt import votes
+from app.engine.query.attempt.votes import OPTIONS, voted_keyframes
 from app.geometry.se3 import Pose
 from app.vision.matching import to_unit_vectors
 from tests.maps import map_of
