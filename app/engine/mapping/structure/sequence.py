@@ -120,6 +120,8 @@ def reconstruct_sequence(
         parts = [*cut_where_wrong(whole, matched.features, near, times_s), *rest]
     if joined == 1:
         return Path3D(sorted(parts, key=lambda part: -len(part.poses)), revisits)
+    # What an adjustment bends again and again is joined a last time and left as it was joined.
+    parts = [part for part, _ in join_parts(parts, matched, times_s, progress)]
     agreeing = revisits.agreeing if revisits is not None else ()
     pieces = [
         piece
