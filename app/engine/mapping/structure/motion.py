@@ -36,9 +36,9 @@ class ChoiceOptions:
         1.2, "The sharpest frame before this ratio of a step is chosen.", chosen="By hand: as the least."
     )
     max_frames: int = limit(
-        1000,
+        700,
         "Frames that are chosen at most; a longer video gets longer steps.",
-        chosen="By hand: four minutes of a walk take about 20 minutes then, on two processors.",
+        chosen="By hand: the time of the reconstruction grows faster than their number.",
     )
     corners: int = limit(
         200, "Corners that are followed from frame to frame.", chosen="By hand: the median is used."
