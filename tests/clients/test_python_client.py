@@ -24,7 +24,7 @@ SAMPLES = re.findall(
     r"^(\S[^\n]*):\n```python\n(.*?)^```", README.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
 )
 PRINTED = {
-    "Locate": r"0 \d", "Content": r"position", "Build": r"build\n(?s:.*)of \d+\n2\n", "Stream": r"tracking\n",
+    "Locate": r"0 \d", "Content": r"position", "Build": r"build\n(?s:.*)of \d+\n[2-9]\n", "Stream": r"tracking\n",
     "Push": r"\d+\n",
 }  # fmt: skip
 # Client's name -> the server's name of the same.
