@@ -69,6 +69,14 @@ def test_a_picture_without_features_has_no_votes() -> None:
     assert voted_keyframes(made_map(), np.zeros((0, 128), np.float32), 10) == []
 
 
+def test_in_a_map_of_too_many_features_none_votes(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = int(OPTIONS.min_share * KEYFRAMES * FEATURES)
+    monkeypatch.setattr(votes, "OPTIONS", replace(OPTIONS, map_features=most))
+    assert voted_keyframes(made_map(), seen(2, FEATURES), 10) == [2]
+    monkeypatch.setattr(votes, "OPTIONS", replace(OPTIONS, map_features=most - 1))
+    assert voted_keyframes(made_map(), seen(2, FEATURES), 10) == []
+
+
 @pytest.mark.parametrize("option", ["chunk", "map_features", "query_features"])
 def test_large_maps_and_pictures_are_sampled(option: str, monkeypatch: pytest.MonkeyPatch) -> None:
     few = {"chunk": 7, "map_features": KEYFRAMES * FEATURES // 2, "query_features": 60}[option]

@@ -3,7 +3,7 @@ comes back to a place."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -99,6 +99,8 @@ def reconstruct_sequence(
         return Path3D(parts, None)
     revisits, joined = None, 1
     for _ in range(OPTIONS.rounds):
+        if not parts:
+            break
         (found, count), *others = join_parts(parts, matched, times_s, progress)
         if revisits is not None and count == 1:
             break
@@ -118,18 +120,32 @@ def reconstruct_sequence(
             )
             whole = tied or whole
         parts = [*cut_where_wrong(whole, matched.features, near, times_s), *rest]
-    if joined == 1:
+    if joined == 1 or not parts:
         return Path3D(sorted(parts, key=lambda part: -len(part.poses)), revisits)
-    # What an adjustment bends again and again is joined a last time and left as it was joined.
-    parts = [part for part, _ in join_parts(parts, matched, times_s, progress)]
     agreeing = revisits.agreeing if revisits is not None else ()
+    parts, placed = _joined_at_last(parts, matched, near, agreeing, times_s, progress)
+    return Path3D(parts, revisits, joined + placed)
+
+
+def _joined_at_last(
+    parts: Sequence[Reconstruction],
+    matched: MatchedPictures,
+    near: Mapping[Pair, Rows],
+    ties: Collection[Pair],
+    times_s: Sequence[float],
+    progress: Progress,
+) -> tuple[list[Reconstruction], int]:
+    """Return the parts joined a last time, the largest cut to what is determined, and how many pieces lie between.
+
+    What an adjustment bends again and again is left as it was joined.
+    """
+    (whole, _), *others = join_parts(parts, matched, times_s, progress)
     pieces = [
         piece
-        for part in cut_where_wrong(parts[0], matched.features, near, times_s)
-        for piece in cut_where_bent(part, matched.features, near, agreeing)
+        for part in cut_where_wrong(whole, matched.features, near, times_s)
+        for piece in cut_where_bent(part, matched.features, near, ties)
     ]
-    parts, placed = with_pieces_between([*pieces, *parts[1:]], matched, times_s)
-    return Path3D(parts, revisits, joined + placed)
+    return with_pieces_between([*pieces, *(part for part, _ in others)], matched, times_s)
 
 
 def without_insides(

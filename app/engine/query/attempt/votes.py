@@ -29,6 +29,11 @@ class VoteOptions:
         "Features of a map that are compared, evenly spread over all.",
         chosen="By hand: some tenths of a second; those of 500 keyframes.",
     )
+    min_share: float = limit(
+        0.25,
+        "Least share of a map's features that are compared; in a larger map none votes.",
+        chosen="By hand: that is 2,000 keyframes; fewer votes tell little, and cost reading all of a large file.",
+    )
     chunk: int = limit(20_000, "Features of a map that are compared at once.", chosen="By hand: 16 MB.")
     distinct_ratio: float = limit(
         0.8,
@@ -51,10 +56,13 @@ OPTIONS = VoteOptions()
 def voted_keyframes(
     artifact: MapArtifact, unit: NDArray[np.float32], count: int, allowed: NDArray[np.int64] | None = None
 ) -> list[int]:
-    """Return up to `count` keyframes, those with most votes of a picture's unit descriptors (n, d) first.
+    """Return up to `count` keyframes, those with most votes of a picture's unit descriptors (n, d) first; none in a map
+    of too many features.
 
     `allowed` restricts the keyframes. The map's descriptors are real numbers, not bits.
     """
+    if OPTIONS.min_share * artifact.feature_count > OPTIONS.map_features:
+        return []
     arrays = artifact.arrays
     voters = unit[:: max(1, -(-len(unit) // OPTIONS.query_features))]
     every = max(1, -(-artifact.feature_count // OPTIONS.map_features))

@@ -25,7 +25,7 @@ from app.engine.mapping.structure.revisits import OPTIONS as REVISITS
 from app.engine.mapping.structure.windows.motions import motions_of
 from app.geometry.alignment import average_poses
 from app.geometry.camera import Camera
-from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m
+from app.geometry.se3 import Pose, attitude_difference_rad, position_difference_m, rotation_between
 from app.limits import limit
 
 Array = NDArray[np.float64]
@@ -91,13 +91,16 @@ def with_pieces_between(
 
     `times_s` are the times of all pictures.
     """
+    if not parts:
+        return [], 0
     whole, *rest = sorted(parts, key=lambda part: -len(part.poses))
     others, placed = list[Reconstruction](), 0
-    for piece in (only(part, _steady(part, times_s)) for part in rest):
+    for part in rest:
+        piece = only(part, _steady(part, times_s))
         around = _without_inside(whole, piece)
         whole_from_piece = _placed(around, piece, matched, times_s)
         if whole_from_piece is None:
-            others.append(piece)
+            others.append(part)
             continue
         both = [PartPoints.of(part, matched) for part in (around, piece)]
         whole = merged(Group({0: Similarity.identity(), 1: whole_from_piece}), both)
@@ -148,13 +151,12 @@ def _placed(
     if own_length == 0 or length < OPTIONS.min_length_ratio * sum(gap.way for gap in gaps):
         return None
     scale = length / own_length
-    turns = [_turn_over(gap, whole, piece, matched) for gap in gaps]
-    first, last = turns
+    first, last = (_turn_over(gap, whole, piece, matched) for gap in gaps)
     most = np.radians(OPTIONS.max_turn_deg)
     if first is None or last is None or attitude_difference_rad(first, last) > most:
         return None
     turn = average_poses([first, last]).rotation
-    aligned = _shortest_turn(turn @ (own[1] - own[0]), ends[1] - ends[0])
+    aligned = rotation_between(turn @ (own[1] - own[0]), ends[1] - ends[0])
     if attitude_difference_rad(Pose(aligned, np.zeros(3)), Pose.identity()) > most:
         return None
     rotation = aligned @ turn
@@ -224,13 +226,3 @@ def _turn(i: int, j: int, matched: MatchedPictures, camera: Camera) -> Array | N
     a, b = matched.features[i].keypoints_px[rows[:, 0]], matched.features[j].keypoints_px[rows[:, 1]]
     motions = motions_of(a.astype(np.float64), b.astype(np.float64), camera, OPTIONS.min_inliers)
     return motions[0].b_from_a.rotation if motions else None
-
-
-def _shortest_turn(source: Array, target: Array) -> Array:
-    """Return the smallest rotation (3, 3) that turns one vector (3,) into the direction of another."""
-    a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    if cosine <= -1 + 1e-9:
-        return np.asarray(2 * np.outer(axis, axis) - np.eye(3))
-    skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))

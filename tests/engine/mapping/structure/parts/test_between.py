@@ -137,6 +137,10 @@ def test_a_piece_whose_ends_do_not_tell_is_left_out(
     assert [part.poses.keys() for part in parts] == [whole.poses.keys(), piece.poses.keys()]
 
 
+def test_nothing_is_placed_in_nothing(matched: MatchedPictures) -> None:
+    assert with_pieces_between([], matched, TIMES_S) == ([], 0)
+
+
 def test_without_matches_over_a_gap_the_turn_is_not_known(
     matched: MatchedPictures, right: Reconstruction
 ) -> None:
