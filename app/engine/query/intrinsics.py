@@ -13,7 +13,7 @@ from app.engine.query.hypothesis import Hypothesis
 from app.engine.query.intrinsics_options import OPTIONS
 from app.engine.query.matches import Matches
 from app.engine.query.placed import Accuracy
-from app.engine.query.zooms import agreement, limit_px_of, most_agreeing_zoom
+from app.engine.query.zooms import Zoom, agreement, limit_px_of, most_agreeing_zoom
 from app.errors import InvalidCameraError
 from app.geometry.camera import Camera
 from app.geometry.covariance import SIGMA_PER_MAD
@@ -100,7 +100,7 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
     is_near = abs(fit.log_focal) <= OPTIONS.confirmed_log
     is_confirmed = not is_doubted and is_near and fit.focal_sigma <= OPTIONS.confirmed_sigma
     trust: CameraTrust = "contradicted" if is_doubted else "confirmed"
-    if zoomed is not None and abs(np.log(zoomed.focal_px / camera.focal_px)) > OPTIONS.max_disputed_log:
+    if zoomed is not None and _disputes(zoomed, camera):
         trust = "disputed"
     elif not is_doubted and (
         is_stretched or zoomed is not None or not is_verified or (_is_flat(best) and not _is_shown(fit))
@@ -118,6 +118,12 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
         return _open(best, camera, systematic)
     among = by_matches if trust == "confirmed" else None
     return CheckedCamera(camera=camera, best=best, systematic=systematic, among=among, trust=trust)
+
+
+def _disputes(zoom: Zoom, stated: Camera) -> bool:
+    """Whether a zoom that leads to no better camera leaves nothing to be believed: it is far from the stated one, and
+    more matches agree with it than with the pose."""
+    return zoom.beats_pose and abs(np.log(zoom.camera.focal_px / stated.focal_px)) > OPTIONS.max_disputed_log
 
 
 def _open(best: Hypothesis, camera: Camera, among: Accuracy) -> CheckedCamera:
@@ -233,7 +239,7 @@ def _refined(
     fit: FreeIntrinsics,
     poses: Poses,
     search: Search,
-    zoomed: Camera | None,
+    zoomed: Zoom | None,
 ) -> _Refined | None:
     """Return a camera with far more inliers than the stated one, None where refining leads to none."""
     starts = _starts(best, camera, fit, search, zoomed)
@@ -343,10 +349,10 @@ def _uncertainty(found: Hypothesis, fit: FreeIntrinsics | None, refined: Camera,
 
 
 def _starts(
-    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, search: Search, zoomed: Camera | None
+    best: Hypothesis, camera: Camera, fit: FreeIntrinsics, search: Search, zoomed: Zoom | None
 ) -> Iterator[_Start]:
     """Yield the cameras from which refining starts, fewest unknowns first."""
-    others = [zoomed] if zoomed is not None else []
+    others = [zoomed.camera] if zoomed is not None else []
     if abs(fit.log_focal) > OPTIONS.search_log or fit.focal_sigma > OPTIONS.unverified_sigma:
         searched = search(best.matches)
         if searched is not None:

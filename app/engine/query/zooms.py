@@ -46,8 +46,17 @@ class ZoomOptions:
 OPTIONS = ZoomOptions()
 
 
-def most_agreeing_zoom(best: Hypothesis, camera: Camera, poses: PosesByCamera) -> Camera | None:
-    """Return the camera of the zoom that most matches agree with, None where that is about the stated one.
+@dataclass(frozen=True, slots=True)
+class Zoom:
+    """A camera of another zoom that more matches agree with by as few samples, and whether more do than with the pose
+    by the stated camera too, which took more samples."""
+
+    camera: Camera
+    beats_pose: bool
+
+
+def most_agreeing_zoom(best: Hypothesis, camera: Camera, poses: PosesByCamera) -> Zoom | None:
+    """Return the zoom that most matches agree with, None where that is about the stated camera.
 
     A wrong focal length can leave a few inliers of one part of the picture that show nothing of it; that most matches
     are no inliers does.
@@ -61,12 +70,12 @@ def most_agreeing_zoom(best: Hypothesis, camera: Camera, poses: PosesByCamera) -
         (each, None if pose is None else pose.world_from_camera)
         for each, pose in zip(cameras, found, strict=True)
     ]
-    errors = reprojection_errors_of_views(some.points_px, some.points_in_world, views)
-    *counts, stated = some.feature_counts([errors_px <= limit_px for errors_px in errors])
+    errors = reprojection_errors_of_views(some.points_px, some.points_in_world, [*views, (camera, best.pose)])
+    *counts, stated, by_pose = some.feature_counts([errors_px <= limit_px for errors_px in errors])
     most = int(np.argmax(counts))
     if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * stated:
         return None
-    return zoomed[most]
+    return Zoom(zoomed[most], beats_pose=counts[most] >= OPTIONS.screen_ratio * by_pose)
 
 
 def limit_px_of(best: Hypothesis, camera: Camera) -> float:

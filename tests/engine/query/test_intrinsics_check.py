@@ -78,7 +78,12 @@ class ByLoRansac:
         return None if found is None else Hypothesis.of(found, matches)
 
 
-def checked(matches: Matches, camera: Camera = CAMERA, agreeing: int | None = None) -> CheckedCamera:
+def checked(
+    matches: Matches,
+    camera: Camera = CAMERA,
+    agreeing: int | None = None,
+    poses: ByLoRansac | None = None,
+) -> CheckedCamera:
     """Return what is made of the pose that the first `agreeing` matches support, all by default."""
     first = matches.take(np.arange(len(matches)) < (agreeing or len(matches)))
     found = ByLoRansac().estimate(first, camera)
@@ -86,7 +91,7 @@ def checked(matches: Matches, camera: Camera = CAMERA, agreeing: int | None = No
     mask = np.zeros(len(matches), bool)
     mask[: len(first)] = found.estimate.inlier_mask
     best = Hypothesis.of(replace(found.estimate, inlier_mask=mask), matches)
-    return check_intrinsics(best, camera, ByLoRansac(), lambda _: None)
+    return check_intrinsics(best, camera, poses or ByLoRansac(), lambda _: None)
 
 
 def zoomed(zoom: float) -> Camera:
@@ -162,6 +167,33 @@ def test_inexact_matches_favour_no_longer_lens(seed: int, exact: int, depths_m: 
 def test_a_zoom_that_is_longer_than_refining_may_find_disputes_the_camera() -> None:
     found = checked(matches_of(points_seen(zoomed(2.7), 300, (3.0, 4.0), np.random.default_rng(1))))
     assert (found.trust, found.camera) == ("disputed", CAMERA)
+
+
+class MissesTheStatedCamera(ByLoRansac):
+    """Few samples that find every zoom's pose and never the stated camera's; many find no other camera's."""
+
+    def poses(
+        self, matches: Matches, cameras: Sequence[Camera], max_iterations: int, prior: Pose | None = None
+    ) -> list[PnpEstimate | None]:
+        found = super().poses(matches, cameras, max_iterations, prior)
+        is_screen = len(cameras) > 1
+        return [
+            None if is_screen and own == CAMERA else each for own, each in zip(cameras, found, strict=True)
+        ]
+
+    def estimate(self, matches: Matches, camera: Camera, prior: Pose | None = None) -> Hypothesis | None:
+        return super().estimate(matches, camera, prior) if camera == CAMERA else None
+
+
+@pytest.mark.parametrize(("own", "trust"), [(100, "open"), (40, "disputed")])
+def test_a_zoom_disputes_a_camera_only_where_it_beats_the_pose_too(own: int, trust: str) -> None:
+    draw = np.random.default_rng(3)
+    few = points_seen(CAMERA, own, (1.0, 6.0), draw)
+    others = points_seen(zoomed(1.75), 60, (1.0, 6.0), draw)
+    lost = points_seen(CAMERA, 200, (1.0, 6.0), draw)
+    matches = matches_of(few, others, (lost[0], draw.permutation(lost[1])))
+    found = checked(matches, agreeing=own, poses=MissesTheStatedCamera())
+    assert (found.trust, found.camera) == (trust, CAMERA)
 
 
 def test_a_refined_camera_is_as_uncertain_as_others_that_fit_about_as_well_differ() -> None:
