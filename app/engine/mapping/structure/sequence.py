@@ -91,6 +91,7 @@ def reconstruct_sequence(
     parts = reconstruct_windows(
         MatchedPictures(matched.features, near),
         camera,
+        times_s,
         is_calibrated=is_calibrated,
         scratch=scratch,
         progress=progress,

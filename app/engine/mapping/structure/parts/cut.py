@@ -99,6 +99,13 @@ def cut_where_bent(
     return _pieces(path, _groups(_runs(sorted(path.poses), cuts, wrong), ties))
 
 
+def cut_where_leaping(path: Reconstruction, times_s: Sequence[float]) -> list[Reconstruction]:
+    """Return the pieces of a path between steps that no person makes in their time, the largest first; the path itself
+    where that is all. `times_s` are the times of all pictures."""
+    found = leaps(path.poses, times_s, median_depth(path))
+    return _pieces(path, _runs(sorted(path.poses), found, ())) if found else [path]
+
+
 def cut_where_wrong(
     path: Reconstruction,
     features: Sequence[LocalFeatures],

@@ -6,7 +6,7 @@ where they agree on the pictures of both, neither is bent.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
-from app.engine.mapping.structure.parts.cut import cut_where_bent
+from app.engine.mapping.structure.parts.cut import cut_where_bent, cut_where_leaping
 from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
 from app.engine.mapping.structure.windows.motions import Motion, motions_of
 from app.engine.mapping.structure.windows.positions import positioned
@@ -80,12 +80,18 @@ class _Within:
 
 
 def reconstruct_windows(
-    near: MatchedPictures, camera: Camera, *, is_calibrated: bool, scratch: Path | None, progress: Progress
+    near: MatchedPictures,
+    camera: Camera,
+    times_s: Sequence[float],
+    *,
+    is_calibrated: bool,
+    scratch: Path | None,
+    progress: Progress,
 ) -> list[Reconstruction]:
     """Return the parts of pictures matched with those beside them, the largest first; parts may share pictures.
 
-    The arguments are those of `reconstruct`, which does the work for a short video, and which calibrates the camera on
-    the stretch with the most matches.
+    `times_s` are the times of all pictures. The other arguments are those of `reconstruct`, which does the work for a
+    short video, and which calibrates the camera on the stretch with the most matches.
     """
     total = len(near.features)
     if total > OPTIONS.calibrated_on and not is_calibrated:
@@ -104,7 +110,8 @@ def reconstruct_windows(
     pieces = list[Reconstruction]()
     for part in parts:
         progress.report(STAGE, total, total)
-        pieces += cut_where_bent(part, near.features, near.matches, ())
+        for piece in cut_where_leaping(part, times_s):
+            pieces += cut_where_bent(piece, near.features, near.matches, ())
     return sorted(pieces, key=lambda part: -len(part.poses))
 
 

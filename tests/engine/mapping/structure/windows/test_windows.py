@@ -102,6 +102,9 @@ def matched() -> MatchedPictures:
     return noisy_matches(FRAMES, 0.3, seed=6)
 
 
+TIMES_S = [0.5 * frame for frame in range(FRAMES)]
+
+
 def error_m(part: Reconstruction) -> float:
     """Return the largest error of the positions after one alignment."""
     found = np.array([pose.translation for pose in part.poses.values()])
@@ -122,10 +125,22 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_stretches_overlap_and_each_is_right(matched: MatchedPictures, is_calibrated: bool) -> None:
     pytest.importorskip("pycolmap", reason="pycolmap is not installed")
     parts = reconstruct_windows(
-        matched, CAMERA, is_calibrated=is_calibrated, scratch=None, progress=NoProgress()
+        matched, CAMERA, TIMES_S, is_calibrated=is_calibrated, scratch=None, progress=NoProgress()
     )
     assert len(parts) >= 4
     assert set().union(*(part.poses for part in parts)) == set(range(FRAMES))
     assert max(len(part.poses) for part in parts) == 24
     assert max(map(error_m, parts)) < 0.1
     assert max(abs(part.camera.focal_px / CAMERA.focal_px - 1) for part in parts) < 0.02
+
+
+@pytest.mark.usefixtures("_short")
+def test_no_stretch_holds_a_step_that_no_person_makes(matched: MatchedPictures) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    # Half a second's way within a thousandth of one.
+    hasty = [time - (0.499 if frame > 30 else 0.0) for frame, time in enumerate(TIMES_S)]
+    parts = reconstruct_windows(
+        matched, CAMERA, hasty, is_calibrated=True, scratch=None, progress=NoProgress()
+    )
+    assert [part for part in parts if {30, 31} <= part.poses.keys()] == []
+    assert set().union(*(part.poses for part in parts)) == set(range(FRAMES))
