@@ -122,8 +122,8 @@ def check_intrinsics(best: Hypothesis, camera: Camera, poses: Poses, search: Sea
 
 def _disputes(zoom: Zoom, stated: Camera) -> bool:
     """Whether a zoom that leads to no better camera leaves nothing to be believed: it is far from the stated one, and
-    more matches agree with it than with the pose."""
-    return zoom.beats_pose and abs(np.log(zoom.camera.focal_px / stated.focal_px)) > OPTIONS.max_disputed_log
+    as many matches agree with it as with the pose."""
+    return zoom.rivals_pose and abs(np.log(zoom.camera.focal_px / stated.focal_px)) > OPTIONS.max_disputed_log
 
 
 def _open(best: Hypothesis, camera: Camera, among: Accuracy) -> CheckedCamera:

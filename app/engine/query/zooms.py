@@ -48,11 +48,11 @@ OPTIONS = ZoomOptions()
 
 @dataclass(frozen=True, slots=True)
 class Zoom:
-    """A camera of another zoom that more matches agree with by as few samples, and whether more do than with the pose
-    by the stated camera too, which took more samples."""
+    """A camera of another zoom that more matches agree with by as few samples, and whether as many do as with the pose
+    by the stated camera, which took more samples."""
 
     camera: Camera
-    beats_pose: bool
+    rivals_pose: bool
 
 
 def most_agreeing_zoom(best: Hypothesis, camera: Camera, poses: PosesByCamera) -> Zoom | None:
@@ -75,7 +75,7 @@ def most_agreeing_zoom(best: Hypothesis, camera: Camera, poses: PosesByCamera) -
     most = int(np.argmax(counts))
     if counts[most] < OPTIONS.min_features or counts[most] < OPTIONS.screen_ratio * stated:
         return None
-    return Zoom(zoomed[most], beats_pose=counts[most] >= OPTIONS.screen_ratio * by_pose)
+    return Zoom(zoomed[most], rivals_pose=bool(counts[most] >= by_pose))
 
 
 def limit_px_of(best: Hypothesis, camera: Camera) -> float:

@@ -186,7 +186,7 @@ class MissesTheStatedCamera(ByLoRansac):
 
 
 @pytest.mark.parametrize(("own", "trust"), [(100, "open"), (40, "disputed")])
-def test_a_zoom_disputes_a_camera_only_where_it_beats_the_pose_too(own: int, trust: str) -> None:
+def test_a_zoom_disputes_a_camera_only_where_it_rivals_the_pose(own: int, trust: str) -> None:
     draw = np.random.default_rng(3)
     few = points_seen(CAMERA, own, (1.0, 6.0), draw)
     others = points_seen(zoomed(1.75), 60, (1.0, 6.0), draw)
