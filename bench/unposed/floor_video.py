@@ -7,6 +7,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -93,7 +94,10 @@ def evaluate_video(
         models = open_models(Settings())
         refusal, result = "", None
         try:
-            result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, folder)
+            with TemporaryDirectory(prefix="roomfix-video-", dir=folder) as scratch:
+                result = evaluate_unposed(
+                    sent, truth, DOWN, queries, models, executor, watched, Path(scratch)
+                )
         except InvalidScanError as error:
             refusal = str(error)
     shown = Shown()
