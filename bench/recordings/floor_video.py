@@ -93,11 +93,12 @@ FLOORS = {each.name: each for each in (UPPER, GROUND)}
 
 @dataclass(frozen=True, slots=True)
 class FloorVideo:
-    """The frames of the video, their true poses, and the phone pictures."""
+    """The frames of the video, their true poses, the phone pictures, and the frames' depth where it was measured."""
 
     frames: tuple[Path, ...]
     world_from_camera: tuple[Pose, ...]
     queries: tuple[DemoQuery, ...]
+    depth: tuple[Path, ...] = ()
 
 
 def video_poses(filmed: FilmedFloor = UPPER) -> list[Pose]:
@@ -139,11 +140,13 @@ def render_floor_video(
     queries: int = QUERIES,
     workers: int = 2,
     progress: Progress | None = None,
+    with_depth: bool = False,
 ) -> FloorVideo:
     """Render the first `frames` into `directory/frames` and the pictures into `directory/queries`, or return when
-    they are there; raises `InvalidInputError` when the directory holds something else."""
+    they are there; `with_depth` into `directory/scan`, as a scanner records them. Raises `InvalidInputError` when the
+    directory holds something else."""
     poses = video_poses(filmed)[:frames]
-    folder = directory / "frames"
+    folder = directory / ("scan" if with_depth else "frames")
 
     def fill(partial: Path) -> None:
         jobs = [
@@ -151,7 +154,7 @@ def render_floor_video(
                 camera=SCAN_CAMERA,
                 world_from_camera=pose,
                 colour_path=partial / f"{k:06d}.jpg",
-                depth_path=None,
+                depth_path=partial / f"{k:06d}.png" if with_depth else None,
                 seed=("floor video", k) if filmed is UPPER else (f"{filmed.name} video", k),
                 sensor=ColourSensor(),
                 quality=FAST,
@@ -161,7 +164,8 @@ def render_floor_video(
         ]
         make_frames(partial, jobs, workers, progress)
 
-    make_directory(folder, {"video": filmed.name, "frames": frames, "version": SCENE_VERSION}, fill)
+    recipe = {"video": filmed.name, "frames": frames, "version": SCENE_VERSION}
+    make_directory(folder, {**recipe, "depth": True} if with_depth else recipe, fill)
     asked = render_queries_near(
         poses,
         directory / "queries",
@@ -171,7 +175,8 @@ def render_floor_video(
         progress=progress,
     )
     files = tuple(folder / f"{k:06d}.jpg" for k in range(frames))
-    return FloorVideo(files, tuple(poses), tuple(asked))
+    depth = tuple(file.with_suffix(".png") for file in files) if with_depth else ()
+    return FloorVideo(files, tuple(poses), tuple(asked), depth)
 
 
 if __name__ == "__main__":

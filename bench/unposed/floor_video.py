@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,13 +15,18 @@ import typer
 from rich.table import Table
 
 from app.commands.console import progress_bars
+from app.engine.mapping.build_map import build_map
+from app.engine.mapping.options import BuildOptions
+from app.engine.mapping.self_check import check_map
 from app.engine.progress import Progress
+from app.engine.query.localizer import Localizer
 from app.errors import InvalidScanError
 from app.importers.frames import DepthFormat, Frame, Scan
 from app.services.resources import cap_threads, open_models
 from app.settings import Settings
+from bench.evaluation.pose_errors import ErrorSummary
 from bench.figures.shown import FiguresTitle, Shown
-from bench.formats.evaluate import FormatQueries
+from bench.formats.evaluate import FormatQueries, locate_queries
 from bench.unposed.evaluate import Sent, UnposedResult, evaluate_unposed
 from bench.unposed.inputs import write_video
 
@@ -63,6 +68,9 @@ def evaluate_video(
     folder: Annotated[Path, typer.Option(help="Where the rendered videos are, or are made.")] = DEFAULT_DIR,
     floor: Annotated[str, typer.Option(help="Which storey: upper, or ground.")] = "upper",
     seconds: Annotated[float, typer.Option(min=10, help="Length of the video that is sent.")] = 240.0,
+    scanned: Annotated[
+        bool, typer.Option("--scanned", help="Map the same walk with depth and true poses, to compare with.")
+    ] = False,
     figures_title: FiguresTitle = None,
 ) -> None:
     """Build a map of a plain video of a rendered storey, a marker at its start, and locate phone pictures in it."""
@@ -79,8 +87,14 @@ def evaluate_video(
             frames=round(seconds * FPS),
             workers=1,
             progress=lambda done, total: progress.report("render", done, total),
+            with_depth=scanned,
         )
         truth, queries = scan_of(video), queries_of(video)
+        shown = Shown()
+        if scanned:
+            shown.table(_scanned_table(truth, queries, executor, progress))
+            shown.write("evaluate-video", figures_title)
+            return
         path = folder / "video.mp4"
         if not path.is_file():
             write_video(truth, path, FPS)
@@ -100,28 +114,43 @@ def evaluate_video(
                 )
         except InvalidScanError as error:
             refusal = str(error)
-    shown = Shown()
     shown.line(
         f"The video of {len(truth.frames) / FPS:.0f} s is refused: {refusal}" if refusal else "It is built."
     )
     if result is not None:
         shown.table(_map_table(result, watched, len(truth.frames) / FPS))
-        shown.table(_answer_table(result))
+        shown.table(_answer_table(result.keyframes, result.summary))
     shown.table(_stage_table(watched))
     shown.write("evaluate-video", figures_title)
 
 
+def _scanned_table(truth: Scan, queries: FormatQueries, executor: Executor, progress: Progress) -> Table:
+    """Locate the pictures in a map of the frames with their depth and true poses."""
+    models = open_models(Settings())
+    built = build_map(truth, BuildOptions(), models, executor, progress)
+    check = check_map(built, truth, models, executor, progress)
+    localizer = Localizer.of(check.stated_in(built.artifact), built.index, models)
+    scan_from_world = built.world_from_scan.inverse()
+    summary = locate_queries(localizer, queries, lambda pose: scan_from_world @ pose, progress)
+    return _answer_table(built.artifact.keyframe_count, summary)
+
+
 def scan_of(video: FloorVideo) -> Scan:
-    """Return the frames of the video with their true poses."""
+    """Return the frames of the video with their true poses, and with depth where it was measured."""
     from bench.recordings.floor_video import FPS
     from bench.recordings.scan import SCAN_CAMERA
 
+    files = zip(video.frames, video.depth or video.frames, video.world_from_camera, strict=True)
     frames = tuple(
-        Frame(path.name, number / FPS, path, path, pose)
-        for number, (path, pose) in enumerate(zip(video.frames, video.world_from_camera, strict=True))
+        Frame(colour.name, number / FPS, colour, depth, pose)
+        for number, (colour, depth, pose) in enumerate(files)
     )
     return Scan(
-        camera=SCAN_CAMERA, frames=frames, discarded={}, depth=DepthFormat(scale=1000.0), has_depth=False
+        camera=SCAN_CAMERA,
+        frames=frames,
+        discarded={},
+        depth=DepthFormat(scale=1000.0),
+        has_depth=bool(video.depth),
     )
 
 
@@ -179,10 +208,9 @@ def _stage_table(watched: WatchedProgress) -> Table:
     return table
 
 
-def _answer_table(result: UnposedResult) -> Table:
-    summary = result.summary
+def _answer_table(keyframes: int, summary: ErrorSummary) -> Table:
     cells = {
-        "keyframes": result.keyframes,
+        "keyframes": keyframes,
         "pictures": summary.queries,
         "located %": summary.located_percent,
         "within 25 cm %": summary.within_25cm_percent,

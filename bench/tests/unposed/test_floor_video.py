@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -40,6 +40,9 @@ def test_frames_and_pictures_have_their_poses() -> None:
     assert scan.frames[5].timestamp_s == 5 / FPS
     assert queries.scan.camera == PHONE_CAMERA
     assert [frame.scan_from_camera for frame in queries.frames] == [query.world_from_camera]
+    assert not scan.has_depth
+    scanned = scan_of(replace(video, depth=tuple(file.with_suffix(".png") for file in files)))
+    assert (scanned.has_depth, scanned.frames[7].depth.name) == (True, "000007.png")
 
 
 def test_reports_are_passed_on_and_the_longest_silence_has_its_stage() -> None:
