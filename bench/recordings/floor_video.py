@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from bench.recordings.trajectory import SCAN_HEIGHT_M, Walk, camera_pose, scan_p
 from bench.render.frames import FrameJob, Progress, make_frames
 from bench.render.noise import seeded
 from bench.render.raycast import FAST
-from bench.render.scene import SCENE_VERSION
+from bench.render.scene import DEMONSTRATION, SCENE_VERSION, Building
 from bench.render.sensor import ColourSensor
 from bench.render.sheet import MarkerSheet
 from bench.venue.layout import FLOOR_HEIGHT_M
@@ -45,17 +45,25 @@ END_OF_MARKER = (22.5, 15.7)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmedFloor:
-    """A storey and the walk through it; `seed` is that of the hand."""
+    """A storey and the walk through it; `seed` is that of the hand, and `building` the one that it is in."""
 
     name: str
     floor: int
     stops: str
     seed: int
+    building: Building = DEMONSTRATION
 
     @property
     def walk(self) -> tuple[Walk, ...]:
         """The walk after the marker."""
         return (Walk(self.floor, stops_of(self.stops), arm_m=ARM_M),)
+
+    def of_building(self, number: int) -> FilmedFloor:
+        """Return the same walk through another building, by another hand; 0 is the demonstration."""
+        if number == 0:
+            return self
+        name, seed = f"{self.name} of building {number}", self.seed + 10 * number
+        return replace(self, name=name, seed=seed, building=Building(number=number))
 
     @property
     def marker_at(self) -> tuple[float, float, float]:
@@ -162,9 +170,14 @@ def render_floor_video(
             )
             for k, pose in enumerate(poses)
         ]
-        make_frames(partial, jobs, workers, progress)
+        make_frames(partial, jobs, workers, progress, filmed.building)
 
-    recipe = {"video": filmed.name, "frames": frames, "version": SCENE_VERSION}
+    recipe = {
+        "video": filmed.name,
+        "frames": frames,
+        "version": SCENE_VERSION,
+        **filmed.building.recipe,
+    }
     make_directory(folder, {**recipe, "depth": True} if with_depth else recipe, fill)
     asked = render_queries_near(
         poses,
@@ -173,6 +186,7 @@ def render_floor_video(
         region=f"{filmed.name} video",
         workers=workers,
         progress=progress,
+        building=filmed.building,
     )
     files = tuple(folder / f"{k:06d}.jpg" for k in range(frames))
     depth = tuple(file.with_suffix(".png") for file in files) if with_depth else ()

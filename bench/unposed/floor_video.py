@@ -68,60 +68,62 @@ def evaluate_video(
     folder: Annotated[Path, typer.Option(help="Where the rendered videos are, or are made.")] = DEFAULT_DIR,
     floor: Annotated[str, typer.Option(help="Which storey: upper, or ground.")] = "upper",
     seconds: Annotated[float, typer.Option(min=10, help="Length of the video that is sent.")] = 240.0,
+    building: Annotated[
+        int, typer.Option(min=0, help="Building that is filmed, by another hand; 0 is the demonstration.")
+    ] = 0,
     scanned: Annotated[
         bool, typer.Option("--scanned", help="Map the same walk with depth and true poses, to compare with.")
     ] = False,
     figures_title: FiguresTitle = None,
 ) -> None:
     """Build a map of a plain video of a rendered storey, a marker at its start, and locate phone pictures in it."""
-    from bench.recordings.floor_video import FLOORS, FPS, MARKER_SIDE_M, render_floor_video
+    from bench.recordings.floor_video import FLOORS, FPS, render_floor_video
 
     if floor not in FLOORS:
         raise typer.BadParameter(f"{floor!r} is none of {', '.join(FLOORS)}.", param_hint="--floor")
     cap_threads()
-    folder = folder / floor
+    filmed = FLOORS[floor].of_building(building)
+    folder = folder / filmed.name.replace(" ", "-")
+    shown = Shown()
     with ThreadPoolExecutor(Settings().workers) as executor, progress_bars() as progress:
         video = render_floor_video(
             folder,
-            FLOORS[floor],
+            filmed,
             frames=round(seconds * FPS),
             workers=1,
             progress=lambda done, total: progress.report("render", done, total),
             with_depth=scanned,
         )
         truth, queries = scan_of(video), queries_of(video)
-        shown = Shown()
         if scanned:
             shown.table(_scanned_table(truth, queries, executor, progress))
-            shown.write("evaluate-video", figures_title)
-            return
-        path = folder / "video.mp4"
-        if not path.is_file():
-            write_video(truth, path, FPS)
-        sent = Sent(
-            name="video, marker at the start",
-            path=path,
-            options={"format": "video", "scale": {"marker_m": MARKER_SIDE_M}},
-            is_rigid=True,
-        )
-        watched = WatchedProgress(inner=progress)
-        models = open_models(Settings())
-        refusal, result = "", None
-        try:
-            with TemporaryDirectory(prefix="roomfix-video-", dir=folder) as scratch:
-                result = evaluate_unposed(
-                    sent, truth, DOWN, queries, models, executor, watched, Path(scratch)
-                )
-        except InvalidScanError as error:
-            refusal = str(error)
-    shown.line(
-        f"The video of {len(truth.frames) / FPS:.0f} s is refused: {refusal}" if refusal else "It is built."
-    )
-    if result is not None:
-        shown.table(_map_table(result, watched, len(truth.frames) / FPS))
+        else:
+            _show_video(shown, truth, queries, executor, progress, folder)
+    shown.write("evaluate-video", figures_title)
+
+
+def _show_video(
+    shown: Shown, truth: Scan, queries: FormatQueries, executor: Executor, progress: Progress, folder: Path
+) -> None:
+    """Build a map of the frames as a plain video, and show what came of it."""
+    from bench.recordings.floor_video import FPS, MARKER_SIDE_M
+
+    path, length_s = folder / "video.mp4", len(truth.frames) / FPS
+    if not path.is_file():
+        write_video(truth, path, FPS)
+    options = {"format": "video", "scale": {"marker_m": MARKER_SIDE_M}}
+    sent = Sent(name="video, marker at the start", path=path, options=options, is_rigid=True)
+    watched, models = WatchedProgress(inner=progress), open_models(Settings())
+    try:
+        with TemporaryDirectory(prefix="roomfix-video-", dir=folder) as scratch:
+            result = evaluate_unposed(sent, truth, DOWN, queries, models, executor, watched, Path(scratch))
+    except InvalidScanError as error:
+        shown.line(f"The video of {length_s:.0f} s is refused: {error}")
+    else:
+        shown.line("It is built.")
+        shown.table(_map_table(result, watched, length_s))
         shown.table(_answer_table(result.keyframes, result.summary))
     shown.table(_stage_table(watched))
-    shown.write("evaluate-video", figures_title)
 
 
 def _scanned_table(truth: Scan, queries: FormatQueries, executor: Executor, progress: Progress) -> Table:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from app.geometry.se3 import Pose
-from bench.recordings.floor_video import FPS, FloorVideo, video_poses
+from app.geometry.se3 import Pose, position_difference_m
+from bench.recordings.floor_video import FPS, UPPER, FloorVideo, video_poses
 from bench.recordings.queries import PHONE_CAMERA, DemoQuery
 from bench.unposed.evaluate import true_pose_of
 from bench.unposed.floor_video import WatchedProgress, evaluate_video, queries_of, scan_of
@@ -43,6 +43,14 @@ def test_frames_and_pictures_have_their_poses() -> None:
     assert not scan.has_depth
     scanned = scan_of(replace(video, depth=tuple(file.with_suffix(".png") for file in files)))
     assert (scanned.has_depth, scanned.frames[7].depth.name) == (True, "000007.png")
+
+
+def test_another_building_is_filmed_on_the_same_walk_by_another_hand() -> None:
+    other = UPPER.of_building(3)
+    assert UPPER.of_building(0) is UPPER
+    assert (other.name, other.stops, other.building.number) == ("upper of building 3", UPPER.stops, 3)
+    apart = [position_difference_m(a, b) for a, b in zip(video_poses(), video_poses(other), strict=True)]
+    assert 0.0 < max(apart) < 0.5
 
 
 def test_reports_are_passed_on_and_the_longest_silence_has_its_stage() -> None:
