@@ -237,7 +237,7 @@ async def locate(
         later=await later_frames(images or (), motion, cameras, hint, frames.axes),
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))
-    state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
+    state.metrics.observe_query(result)
     return body_of(result, frames)
 
 

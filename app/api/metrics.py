@@ -14,6 +14,7 @@ from prometheus_client import (
 )
 
 from app.build_kinds import Kind
+from app.services.locate_result import LocateResult
 
 BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
@@ -35,6 +36,18 @@ class Metrics:
         )
         self._located = Counter(
             "roomfix_locate_total", "Queries by outcome", ["venue", "outcome"], registry=self.registry
+        )
+        self._by_area = Counter(
+            "roomfix_locate_area_total",
+            "Queries by where they were taken, or seem to have been, and by outcome",
+            ["venue", "floor", "area", "outcome"],
+            registry=self.registry,
+        )
+        self._contradicted = Counter(
+            "roomfix_locate_contradicted_total",
+            "Queries of which much is not what the map holds there",
+            ["venue", "floor", "area"],
+            registry=self.registry,
         )
         self._stages = Histogram(
             "roomfix_locate_stage_seconds",
@@ -71,11 +84,19 @@ class Metrics:
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(route).observe(seconds)
 
-    def observe_query(self, venue: str, outcome: str, timings_ms: dict[str, float]) -> None:
-        """Count one query; `outcome` is `located` or the reason."""
-        self._located.labels(venue, outcome).inc()
-        for stage, milliseconds in timings_ms.items():
+    def observe_query(self, result: LocateResult) -> None:
+        """Count one query; its outcome is `located` or the reason."""
+        outcome = result.reason or "located"
+        self._located.labels(result.venue, outcome).inc()
+        for stage, milliseconds in result.timings_ms.items():
             self._stages.labels(stage).observe(milliseconds / 1e3)
+        seen = result.suspected
+        floor, plan = (result.floor, result.plan) if seen is None else (seen.floor, seen.plan)
+        area = "" if plan is None or plan.area is None else plan.area
+        where = result.venue, "" if floor is None else floor.id, area
+        self._by_area.labels(*where, outcome).inc()
+        if result.contradicted:
+            self._contradicted.labels(*where).inc()
 
     def set_builds(self, counts: Mapping[tuple[str, str], int]) -> None:
         """State the number of builds by state and stage."""

@@ -234,7 +234,7 @@ async def _answer_frame(state: AppState, connection: Stream, waiting: Waiting) -
         await _send_problem(connection, RoomfixError(UNEXPECTED), waiting.received)
         return False
     result = answer.result
-    state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
+    state.metrics.observe_query(result)
     body = StreamedFrame.of(frame_body(answer, frames), waiting.received)
     await _send(connection.socket, body.model_dump_json(exclude_unset=True))
     return False

@@ -322,9 +322,7 @@ async def frame(
     frames = parse_frames(axes, device_pose)
     request = session_frame(await image.read(), camera, gravity, motion, timestamp, axes=frames.axes)
     answer = await state.executor.run(lambda: state.services.sessions.process(session, request))
-    state.metrics.observe_query(
-        answer.result.venue, answer.result.reason or "located", answer.result.timings_ms
-    )
+    state.metrics.observe_query(answer.result)
     return frame_body(answer, frames)
 
 

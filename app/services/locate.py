@@ -10,7 +10,7 @@ from app.errors import InvalidInputError
 from app.geometry.camera import Camera
 from app.services.anchor_locator import AnchorLocator
 from app.services.floor_features import FeatureLibrary
-from app.services.locate_result import LocateRequest, LocateResult, anchor_result, on_earth
+from app.services.locate_result import LocateRequest, LocateResult, Suspected, anchor_result, on_earth
 from app.services.locating.by_map import MapAnswers, Pictures
 from app.services.locating.later_frames import decode_later
 from app.services.locating.place import QueryPlace, place_of
@@ -58,9 +58,15 @@ class LocateService:
         assert result is not None  # noqa: S101 - one of the two was asked
         if result.plan is not None and result.floor is not None:
             result = replace(result, plan=self._features.described(result.plan, result.floor))
+        result = replace(result, suspected=self._described(result.suspected))
         result = on_earth(result, place.earth)
         timings = {**result.timings_ms, **timer.milliseconds, "total": timer.total_ms}
         return replace(result, timings_ms=timings)
+
+    def _described(self, suspected: Suspected | None) -> Suspected | None:
+        if suspected is None or suspected.plan is None:
+            return suspected
+        return replace(suspected, plan=self._features.described(suspected.plan, suspected.floor))
 
     def _by_anchor(
         self,

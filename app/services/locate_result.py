@@ -17,7 +17,7 @@ from app.engine.query.narrowing import Prior
 from app.engine.query.placed import Accuracy, Support
 from app.engine.query.shown_matches import ShownMatches
 from app.engine.query.upright import contradicts_gravity
-from app.engine.query.verification import Reason
+from app.engine.query.verification import Limits, Reason
 from app.geometry.anchor_pose import Vertical
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
@@ -26,6 +26,8 @@ from app.geometry.se3 import Pose
 from app.storage.maps import MapVersion
 
 Method = Literal["auto", "rgbd", "vdm", "anchor"]
+# Of pictures refused for these reasons the best pose may be anywhere.
+UNFOUNDED = ("no_match", "too_few_inliers", "poor_image", "no_map")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +59,14 @@ class LocateRequest:
     later: tuple[LaterFrame, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Suspected:
+    """Where a refused picture seems to have been taken: counted, never answered."""
+
+    floor: Floor
+    plan: PlanPoint | None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocateResult:
     """The answer: a pose, or a reason why there is none.
@@ -66,7 +76,8 @@ class LocateResult:
     plan position: `up_unknown`, while the map's z axis is not known to point up, or `scale_unknown`, while its unit is
     not known to be the metre. `hints` say what would help a picture that is not located. `frames` is the support by
     each frame of a query that has several. `geopose` is where on Earth the camera is, `geopose_reason` why that is not
-    known of a located one.
+    known of a located one. `suspected` is for operators alone, as is `contradicted`: whether much of the picture is not
+    what the map holds there.
     """
 
     venue: str
@@ -93,6 +104,8 @@ class LocateResult:
     geopose: GeoPose | None = None
     geopose_reason: GeoPoseReason | None = None
     frames: tuple[Support, ...] = ()
+    suspected: Suspected | None = None
+    contradicted: bool = False
 
 
 def map_result(
@@ -140,7 +153,18 @@ def map_result(
         timings_ms=dict(found.timings_ms),
         hints=() if located else _hints(found, reason, camera),
         frames=found.frames,
+        suspected=None if located else _suspected(found, floors, z_up),
+        contradicted=found.evidence.contradicted > Limits().max_contradicted_share_of_twin,
     )
+
+
+def _suspected(found: Localization, floors: list[Floor], z_up: bool) -> Suspected | None:
+    """Return where the pose is that was refused; None where too little speaks for it to mean a place."""
+    pose = found.candidate
+    if pose is None or found.reason in UNFOUNDED:
+        return None
+    floor = floor_of(floors, pose)
+    return None if floor is None else Suspected(floor, plan_point(floor, pose) if z_up else None)
 
 
 def _hints(found: Localization, reason: Reason | None, camera: QueryCamera) -> tuple[Hint, ...]:

@@ -49,6 +49,16 @@ def test_a_plan_point_says_its_area_and_nearest_landmark(house: Server, queries:
         assert plan["nearest_landmark_m"] == pytest.approx(away_m, abs=0.002)
 
 
+def test_operators_see_in_which_areas_pictures_are_refused(house: Server, queries: list[View]) -> None:
+    house.locate(queries[0].jpeg(), venue=HOUSE)
+    upside_down = house.locate(queries[0].jpeg(), venue=HOUSE, gravity="0,-1,0")
+    assert (upside_down["located"], upside_down["reason"]) == (False, "ambiguous")
+    text = house.client.get("/metrics").text
+    for outcome in ("located", "ambiguous"):
+        labels = f'area="niche",floor="0",outcome="{outcome}",venue="{HOUSE}"'
+        assert f"roomfix_locate_area_total{{{labels}}}" in text
+
+
 def test_other_features_count_at_once(house: Server, queries: list[View]) -> None:
     before = house.client.get(f"/venues/{HOUSE}/floors/0/features").json()
     put_features(house, "0", collection(landmark("door", *SHIFT)), HOUSE)

@@ -87,7 +87,7 @@ async def locate(
     _check_versions(accepted)
     own = caller.venue_or_own(venue)
     result = await state.executor.run(lambda: _located(state, request, own))
-    state.metrics.observe_query(result.venue, result.reason or "located", result.timings_ms)
+    state.metrics.observe_query(result)
     media_type = "application/json"
     if MEDIA_TYPE in accepted.lower():
         media_type = f"{MEDIA_TYPE}; version={request.version}.0"
