@@ -9,6 +9,7 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
+from app.geometry.segments import distances_to_segments
 from app.limits import limit
 from app.vision.features import Descriptors
 from app.vision.matching import to_unit_vectors
@@ -76,7 +77,18 @@ class RepetitionOptions:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayOptions:
+    """Where on its ray a feature without a point may be."""
+
+    nearest_m: float = limit(0.3, "It is no nearer than this.", chosen="By hand: an arm's length.")
+    farthest_m: float = limit(
+        12.0, "It is no farther than this.", chosen="By hand: the length of a large room."
+    )
+
+
 PLACE = PlaceOptions()
+RAY = RayOptions()
 OPTIONS = RepetitionOptions()
 
 
@@ -87,6 +99,17 @@ class Repetition:
 
     distance: NDArray[np.float32]
     row: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """Features that have no point: descriptors (m, d), keyframes (m,), and the centres (m, 3) and directions (m, 3), of
+    unit length, of their rays in the world."""
+
+    descriptors: Descriptors
+    keyframes: NDArray[np.int64]
+    centres: NDArray[np.float64]
+    directions: NDArray[np.float64]
 
 
 # Calls a function with each of some chunks and gives the results in their order, as `map` does.
@@ -115,12 +138,58 @@ def find_repetition(
     searched = scaled[among]
 
     def search(chunk: slice) -> Repetition:
-        return _search(index, to_unit_vectors(descriptors[chunk], binary), scaled[chunk], searched)
+        def is_elsewhere(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+            offsets = searched[rows] - scaled[chunk][:, None]
+            return np.asarray(np.einsum("nki,nki->nk", offsets, offsets) > PLACE.radius_m**2)
 
-    parts = list(run(search, _chunks(len(descriptors))))
-    found = np.concatenate([p.row for p in parts])
-    rows = np.where(found < 0, -1, among[np.maximum(found, 0)])
-    return Repetition(np.concatenate([p.distance for p in parts]), rows)
+        return _search(index, to_unit_vectors(descriptors[chunk], binary), is_elsewhere)
+
+    found = _joined(run(search, _chunks(len(descriptors))))
+    rows = np.where(found.row < 0, -1, among[np.maximum(found.row, 0)])
+    return Repetition(found.distance, rows)
+
+
+def find_repetition_on_rays(
+    descriptors: Descriptors | NDArray[np.float16],
+    binary: bool,
+    points_in_world: NDArray[np.float32],
+    keyframes: NDArray[np.int64],
+    rays: Rays,
+    alike: NDArray[np.bool_],
+    z_up: bool = True,
+    run: RunChunks = map,
+) -> Repetition:
+    """Return the most similar of the features without a point that are at another place, wherever on their rays they
+    are, in keyframes that look alike; the rows are those of `rays`.
+
+    `keyframes` (n,) are those of the features, and `alike` (k, k) says which look alike. Otherwise as
+    `find_repetition`.
+    """
+    if len(descriptors) == 0 or len(rays.descriptors) == 0:
+        return Repetition(np.full(len(descriptors), np.inf, np.float32), np.full(len(descriptors), -1))
+    index = _inverted_file(rays.descriptors, binary, np.arange(len(rays.descriptors)))
+    weights = PLACE.axis_weights(z_up)
+    ends = [weights * (rays.centres + m * rays.directions) for m in (RAY.nearest_m, RAY.farthest_m)]
+    first, last = (end.astype(np.float32) for end in ends)
+    scaled = points_in_world * weights
+
+    def search(chunk: slice) -> Repetition:
+        def is_elsewhere(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+            apart_m = distances_to_segments(scaled[chunk][:, None], first[rows], last[rows])
+            return (apart_m > PLACE.radius_m) & alike[keyframes[chunk][:, None], rays.keyframes[rows]]
+
+        return _search(index, to_unit_vectors(descriptors[chunk], binary), is_elsewhere)
+
+    found = _joined(run(search, _chunks(len(descriptors))))
+    # Of most features no keyframe looks alike: that all neighbours are elsewhere or unlike bounds nothing.
+    return Repetition(np.where(found.row < 0, np.float32(np.inf), found.distance), found.row)
+
+
+def _joined(parts: Iterable[Repetition]) -> Repetition:
+    every = list(parts)
+    return Repetition(
+        np.concatenate([part.distance for part in every]), np.concatenate([part.row for part in every])
+    )
 
 
 def _chunks(count: int) -> list[slice]:
@@ -152,13 +221,13 @@ def _inverted_file(
 def _search(
     index: faiss.Index,
     unit: NDArray[np.float32],
-    points: NDArray[np.float32],
-    all_points: NDArray[np.float32],
+    is_elsewhere: Callable[[NDArray[np.int64]], NDArray[np.bool_]],
 ) -> Repetition:
+    """Return the most similar features at another place; `is_elsewhere` says which features of the index, in rows
+    (n, k), are."""
     squared, rows = index.search(unit, OPTIONS.neighbours)
     found = rows >= 0
-    offsets = all_points[np.maximum(rows, 0)] - points[:, None]
-    elsewhere = found & (np.einsum("nki,nki->nk", offsets, offsets) > PLACE.radius_m**2)
+    elsewhere = found & is_elsewhere(np.maximum(rows, 0))
     # Neighbours are sorted, nearest first.
     first = elsewhere.argmax(axis=1)
     known = elsewhere.any(axis=1)

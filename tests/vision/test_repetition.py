@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from app.vision import repetition
-from app.vision.repetition import PLACE, RepetitionOptions, find_repetition
+from app.vision.repetition import (
+    PLACE,
+    Rays,
+    RepetitionOptions,
+    find_repetition,
+    find_repetition_on_rays,
+)
 
 COUNT = 300
 
@@ -82,3 +88,38 @@ def test_chunks_of_features_change_nothing(monkeypatch: pytest.MonkeyPatch, is_b
     found = find_repetition(descriptors, is_binary, points, among)
     np.testing.assert_array_equal(found.distance, whole.distance)
     np.testing.assert_array_equal(found.row, whole.row)
+
+
+def rays_towards(points: np.ndarray, centre: np.ndarray, descriptors: np.ndarray, keyframe: int) -> Rays:
+    ahead = points - centre
+    return Rays(
+        descriptors,
+        np.full(len(points), keyframe),
+        np.broadcast_to(centre, points.shape),
+        ahead / np.linalg.norm(ahead, axis=1, keepdims=True),
+    )
+
+
+def test_a_feature_without_a_point_is_elsewhere_where_its_whole_ray_is() -> None:
+    rng = np.random.default_rng(6)
+    prints = rng.uniform(0, 255, (COUNT, 128)).astype(np.uint8)
+    points = rng.uniform(0, 1, (COUNT, 3)).astype(np.float32)
+    own = np.zeros(COUNT, np.int64)
+    alike = np.ones((2, 2), bool)
+    away, near = np.array([20.0, 0, 0]), np.array([-1.0, 0, 0])
+
+    def rows(centre: np.ndarray, towards: np.ndarray, alike: np.ndarray) -> np.ndarray:
+        rays = rays_towards(points + towards, centre, prints, 1)
+        return find_repetition_on_rays(prints, False, points, own, rays, alike).row
+
+    assert np.array_equal(rows(away, np.array([40.0, 0, 0]), alike), np.arange(COUNT))
+    # On a ray that passes the points it may be one of them, and near the points it is at their place.
+    assert np.all(rows(near, np.zeros(3), alike) == -1)
+    assert np.all(rows(near, np.array([-30.0, 0, 0]), alike) == -1)
+    # 20 m away the ray ends before it reaches them.
+    assert np.array_equal(rows(away, np.zeros(3), alike), np.arange(COUNT))
+    # In a keyframe that looks quite different it is only a texture.
+    assert np.all(rows(away, np.array([40.0, 0, 0]), np.eye(2, dtype=bool)) == -1)
+    none = rays_towards(points[:0], away, prints[:0], 1)
+    found = find_repetition_on_rays(prints, False, points, own, none, alike)
+    assert np.all(np.isinf(found.distance))

@@ -23,7 +23,7 @@ from app.engine.mapping.sparse_map import feature_limit, thin_out
 from app.engine.mapping.triangulated_depth import with_triangulated_depth
 from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
 from app.engine.maps.points import MapPoints, View, points_from_depth
-from app.engine.maps.repetition import elsewhere
+from app.engine.maps.repetition import Unplaced, elsewhere
 from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress, map_in_order
 from app.engine.stage_timer import StageTimer
@@ -32,6 +32,7 @@ from app.geometry.alignment import world_from_scan_by_gravity
 from app.geometry.camera import Camera
 from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
+from app.geometry.triangulation import homogeneous
 from app.importers.frames import Frame, FrameSource
 from app.limits import limit
 from app.vision.features import LocalFeatureExtractor, LocalFeatures
@@ -292,7 +293,15 @@ def _pack(
     descriptors = _stack_descriptors(features)
     points_in_world = np.concatenate([own.points_in_world for _, own in kept]).astype(np.float32)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    distance, keyframe = elsewhere(descriptors, extractor.binary, points_in_world, offsets, poses, z_up, run)
+    global_descriptors = np.stack([d for row, _ in kept if (d := described[row].descriptor) is not None])
+    # Of a depth scan nearly all features have points; of one without, half have none.
+    unplaced = None
+    if not source.has_depth:
+        views = [described[row].view for row, _ in kept]
+        unplaced = _unplaced(views, features, refined.camera, global_descriptors)
+    distance, keyframe = elsewhere(
+        descriptors, extractor.binary, points_in_world, offsets, poses, z_up, run, unplaced
+    )
     arrays = MapArrays(
         positions=np.stack([pose.translation for pose in poses]),
         quaternions=np.stack([pose.quaternion for pose in poses]),
@@ -305,7 +314,6 @@ def _pack(
         keyframe_elsewhere=keyframe,
         descriptors=descriptors,
     )
-    global_descriptors = [described[row].descriptor for row, _ in kept]
     model = models.global_descriptor
     metadata = MapMetadata(
         features=options.features,
@@ -317,8 +325,29 @@ def _pack(
         z_up=z_up,
         has_scale=source.has_scale,
     )
-    index = GlobalIndex.from_descriptors(np.stack([d for d in global_descriptors if d is not None]))
+    index = GlobalIndex.from_descriptors(global_descriptors)
     return MapArtifact(metadata=metadata, arrays=arrays), index, [row for row, _ in kept]
+
+
+def _unplaced(
+    views: Sequence[View],
+    placed: Sequence[LocalFeatures],
+    camera: Camera,
+    global_descriptors: NDArray[np.float32],
+) -> Unplaced:
+    """Return the features of keyframes that are not among those with points."""
+    left = []
+    for view, own in zip(views, placed, strict=True):
+        known = set(map(tuple, own.keypoints_px.tolist()))
+        is_known = np.array([tuple(pixel) in known for pixel in view.features.keypoints_px.tolist()], bool)
+        left.append(view.features.take(~is_known))
+    pixels = np.concatenate([own.keypoints_px for own in left])
+    return Unplaced(
+        descriptors=np.concatenate([own.descriptors for own in left]),
+        keyframes=np.repeat(np.arange(len(views)), [len(own) for own in left]),
+        rays_in_camera=homogeneous(camera.normalize(pixels.astype(np.float64))),
+        global_descriptors=global_descriptors,
+    )
 
 
 def _stack_descriptors(features: Sequence[LocalFeatures]) -> NDArray[np.uint8] | NDArray[np.float16]:

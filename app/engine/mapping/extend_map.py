@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.engine.maps.artifact import MapArrays, MapArtifact, MapMetadata
 from app.engine.maps.repetition import elsewhere
@@ -40,6 +41,7 @@ def join_maps(
     poses = [part.pose(row) for part in (old, new) for row in range(part.keyframe_count)]
     z_up = old.metadata.z_up or new.metadata.z_up
     distance, keyframe = elsewhere(descriptors, binary, points_in_world, offsets, poses, z_up, run)
+    distance, keyframe = _with_known(distance, keyframe, old, new)
     arrays = MapArrays(
         positions=np.concatenate([a.positions, b.positions]),
         quaternions=np.concatenate([a.quaternions, b.quaternions]),
@@ -67,6 +69,19 @@ def join_maps(
     return MapArtifact(
         metadata=metadata, arrays=arrays, second=_second(old, new)
     ), GlobalIndex.from_descriptors(global_descriptors)
+
+
+def _with_known(
+    distance: NDArray[np.float16], keyframe: NDArray[np.int32], old: MapArtifact, new: MapArtifact
+) -> tuple[NDArray[np.float16], NDArray[np.int32]]:
+    """Return what both maps know of look-alikes where it is nearer than what was found: features without points, which
+    are not stored, were known when each was built."""
+    a, b = old.arrays, new.arrays
+    known = np.concatenate([a.distance_elsewhere, b.distance_elsewhere])
+    shifted = np.where(b.keyframe_elsewhere < 0, -1, b.keyframe_elsewhere + old.keyframe_count)
+    whose = np.concatenate([a.keyframe_elsewhere, shifted]).astype(np.int32)
+    is_nearer = (whose >= 0) & (known < distance)
+    return np.where(is_nearer, known, distance), np.where(is_nearer, whose, keyframe)
 
 
 def _second(old: MapArtifact, new: MapArtifact) -> SecondFeatures | None:

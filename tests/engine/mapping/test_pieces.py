@@ -185,6 +185,20 @@ def test_joined_maps_hold_the_keyframes_of_both() -> None:
     assert joined.metadata.keyframe_names == a.metadata.keyframe_names + b.metadata.keyframe_names
 
 
+def test_a_joined_map_keeps_what_each_knew_of_look_alikes() -> None:
+    """Features without points are not stored: what resembles one of them is known to the map that it was built for."""
+    a, b = make_map((5, 3)), make_map((2, 4))
+    distance, keyframe = b.arrays.distance_elsewhere.copy(), b.arrays.keyframe_elsewhere.copy()
+    distance[:], keyframe[:] = 0.0, -1
+    keyframe[1] = 1
+    b = replace(b, arrays=replace(b.arrays, distance_elsewhere=distance, keyframe_elsewhere=keyframe))
+    index = GlobalIndex.from_descriptors(np.ones((2, 8), np.float32))
+    joined = join_maps(a, index, b, index, False)[0].arrays
+    # Keyframe 1 of the second map is the fourth one; a bound of no keyframe says nothing.
+    assert (joined.distance_elsewhere[8 + 1], joined.keyframe_elsewhere[8 + 1]) == (0.0, 3)
+    assert (joined.distance_elsewhere[8:] == 0.0).sum() == 1
+
+
 @pytest.mark.parametrize("changes", [{"features": "sift"}, {"descriptor_sha256": "cd" * 32}], ids=str)
 def test_maps_of_different_making_are_not_joined(changes: dict[str, str]) -> None:
     a = make_map((1,))
