@@ -9,10 +9,10 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
+from app.geometry.triangulation import distances_to_segments
 from app.limits import limit
 from app.vision.features import Descriptors
 from app.vision.matching import to_unit_vectors
-from app.vision.segments import distances_to_segments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -78,7 +78,8 @@ def _with_known(
     are not stored, were known when each was built."""
     a, b = old.arrays, new.arrays
     known = np.concatenate([a.distance_elsewhere, b.distance_elsewhere])
-    shifted = np.where(b.keyframe_elsewhere < 0, -1, b.keyframe_elsewhere + old.keyframe_count)
+    own = np.asarray(b.keyframe_elsewhere)
+    shifted = np.where(own < 0, -1, own + old.keyframe_count)
     whose = np.concatenate([a.keyframe_elsewhere, shifted]).astype(np.int32)
     is_nearer = (whose >= 0) & (known < distance)
     return np.where(is_nearer, known, distance), np.where(is_nearer, whose, keyframe)

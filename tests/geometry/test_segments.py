@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.vision.segments import distances_to_segments
+from app.geometry.triangulation import distances_to_segments
 
 
 @pytest.mark.parametrize(
