@@ -1,4 +1,4 @@
-"""Points from two views whose relative pose is known, and the metric scale by a known distance."""
+"""Points from two views whose relative pose is known, the metric scale by a known distance, and pieces of rays."""
 
 from __future__ import annotations
 
