@@ -65,20 +65,15 @@ def may_follow(a: Pose, b: Pose, seconds: float, speed: float, depth: float) -> 
     )
 
 
-def is_leap(a: Pose, b: Pose, seconds: float, speed: float, depth: float) -> bool:
-    """Return whether no person moves from one pose of a part to the other in a time, at a usual speed, given the
-    median depth."""
-    slack = OPTIONS.leap_depth_ratio * depth
-    return position_difference_m(a, b) > slack + OPTIONS.max_speed_ratio * speed * seconds
-
-
 def leaps(poses: Mapping[int, Pose], times_s: Sequence[float], depth: float) -> list[int]:
     """Return the pictures of a path after which the camera leaps: no person moves that far in the time to the next."""
     speed = usual_speed(poses, times_s)
+    slack = OPTIONS.leap_depth_ratio * depth
     return [
         i
         for i, j in pairwise(sorted(poses))
-        if is_leap(poses[i], poses[j], times_s[j] - times_s[i], speed, depth)
+        if position_difference_m(poses[i], poses[j])
+        > slack + OPTIONS.max_speed_ratio * speed * (times_s[j] - times_s[i])
     ]
 
 

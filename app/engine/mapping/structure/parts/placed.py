@@ -10,7 +10,7 @@ import numpy as np
 
 from app.engine.mapping.structure.matches import MatchedPictures
 from app.engine.mapping.structure.parts.localized import PartPoints, partners_of
-from app.engine.mapping.structure.parts.pace import is_leap, may_follow, usual_speed
+from app.engine.mapping.structure.parts.pace import may_follow, usual_speed
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.limits import limit
 
@@ -50,11 +50,10 @@ def with_placed(part: Reconstruction, matched: MatchedPictures, times_s: Sequenc
         if gap_s > OPTIONS.max_gap_s:
             break
         own = seen.pop(row)
-        ways = [
-            (own.pose, poses[other], abs(times_s[row] - times_s[other]), speed, points.median_depth)
+        if all(
+            may_follow(own.pose, poses[other], abs(times_s[row] - times_s[other]), speed, points.median_depth)
             for other in _beside(row, known)
-        ]
-        if all(may_follow(*way) and not is_leap(*way) for way in ways):
+        ):
             poses[row] = own.pose
             rows = np.full(len(own.features), row)
             observations.append(np.stack([rows, own.features, own.points], axis=1))

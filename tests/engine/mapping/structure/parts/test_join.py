@@ -13,11 +13,10 @@ from app.engine.mapping.structure.estimate import check_joined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.links import Tie, agreeing_ties
-from app.engine.mapping.structure.parts.pace import is_walk, may_follow, usual_speed
+from app.engine.mapping.structure.parts.pace import is_walk
 from app.engine.mapping.structure.parts.placed import with_placed
 from app.engine.mapping.structure.parts.similarity import Similarity, average_similarity
 from app.engine.mapping.structure.reconstruction import Reconstruction
-from app.engine.mapping.structure.scale import median_depth
 from app.engine.mapping.structure.sequence import Path3D, without_insides
 from app.engine.progress import NoProgress
 from app.errors import InvalidScanError
@@ -203,15 +202,3 @@ def test_similarities_compose_and_invert() -> None:
     assert found.apply(points) == pytest.approx(MOVED.apply(points))
     lone = Similarity.of_camera(own[0], MOVED.move(own[0]), 3.0)
     assert lone.apply(points) == pytest.approx(MOVED.apply(points))
-
-
-def test_no_picture_is_placed_by_a_leap_that_the_seam_of_two_parts_may_have(
-    wall: Array, seen: list[NDArray[np.intp]]
-) -> None:
-    part = part_of(range(19), wall, seen, Similarity.identity())
-    matched = matched_pictures(wall, seen, [((k, 19), 0) for k in range(15, 19)])
-    at_once = [*TIMES_S[:19], TIMES_S[18] + 0.001, *TIMES_S[20:]]
-    way = (true_pose(18), true_pose(19), 0.001, usual_speed(part.poses, TIMES_S), median_depth(part))
-    assert may_follow(*way)
-    assert 19 not in with_placed(part, matched, at_once).poses
-    assert 19 in with_placed(part, matched, TIMES_S).poses
