@@ -5,9 +5,25 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import numpy as np
+
+from app.engine.floors.floor import Floor
 from tests.server import Server
 
 Feature = dict[str, Any]
+# A floor whose plan has the world's x and y.
+IN_WORLD = Floor(
+    venue_id="house",
+    id="0",
+    name="Ground",
+    level=0,
+    z_min_m=0.0,
+    z_max_m=3.0,
+    plan_from_world=np.eye(4),
+    plan_residual_m=None,
+    plan=None,
+    features_sha256=None,
+)
 FLOORS = {
     "ground": {"name": "Ground floor", "level": 0, "z_min_m": -0.5, "z_max_m": 3.0},
     "upper": {"name": "Upper floor", "level": 1, "z_min_m": 3.0, "z_max_m": 6.5},

@@ -85,11 +85,16 @@ class Metrics:
         self._seconds.labels(route).observe(seconds)
 
     def observe_query(self, result: LocateResult) -> None:
-        """Count one query; its outcome is `located` or the reason."""
+        """Count one query; its outcome is `located` or the reason.
+
+        By area only those count that a map was asked for: a session knows where its frames are, located by it or not.
+        """
         outcome = result.reason or "located"
         self._located.labels(result.venue, outcome).inc()
         for stage, milliseconds in result.timings_ms.items():
             self._stages.labels(stage).observe(milliseconds / 1e3)
+        if result.contradicted is None:
+            return
         seen = result.suspected
         floor, plan = (result.floor, result.plan) if seen is None else (seen.floor, seen.plan)
         area = "" if plan is None or plan.area is None else plan.area

@@ -77,7 +77,7 @@ class LocateResult:
     not known to be the metre. `hints` say what would help a picture that is not located. `frames` is the support by
     each frame of a query that has several. `geopose` is where on Earth the camera is, `geopose_reason` why that is not
     known of a located one. `suspected` is for operators alone, as is `contradicted`: whether much of the picture is not
-    what the map holds there.
+    what the map holds there, None where no map was asked for this very picture, as of a session's frames.
     """
 
     venue: str
@@ -105,7 +105,7 @@ class LocateResult:
     geopose_reason: GeoPoseReason | None = None
     frames: tuple[Support, ...] = ()
     suspected: Suspected | None = None
-    contradicted: bool = False
+    contradicted: bool | None = None
 
 
 def map_result(

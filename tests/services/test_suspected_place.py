@@ -7,30 +7,17 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
-import numpy as np
 import pytest
 
 from app.api.metrics import Metrics
-from app.engine.floors.floor import Floor
 from app.engine.floors.plan_point import PlanPoint
 from app.engine.query.localization import Localization
 from app.engine.query.verification import Evidence, Limits, Reason
 from app.services.locate_result import LocateRequest, LocateResult, Suspected, map_result
 from app.storage.maps import MapVersion
+from tests.plans import IN_WORLD
 from tests.scenes import CAMERA, pose_at
 
-FLOOR = Floor(
-    venue_id="house",
-    id="0",
-    name="Ground",
-    level=0,
-    z_min_m=0.0,
-    z_max_m=3.0,
-    plan_from_world=np.eye(4),
-    plan_residual_m=None,
-    plan=None,
-    features_sha256=None,
-)
 VERSION = cast(MapVersion, SimpleNamespace(version=1, z_up=True, has_scale=True, plan_reason=None))
 MOST = Limits().max_contradicted_share_of_twin
 HERE = pose_at(1.0, 2.0, 1.5, 0.0, 0.0)
@@ -47,7 +34,7 @@ def result_of(
         camera=CAMERA,
     )
     camera = cast(Any, SimpleNamespace(camera=CAMERA, likely=CAMERA, source_of=lambda _: "request"))
-    return map_result("house", version, found, False, [FLOOR], LocateRequest(image=b""), camera)
+    return map_result("house", version, found, False, [IN_WORLD], LocateRequest(image=b""), camera)
 
 
 def counted(result: LocateResult) -> dict[str, str]:
@@ -65,7 +52,7 @@ def test_an_ambiguous_picture_counts_where_its_best_pose_is() -> None:
     assert found.suspected.plan is not None
     assert (found.suspected.plan.x, found.suspected.plan.y) == (1.0, 2.0)
     named = replace(found.suspected.plan, area="hall")
-    hall = replace(found, suspected=Suspected(FLOOR, named))
+    hall = replace(found, suspected=Suspected(IN_WORLD, named))
     assert counted(hall) == {"area": 'area="hall",floor="0",outcome="ambiguous",venue="house"'}
 
 
@@ -78,7 +65,7 @@ def test_a_pose_for_which_too_little_speaks_is_no_place(reason: Reason) -> None:
 
 def test_without_up_only_the_floor_is_known() -> None:
     leaning = cast(MapVersion, SimpleNamespace(**{**vars(VERSION), "z_up": False}))
-    assert result_of("ambiguous", version=leaning).suspected == Suspected(FLOOR, None)
+    assert result_of("ambiguous", version=leaning).suspected == Suspected(IN_WORLD, None)
 
 
 @pytest.mark.parametrize("reason", [None, "ambiguous"])
@@ -95,7 +82,12 @@ def test_pictures_that_the_map_contradicts_are_counted_located_or_not(reason: Re
 
 def test_a_located_picture_counts_where_it_is() -> None:
     found = result_of(None)
-    assert (found.suspected, found.floor) == (None, FLOOR)
+    assert (found.suspected, found.floor) == (None, IN_WORLD)
     assert isinstance(found.plan, PlanPoint)
     hall = replace(found, plan=replace(found.plan, area="hall"))
     assert counted(hall)["area"] == 'area="hall",floor="0",outcome="located",venue="house"'
+
+
+def test_what_no_map_was_asked_for_is_in_no_area() -> None:
+    """A session's frame has a place by the way that the phone went, whatever the map says of its picture."""
+    assert counted(replace(result_of(None, MOST + 0.01), contradicted=None)) == {}

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.engine.floors.floor import Floor
 from app.engine.query.placed import Accuracy, PlacedPose, Support
 from app.engine.tracking.memory import pose_from_json, pose_to_json
 from app.engine.tracking.own_view import OwnView, SeenAgain
@@ -21,6 +20,7 @@ from app.services.trajectories.path import OPTIONS, PathSinceFix, moved_points, 
 from app.settings import Settings
 from app.storage.sessions import SessionPoint, create_session, list_points, record_frame
 from app.storage.venues import create_venue
+from tests.plans import IN_WORLD
 from tests.scenes import pose_at
 
 WAY = [pose_at(0.2 * k, 0.0, 1.5) for k in range(6)]
@@ -151,23 +151,11 @@ def test_a_copy_goes_on_by_itself() -> None:
 
 
 def test_corrected_points_have_their_floor_and_plan_anew() -> None:
-    floor = Floor(
-        venue_id="v",
-        id="0",
-        name="0",
-        level=0,
-        z_min_m=0.0,
-        z_max_m=3.0,
-        plan_from_world=np.eye(4),
-        plan_residual_m=None,
-        plan=None,
-        features_sha256=None,
-    )
-    found = moved_points([(point(2, WAY[0]), WAY[3])], [floor], has_plan=True)[0]
+    found = moved_points([(point(2, WAY[0]), WAY[3])], [IN_WORLD], has_plan=True)[0]
     assert (found.frame, found.floor) == (2, "0")
     assert found.plan is not None
     assert found.plan[:2] == pytest.approx([0.6, 0.0])
-    assert moved_points([(point(2, WAY[0]), WAY[3])], [floor], has_plan=False)[0].plan is None
+    assert moved_points([(point(2, WAY[0]), WAY[3])], [IN_WORLD], has_plan=False)[0].plan is None
     newest = point(3, WAY[1])
     assert recent_points([point(1, WAY[0]), point(2, WAY[0])], [found], newest, 2) == [found, newest]
 
