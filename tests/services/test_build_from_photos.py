@@ -63,6 +63,7 @@ def test_photos_without_scale_give_poses_and_no_plan(resources: Resources) -> No
     small = decode_image(resources.blobs.get(left_out.picture_blob))
     assert np.abs(small.astype(int) - shrink(elsewhere.rgb, max(small.shape))[0]).mean() < 12
     assert version.statistics["structure"]["connected"] == 10
+    assert version.statistics["structure"]["floor"] is None
     assert version.statistics["placement"]["has_scale"] is False
     assert any("no scale" in warning for warning in version.statistics["warnings"])
     request = LocateRequest(image=asked, venue="v", camera=parse_camera_hint(CAMERA_TEXT))

@@ -91,6 +91,18 @@ class RevisitFigures(BaseModel):
     agreeing: int = Field(description="Those that tie the path together")
 
 
+class FloorFigures(BaseModel):
+    """The floor that the pictures show, by the points on it."""
+
+    points: int
+    camera_height_m: float | None = Field(
+        description="Median height of the camera above it; null without scale"
+    )
+    camera_height_varies_by: float = Field(
+        description="Between the stretches of the walk (80 percent of them), relative to the height"
+    )
+
+
 class EstimatedPoses(OpenBody):
     """Poses that were estimated from pictures without any."""
 
@@ -110,6 +122,9 @@ class EstimatedPoses(OpenBody):
         description="Source distance, marker, camera_height, correspondences, depth or none"
     )
     up: SourcedFigures = Field(description="Source vertical_edges, camera_axes or none")
+    floor: FloorFigures | None = Field(
+        default=None, description="Null where too few pictures show one level floor"
+    )
 
 
 class LoopFigures(BaseModel):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -11,11 +11,17 @@ from typing import Any
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
+from app.engine.mapping.structure.floor.levels import Floor, find_floor, is_steady
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
-from app.engine.mapping.structure.reconstruction import Reconstruction, check_installed, reconstruct
+from app.engine.mapping.structure.reconstruction import (
+    Reconstruction,
+    check_installed,
+    median_depth,
+    reconstruct,
+)
 from app.engine.mapping.structure.scale import OPTIONS as SCALE
-from app.engine.mapping.structure.scale import FoundScale, find_scale, median_depth
+from app.engine.mapping.structure.scale import FoundScale, find_scale
 from app.engine.mapping.structure.scale_options import Scale, frames_of
 from app.engine.mapping.structure.sequence import Path3D, reconstruct_sequence
 from app.engine.mapping.structure.up import DownDirection, down_by_sensor, find_down
@@ -46,6 +52,18 @@ class EstimateOptions:
         "Least share of the chosen frames of a video that a path of several joined parts must hold.",
         chosen="By hand, on four runs of `roomfix evaluate-video`: paths that hold 79 and 86 % were right within 8 cm, "
         "but one of 83 % was bent by 77 cm, as was one of 64 %.",
+    )
+    min_joined_share_on_floor: float = limit(
+        0.8,
+        "The same of a path above a level floor, at one height.",
+        chosen="By hand, on the ground floor of `roomfix evaluate-video`: 85 % of its pictures, right within 6 cm; its "
+        "bent forms were off the floor by 5 to 15 % of the camera's height.",
+    )
+    warned_unsteadiness: float = limit(
+        0.05,
+        "A warning is given where the camera's height above the floor varies by more on a path of joined parts.",
+        chosen="By hand, on the videos of `roomfix evaluate-video`: 0.02 to 0.04 on right paths, 0.06 to 0.08 on bent "
+        "ones; a person may also raise the phone by as much.",
     )
     cached_pictures: int = limit(
         24, "Pictures that are kept in memory.", chosen="By hand: those of one pixel."
@@ -81,15 +99,6 @@ def estimate_poses(
     chosen = choose_pictures(unposed, frames_of(scale), RECONSTRUCTION.min_frames, progress)
     scan = chosen.scan
     matched = match_pictures(chosen, models, executor, progress)
-    path = _path(chosen, matched, unposed.scratch, progress)
-    parts = path.parts
-    if not parts:
-        raise InvalidScanError(
-            f"The {len(scan.frames)} pictures that were chosen overlap too little to be connected: film more slowly, "
-            "with the camera moving sideways and not only turning, past things with texture."
-        )
-    whole = parts[0]
-    check_joined(path, _times_s(chosen))
 
     @lru_cache(maxsize=OPTIONS.cached_pictures)
     def gray(row: int) -> Gray:
@@ -97,7 +106,21 @@ def estimate_poses(
 
     held = {frame.name: frame.down for frame in unposed.recorded if frame.down is not None}
     downs = {row: held[frame.name] for row, frame in enumerate(scan.frames) if frame.name in held}
-    down = down_by_sensor(whole, downs) or find_down(whole, gray, executor, progress)
+
+    def down_of(part: Reconstruction) -> DownDirection | None:
+        return down_by_sensor(part, downs) or find_down(part, gray, executor, progress)
+
+    path = _path(chosen, matched, down_of, unposed.scratch, progress)
+    parts = path.parts
+    if not parts:
+        raise InvalidScanError(
+            f"The {len(scan.frames)} pictures that were chosen overlap too little to be connected: film more slowly, "
+            "with the camera moving sideways and not only turning, past things with texture."
+        )
+    whole = parts[0]
+    down = down_of(whole)
+    floor = None if down is None else find_floor(whole, down.down)
+    check_joined(path, _times_s(chosen), floor)
     try:
         found = find_scale(scale, whole, chosen, down, gray, executor, progress)
     except InvalidScanError as error:
@@ -107,18 +130,20 @@ def estimate_poses(
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
-        report=_report(chosen, path, down, found),
-        warnings=_warnings(chosen, path, found),
+        report=_report(chosen, path, down, floor, found),
+        warnings=_warnings(chosen, path, floor, found),
     )
 
 
-def check_joined(path: Path3D, times_s: Sequence[float]) -> None:
+def check_joined(path: Path3D, times_s: Sequence[float], floor: Floor | None) -> None:
     """Raise `InvalidScanError` where a path was joined of parts and much of it is still missing.
 
     What loses its way so often shows too little to join the rest without bending it, and a bent map agrees with itself.
+    Where the camera stays at one height above a level floor, less of it is enough.
     """
     held = len(path.parts[0].poses) / len(times_s)
-    if path.joined > 1 and held < OPTIONS.min_joined_share:
+    least = OPTIONS.min_joined_share_on_floor if is_steady(floor) else OPTIONS.min_joined_share
+    if path.joined > 1 and held < least:
         raise InvalidScanError(
             f"{path.where_it_broke(times_s)} With {held:.0%} of them in {path.joined} joined parts the path may be "
             "bent: film the building in pieces, each a map of its own, or with a phone that records depth or poses."
@@ -128,13 +153,20 @@ def check_joined(path: Path3D, times_s: Sequence[float]) -> None:
 def _path(
     chosen: ChosenPictures,
     matched: MatchedPictures,
+    down_of: Callable[[Reconstruction], DownDirection | None],
     scratch: Path | None,
     progress: Progress,
 ) -> Path3D:
     camera, is_calibrated = chosen.scan.camera, chosen.camera_source == "given"
     if chosen.is_sequence:
         return reconstruct_sequence(
-            matched, camera, _times_s(chosen), is_calibrated=is_calibrated, scratch=scratch, progress=progress
+            matched,
+            camera,
+            _times_s(chosen),
+            down_of,
+            is_calibrated=is_calibrated,
+            scratch=scratch,
+            progress=progress,
         )
     parts = reconstruct(matched, camera, is_calibrated=is_calibrated, scratch=scratch, progress=progress)
     return Path3D(parts, None)
@@ -184,6 +216,7 @@ def _report(
     chosen: ChosenPictures,
     path: Path3D,
     down: DownDirection | None,
+    floor: Floor | None,
     scale: FoundScale | None,
 ) -> dict[str, Any]:
     whole, *rest = path.parts
@@ -211,11 +244,28 @@ def _report(
         },
         "scale": {"source": "none"} if scale is None else scale.as_dict(),
         "up": {"source": "none"} if down is None else down.as_dict(),
+        "floor": None if floor is None else _floor_report(floor, scale),
     }
 
 
-def _warnings(chosen: ChosenPictures, path: Path3D, scale: FoundScale | None) -> tuple[str, ...]:
+def _floor_report(floor: Floor, scale: FoundScale | None) -> dict[str, Any]:
+    metres = None if scale is None else round(floor.height * scale.metres_per_unit, 2)
+    return {
+        "points": len(floor.points),
+        "camera_height_m": metres,
+        "camera_height_varies_by": round(floor.unsteadiness, 3),
+    }
+
+
+def _warnings(
+    chosen: ChosenPictures, path: Path3D, floor: Floor | None, scale: FoundScale | None
+) -> tuple[str, ...]:
     warnings = [] if scale is not None else [WITHOUT_SCALE]
+    if path.joined > 1 and floor is not None and floor.unsteadiness > OPTIONS.warned_unsteadiness:
+        warnings.append(
+            f"The camera's height above the floor varies by {floor.unsteadiness:.0%} along the path. Where it was held "
+            "at one height above a level floor, the map is bent: compare distances at both ends with the building."
+        )
     total, connected = len(chosen.scan.frames), len(path.parts[0].poses)
     if connected < OPTIONS.warned_share * total:
         warnings.append(

@@ -83,6 +83,15 @@ class Reconstruction:
     error_px: float
 
 
+def median_depth(part: Reconstruction) -> float:
+    """Return the median depth of the features in their pictures."""
+    pictures, _, points = part.observations.T
+    depths = [
+        part.poses[row].inverse().apply(part.points[points[pictures == row]])[:, 2] for row in part.poses
+    ]
+    return float(np.median(np.concatenate(depths)))
+
+
 def check_installed() -> None:
     """Raise `InvalidScanError` where pycolmap is not installed."""
     if find_spec("pycolmap") is None:

@@ -14,9 +14,8 @@ from app.engine.mapping.loops.measure import Seen, motion_of_matches
 from app.engine.mapping.loops.optimize import Loop, loop_errors_m, optimized
 from app.engine.mapping.loops.places import ways_m
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
-from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.engine.mapping.structure.reconstruction import Reconstruction, median_depth
 from app.engine.mapping.structure.scale import OPTIONS as SCALE
-from app.engine.mapping.structure.scale import median_depth
 from app.engine.progress import Progress
 from app.geometry.se3 import Pose
 from app.limits import limit

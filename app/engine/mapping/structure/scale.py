@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure.chosen import ChosenPictures, frame_time_s
+from app.engine.mapping.structure.floor.levels import find_floor
 from app.engine.mapping.structure.markers import marker_sides
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.scale_options import (
@@ -50,22 +51,6 @@ class ScaleOptions:
         "Largest relative deviation of a marker's side from the median of all sides.",
         chosen="By hand: markers of different sizes, or one that was bent.",
     )
-    floor_layer_ratio: float = limit(
-        0.02,
-        "Height of the layers in which the floor is looked for, relative to the median depth.",
-        chosen="By hand: a few centimetres.",
-    )
-    floor_density_ratio: float = limit(
-        3.0,
-        "Least ratio of the points in the floor's layer to those in the median layer between camera and floor.",
-        chosen="By hand: the lowest strip of a wall has as many as the others.",
-    )
-    floor_breadth_ratio: float = limit(
-        0.15,
-        "Least standard deviation of the floor's points across their longest extent, relative to the camera's height.",
-        chosen="By hand: the lowest strip of a wall has none.",
-    )
-    min_floor_points: int = limit(20, "Least number of points of a floor.", chosen="By hand.")
     max_plan_error_ratio: float = limit(
         0.2,
         "Largest residual of plan places, relative to their spread.",
@@ -117,15 +102,6 @@ def find_scale(
     return _by_depth(part, chosen) if chosen.scan.has_depth else None
 
 
-def median_depth(part: Reconstruction) -> float:
-    """Return the median depth of the features in their pictures."""
-    pictures, _, points = part.observations.T
-    depths = [
-        part.poses[row].inverse().apply(part.points[points[pictures == row]])[:, 2] for row in part.poses
-    ]
-    return float(np.median(np.concatenate(depths)))
-
-
 def _by_distance(
     scale: KnownDistance, part: Reconstruction, chosen: ChosenPictures, gray: GrayOf
 ) -> FoundScale:
@@ -167,37 +143,18 @@ def _by_marker(
 
 
 def _by_height(scale: KnownHeight, part: Reconstruction, down: DownDirection) -> FoundScale:
-    upright = world_from_scan_by_gravity(down.down)
-    points = upright.apply(part.points)
-    camera = float(np.median([upright.apply(pose.translation[None])[0, 2] for pose in part.poses.values()]))
-    below = points[points[:, 2] < camera]
-    floor = _floor(below, camera, OPTIONS.floor_layer_ratio * median_depth(part))
-    if not len(floor):
+    floor = find_floor(part, down.down)
+    if floor is None:
         raise InvalidScanError(
             "The floor can't be found in the pictures, so the camera's height gives no scale: film the floor too, or "
             "give another scale."
         )
-    units = camera - float(np.median(floor[:, 2]))
+    camera = float(np.median([pose.translation @ floor.up for pose in part.poses.values()]))
     return FoundScale(
-        metres_per_unit=scale.height_m / units, source="camera_height", figures={"floor_points": len(floor)}
+        metres_per_unit=scale.height_m / (camera - floor.level),
+        source="camera_height",
+        figures={"floor_points": len(floor.points)},
     )
-
-
-def _floor(below: Array, camera: float, layer: float) -> Array:
-    """Return the points (m, 3) of the lowest layer that holds many of the points (n, 3) below the height of the camera,
-    spread over an area; none where there is no such layer."""
-    numbers = np.floor((camera - below[:, 2]) / layer).astype(int)
-    counts = np.bincount(numbers) if len(numbers) else np.zeros(0, int)
-    # A floor that crosses the border of two layers is in both.
-    both = counts + np.r_[counts[1:], 0] if len(counts) else counts
-    usual = float(np.median(both[both > 0])) if len(counts) else 0.0
-    least = max(OPTIONS.min_floor_points, OPTIONS.floor_density_ratio * usual)
-    for number in np.flatnonzero(both >= least)[::-1]:
-        points = below[(numbers == number) | (numbers == number + 1)]
-        breadth = float(np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)[1])
-        if breadth / np.sqrt(len(points)) >= OPTIONS.floor_breadth_ratio * number * layer:
-            return np.asarray(points)
-    return np.asarray(below[:0])
 
 
 def _by_places(

@@ -3,10 +3,12 @@ comes back to a place."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
@@ -14,11 +16,14 @@ from app.engine.mapping.structure.parts.between import with_pieces_between
 from app.engine.mapping.structure.parts.cut import cut_where_bent, cut_where_wrong
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.placed import with_placed
-from app.engine.mapping.structure.reconstruction import Reconstruction
+from app.engine.mapping.structure.reconstruction import Reconstruction, median_depth
 from app.engine.mapping.structure.revisits import OPTIONS as REVISITS
 from app.engine.mapping.structure.revisits import Revisits, find_revisits
+from app.engine.mapping.structure.up import DownDirection
 from app.engine.mapping.structure.windows.reconstruct import reconstruct_windows
 from app.engine.progress import Progress
+from app.errors import DegenerateGeometryError
+from app.geometry.alignment import align_points
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.limits import limit
@@ -34,6 +39,11 @@ class SequenceOptions:
         5,
         "Times that parts are joined, pictures between them registered, and both adjusted.",
         chosen="By hand: a round takes minutes of a video of four; it ends earlier where no part is added.",
+    )
+    settled_depth_ratio: float = limit(
+        0.005,
+        "They end where no picture is added to the path and they moved by less, in the median, over the median depth.",
+        chosen="By hand: 2 cm, less than such a path is off by.",
     )
     ends: int = limit(
         6,
@@ -75,6 +85,7 @@ def reconstruct_sequence(
     matched: MatchedPictures,
     camera: Camera,
     times_s: Sequence[float],
+    down_of: Callable[[Reconstruction], DownDirection | None],
     *,
     is_calibrated: bool,
     scratch: Path | None,
@@ -84,8 +95,8 @@ def reconstruct_sequence(
 
     Pictures that are far apart in time never decide the path by themselves, however well they match: two corridors that
     look alike match as one does with itself. They tie it where the path that was found without them leads back to the
-    place, and join its parts where the pictures of one agree on how it lies in the other. The other arguments are those
-    of `reconstruct`.
+    place, and join its parts where the pictures of one agree on how it lies in the other. `down_of` finds the direction
+    of down in the frame of a part. The other arguments are those of `reconstruct`.
     """
     near, far = _by_distance_in_time(matched.matches)
     parts = reconstruct_windows(
@@ -98,28 +109,32 @@ def reconstruct_sequence(
     )
     if not parts or (not far and len(parts) == 1):
         return Path3D(parts, None)
-    revisits, joined = None, 1
+    revisits, settled = None, None
+    joined, is_settled = 1, False
     for _ in range(OPTIONS.rounds):
         if not parts:
             break
         (found, count), *others = join_parts(parts, matched, times_s, progress)
-        if revisits is not None and count == 1:
+        if revisits is not None and (count == 1 or is_settled):
             break
         joined += count - 1
         rest = [part for part, _ in others]
         whole = with_placed(found, matched, times_s)
         revisits = find_revisits(whole, matched, sorted(far), progress)
         if revisits.agreeing or len(whole.poses) > len(parts[0].poses):
+            down = down_of(whole)
             ties = {pair: far[pair] for pair in revisits.agreeing}
             tied = rejoined(
                 MatchedPictures(matched.features, without_insides(near | ties, rest, revisits.poses)),
                 revisits.poses,
                 whole.camera,
+                down=None if down is None else down.down,
                 is_calibrated=is_calibrated,
                 scratch=scratch,
                 progress=progress,
             )
             whole = tied or whole
+        is_settled, settled = _is_settled(settled, whole), whole
         parts = [*cut_where_wrong(whole, matched.features, near, times_s), *rest]
     if joined == 1 or not parts:
         return Path3D(sorted(parts, key=lambda part: -len(part.poses)), revisits)
@@ -147,6 +162,20 @@ def _joined_at_last(
         for piece in cut_where_bent(part, matched.features, near, ties)
     ]
     return with_pieces_between([*pieces, *(part for part, _ in others)], matched, times_s)
+
+
+def _is_settled(before: Reconstruction | None, after: Reconstruction) -> bool:
+    """Return whether a path has the same pictures as before, nearly where they were, but for a similarity."""
+    if before is None or before.poses.keys() != after.poses.keys():
+        return False
+    a, b = (np.array([part.poses[row].translation for row in sorted(part.poses)]) for part in (before, after))
+    try:
+        found = align_points(a, b, with_scale=True)
+    except DegenerateGeometryError:
+        return False
+    moved = found.target_from_source.apply(found.scale * a)
+    middle = float(np.median(np.linalg.norm(moved - b, axis=1)))
+    return middle <= OPTIONS.settled_depth_ratio * median_depth(after)
 
 
 def without_insides(

@@ -14,6 +14,7 @@ import pytest
 
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
 from app.engine.mapping.structure.estimate import estimate_poses
+from app.engine.mapping.structure.floor.levels import find_floor
 from app.engine.mapping.structure.markers import DICTIONARY
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
@@ -191,6 +192,15 @@ def test_the_scale_by_what_is_known(
         stood = found.metres_per_unit * part.poses[3].translation
         x, y, _ = poses()[3].translation
         assert found.plan_from_scan.apply(stood[None])[0, :2] == pytest.approx([7.0 - y, 2.0 + x], abs=0.05)
+
+
+def test_the_floor_is_found_below_photos(
+    part: Reconstruction, down: DownDirection | None, true_from_scan: Alignment
+) -> None:
+    assert down is not None
+    floor = find_floor(part, down.down)
+    assert floor is not None
+    assert floor.height * true_from_scan.scale == pytest.approx(HEIGHT_M, rel=0.02)
 
 
 def test_the_scale_by_depth_images(

@@ -162,7 +162,13 @@ def test_a_copy_of_a_place_does_not_fold_the_path(
         monkeypatch.setattr(windows, "OPTIONS", short)
     matched = sequence(wall, copies=True)
     found = reconstruct_sequence(
-        matched, CAMERA, range(FRAMES), is_calibrated=True, scratch=None, progress=NoProgress()
+        matched,
+        CAMERA,
+        range(FRAMES),
+        lambda part: None,
+        is_calibrated=True,
+        scratch=None,
+        progress=NoProgress(),
     )
     (whole,) = found.parts
     assert found.revisits is not None
@@ -198,6 +204,7 @@ def test_a_path_that_is_bent_after_all_is_cut(wall: Array, monkeypatch: pytest.M
         MatchedPictures(matched.features, near),
         CAMERA,
         range(FRAMES),
+        lambda part: None,
         is_calibrated=True,
         scratch=None,
         progress=NoProgress(),

@@ -17,8 +17,7 @@ from app.engine.mapping.structure.parts.pace import leaps
 from app.engine.mapping.structure.parts.steps import OPTIONS as STEPS
 from app.engine.mapping.structure.parts.steps import Step, scale_steps
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
-from app.engine.mapping.structure.reconstruction import Reconstruction
-from app.engine.mapping.structure.scale import median_depth
+from app.engine.mapping.structure.reconstruction import Reconstruction, median_depth
 from app.limits import limit
 from app.vision.features import LocalFeatures
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from app.engine.mapping.loops.measure import OPTIONS as LOOPS
 from app.engine.mapping.structure.matches import MatchedPictures, Pair, Rows
-from app.engine.mapping.structure.reconstruction import Reconstruction
-from app.engine.mapping.structure.scale import median_depth
+from app.engine.mapping.structure.reconstruction import Reconstruction, median_depth
 from app.geometry.camera import tangent_of_px
 from app.geometry.pnp import estimate_pose_lo_ransac
 from app.geometry.se3 import Pose

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure.estimate import check_joined
+from app.engine.mapping.structure.floor.levels import Floor
 from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.parts.join import join_parts
 from app.engine.mapping.structure.parts.links import Tie, agreeing_ties
@@ -168,11 +169,33 @@ def test_a_path_of_joined_parts_must_hold_most_of_the_pictures(
     wall: Array, seen: list[NDArray[np.intp]]
 ) -> None:
     part = part_of(range(14), wall, seen, MOVED)
-    check_joined(Path3D([part], None, joined=2), list(range(15)))
+    check_joined(Path3D([part], None, joined=2), list(range(15)), None)
     with pytest.raises(InvalidScanError, match=r"88% of them in 2 joined parts the path may be bent"):
-        check_joined(Path3D([part], None, joined=2), list(range(16)))
+        check_joined(Path3D([part], None, joined=2), list(range(16)), None)
     # One part that leaves as much out was not joined to anything.
-    check_joined(Path3D([part], None), list(range(21)))
+    check_joined(Path3D([part], None), list(range(21)), None)
+
+
+def test_less_of_a_path_is_enough_at_one_height_above_a_level_floor(
+    wall: Array, seen: list[NDArray[np.intp]]
+) -> None:
+    path = Path3D([part_of(range(14), wall, seen, MOVED)], None, joined=2)
+    level = np.zeros(9)
+    floor = Floor(
+        up=np.array([0, 0, 1.0]),
+        level=0.0,
+        height=1.5,
+        points=np.zeros(1, np.intp),
+        roughness=np.zeros(1),
+        above=level,
+        held=1.0 + level,
+    )
+    check_joined(path, list(range(17)), floor)
+    with pytest.raises(InvalidScanError, match=r"78% of them"):
+        check_joined(path, list(range(18)), floor)
+    for moving in ({"held": np.linspace(1.0, 1.1, 9)}, {"above": np.linspace(0.0, 0.1, 9)}):
+        with pytest.raises(InvalidScanError, match=r"82% of them"):
+            check_joined(path, list(range(17)), replace(floor, **moving))
 
 
 def test_a_part_that_broke_inside_lies_nowhere() -> None:
