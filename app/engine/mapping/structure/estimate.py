@@ -21,7 +21,7 @@ from app.engine.mapping.structure.reconstruction import (
     reconstruct,
 )
 from app.engine.mapping.structure.scale import OPTIONS as SCALE
-from app.engine.mapping.structure.scale import FoundScale, find_scale
+from app.engine.mapping.structure.scale import FoundScale, doubts_of, find_scale
 from app.engine.mapping.structure.scale_options import Scale, frames_of
 from app.engine.mapping.structure.sequence import Path3D, reconstruct_sequence
 from app.engine.mapping.structure.up import DownDirection, down_by_sensor, find_down
@@ -127,11 +127,12 @@ def estimate_poses(
         if not chosen.is_sequence or len(whole.poses) >= OPTIONS.refused_share * len(scan.frames):
             raise
         raise InvalidScanError(f"{path.where_it_broke(_times_s(chosen))} In the largest: {error}") from error
+    doubts = doubts_of(found, floor)
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
         report=_report(chosen, path, down, floor, found),
-        warnings=_warnings(chosen, path, floor, found),
+        warnings=(*_warnings(chosen, path, floor, found), *doubts),
     )
 
 

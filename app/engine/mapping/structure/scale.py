@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure.chosen import ChosenPictures, frame_time_s
-from app.engine.mapping.structure.floor.levels import find_floor
+from app.engine.mapping.structure.floor.levels import Floor, find_floor
 from app.engine.mapping.structure.markers import marker_sides
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.scale_options import (
@@ -55,6 +55,27 @@ class ScaleOptions:
         0.2,
         "Largest residual of plan places, relative to their spread.",
         chosen="By hand: a place that was exchanged or a mirrored plan is off by far more.",
+    )
+    max_camera_height_m: float = limit(
+        20.0,
+        "Height of the camera above the floor from which on a scale is refused.",
+        chosen="By hand: from a gallery people film 10 m above a hall; centimetres or inches stated as metres give 50 "
+        "m and more.",
+    )
+    min_camera_height_m: float = limit(
+        0.1,
+        "Height of the camera above the floor below which a scale is refused.",
+        chosen="By hand: nobody films so; millimetres where metres were meant give less.",
+    )
+    low_camera_height_m: float = limit(
+        0.7,
+        "Height of the camera above the floor below which a warning is given.",
+        chosen="By hand: a child's hand.",
+    )
+    high_camera_height_m: float = limit(
+        2.3,
+        "Height of the camera above the floor from which on a warning is given.",
+        chosen="By hand: a tall person's raised hand; feet stated as metres give 5 m.",
     )
     depth_pictures: int = limit(60, "Pictures whose depth gives the scale.", chosen="By hand: a second.")
     min_depths: int = limit(100, "Features with depth that a scale needs.", chosen="By hand.")
@@ -100,6 +121,22 @@ def find_scale(
     if isinstance(scale, KnownPlaces):
         return _by_places(scale, part, chosen, _needed(down, "correspondences"), gray)
     return _by_depth(part, chosen) if chosen.scan.has_depth else None
+
+
+def doubts_of(scale: FoundScale | None, floor: Floor | None) -> list[str]:
+    """Return a sentence where the camera was held unusually high or low above the floor by this scale, else nothing.
+
+    Raises `InvalidScanError` where nobody holds a camera so.
+    """
+    if scale is None or floor is None or scale.source == "camera_height":
+        return []
+    height_m = floor.height * scale.metres_per_unit
+    check = "depth_scale" if scale.source == "depth" else "the numbers of scale, which are metres"
+    sentence = f"By this scale the camera was held {height_m:.3g} m above the floor: check {check}."
+    if not OPTIONS.min_camera_height_m <= height_m <= OPTIONS.max_camera_height_m:
+        raise InvalidScanError(sentence)
+    is_usual = OPTIONS.low_camera_height_m <= height_m <= OPTIONS.high_camera_height_m
+    return [] if is_usual else [sentence]
 
 
 def _by_distance(

@@ -18,7 +18,7 @@ from app.engine.mapping.structure.floor.levels import find_floor
 from app.engine.mapping.structure.markers import DICTIONARY
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import Reconstruction, reconstruct
-from app.engine.mapping.structure.scale import find_scale
+from app.engine.mapping.structure.scale import FoundScale, doubts_of, find_scale
 from app.engine.mapping.structure.scale_options import (
     KnownDistance,
     KnownHeight,
@@ -201,6 +201,40 @@ def test_the_floor_is_found_below_photos(
     floor = find_floor(part, down.down)
     assert floor is not None
     assert floor.height * true_from_scan.scale == pytest.approx(HEIGHT_M, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("source", "height_m", "said"),
+    [("marker", 1.4, None), ("marker", 4.6, "scale, which are metres"), ("depth", 0.3, "check depth_scale")],
+)
+def test_a_camera_that_was_held_high_or_low_raises_doubts(
+    part: Reconstruction, down: DownDirection | None, source: str, height_m: float, said: str | None
+) -> None:
+    assert down is not None
+    floor = find_floor(part, down.down)
+    assert floor is not None
+    scale = FoundScale(metres_per_unit=height_m / floor.height, source=source)
+    doubts = doubts_of(scale, floor)
+    assert [said in sentence and f"{height_m:g} m" in sentence for sentence in doubts if said] == [
+        True
+    ] * len(doubts)
+    assert bool(doubts) == (said is not None)
+    assert doubts_of(replace(scale, source="camera_height"), floor) == []
+    assert doubts_of(scale, None) == doubts_of(None, floor) == []
+
+
+@pytest.mark.parametrize("height_m", [145.0, 0.002])
+def test_a_scale_in_another_unit_is_refused(
+    part: Reconstruction, down: DownDirection | None, height_m: float
+) -> None:
+    assert down is not None
+    floor = find_floor(part, down.down)
+    assert floor is not None
+    scale = FoundScale(metres_per_unit=height_m / floor.height, source="marker")
+    with pytest.raises(
+        InvalidScanError, match=f"held {height_m:g} m above the floor: check the numbers of scale"
+    ):
+        doubts_of(scale, floor)
 
 
 def test_the_scale_by_depth_images(
