@@ -42,6 +42,10 @@ router = APIRouter(tags=["locate"], dependencies=[Depends(require("locate"))], r
 
 
 IN_OWN_AXES = Frames()
+MAX_RISK_IN_WORDS = (
+    "Refuse a pose whose probability of being off by 0.5 m or 5 degrees is higher (1 - confidence); poses below the "
+    "service's own limits are refused whatever is sent"
+)
 EXAMPLE: dict[str, Any] = {
     "located": True,
     "reason": None,
@@ -213,6 +217,7 @@ async def locate(
     matches: Annotated[
         bool, Form(description="Answer with the matches that agree with the pose too")
     ] = False,
+    max_risk: Annotated[float, Form(gt=0, le=1, description=MAX_RISK_IN_WORDS)] = 1.0,
     images: Annotated[list[UploadFile] | None, File(description=IMAGES_IN_WORDS)] = None,
     motion: Annotated[str | None, Form(description=MOTION_IN_WORDS)] = None,
     cameras: Annotated[str | None, Form(description=CAMERAS_IN_WORDS)] = None,
@@ -234,6 +239,7 @@ async def locate(
         method=method,
         area=area or None,
         show_matches=matches,
+        max_risk=max_risk,
         later=await later_frames(images or (), motion, cameras, hint, frames.axes),
     )
     result = await state.executor.run(lambda: state.services.locate.locate(request))

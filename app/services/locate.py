@@ -80,6 +80,6 @@ class LocateService:
         if camera is None:
             raise InvalidInputError("method anchor needs the phone's intrinsics: send the field camera.")
         found = self._anchors.locate(place.venue, request.floor, rgb, camera, request.gravity)
-        result = anchor_result(place.venue, found, place.floors, camera)
+        result = anchor_result(place.venue, found, place.floors, request, camera)
         keep_map = by_map is not None and by_map.map_version is not None and result.reason is not None
         return by_map if keep_map and by_map is not None else result

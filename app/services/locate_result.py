@@ -44,8 +44,9 @@ class LaterFrame:
 class LocateRequest:
     """A query. `camera` is a `Camera` (scaled when the image has another size), or the numbers of one for the
     image as it is; without it EXIF, a list of phones or a search tells the focal length. `gravity` is the direction
-    of down in camera axes, `area` an area's id or name. `show_matches` asks for matches to draw. The answer is
-    about `image`; the `later` frames of a burst or a rig, all with a motion or none, help to find it."""
+    of down in camera axes, `area` an area's id or name. `show_matches` asks for matches to draw. A pose that is wrong
+    by more than 0.5 m or 5 degrees with a higher probability than `max_risk` is not wanted. The answer is about
+    `image`; the `later` frames of a burst or a rig, all with a motion or none, help to find it."""
 
     image: bytes
     venue: str | None = None
@@ -56,6 +57,7 @@ class LocateRequest:
     method: Method = "auto"
     area: str | None = None
     show_matches: bool = False
+    max_risk: float = 1.0
     later: tuple[LaterFrame, ...] = ()
 
 
@@ -123,6 +125,8 @@ def map_result(
     gravity_checked = None if request.gravity is None else pose is not None and z_up
     if gravity_checked and contradicts_gravity(pose, request.gravity):
         reason, pose = "ambiguous", None
+    if pose is not None and is_too_risky(found.confidence, request):
+        reason, pose = "too_few_inliers", None
     # The heights of floors are in metres.
     floors = floors if has_scale else []
     floor = floor_of(floors, pose) if pose is not None else None
@@ -175,17 +179,26 @@ def _hints(found: Localization, reason: Reason | None, camera: QueryCamera) -> t
     return hints if isinstance(camera.camera, Camera) else (*hints, "send_camera")
 
 
-def anchor_result(venue: str, found: AnchorLocalization, floors: list[Floor], camera: Camera) -> LocateResult:
-    """Return the result of an answer by anchors; outside the floor it is none."""
-    place = None
-    if found.plan_from_phone is not None and found.floor_id is not None:
+def is_too_risky(confidence: float, request: LocateRequest) -> bool:
+    """Return whether an answer is less sure than a request wants it."""
+    return confidence < 1.0 - request.max_risk
+
+
+def anchor_result(
+    venue: str, found: AnchorLocalization, floors: list[Floor], request: LocateRequest, camera: Camera
+) -> LocateResult:
+    """Return the result of an answer by anchors; outside the floor, or less sure than wanted, it is none."""
+    place, reason = None, found.reason
+    if reason is None and is_too_risky(found.confidence, request):
+        reason = "too_few_inliers"
+    elif found.plan_from_phone is not None and found.floor_id is not None:
         place = place_on_floor(floors, found.floor_id, found.plan_from_phone)
     located = place is not None
     return LocateResult(
         venue=venue,
         method="anchor",
         map_version=None,
-        reason=None if located else found.reason or "outside_venue",
+        reason=None if located else reason or "outside_venue",
         world_from_camera=None if place is None else place.world_from_camera,
         floor=None if place is None else place.floor,
         plan=None if place is None else place.plan,

@@ -114,6 +114,9 @@ def test_a_phone_is_located_by_a_camera_on_a_plan_without_a_map(
     assert listed["frame"]["fresh"]
     assert not listed["frame"]["image_stored"]
     assert [anchor["id"] for anchor in server.client.get("/anchors?venue=v").json()] == ["hall"]
+    risk = str(0.9 * (1 - found["confidence"]))
+    surer = server.locate(phone.png(), venue="v", method="anchor", gravity=down(phone), max_risk=risk)
+    assert (surer["located"], surer["reason"], surer["plan"]) == (False, "too_few_inliers", None)
     auto = server.locate(phone.png(), venue="v", gravity=down(phone))
     assert auto["located"]
     assert auto["method"] == "anchor"

@@ -55,6 +55,26 @@ def test_a_photo_gets_its_pose(museum: Server, queries: list[View]) -> None:
         assert result["plan"] is None
 
 
+def test_a_pose_that_is_less_sure_than_wanted_is_refused(museum: Server, queries: list[View]) -> None:
+    sent = queries[0].jpeg()
+    usual = museum.locate(sent, venue="museum")
+    risk = 1 - usual["confidence"]
+    wanted = museum.locate(sent, venue="museum", max_risk=str(1.05 * risk))
+    assert wanted["pose"] == usual["pose"]
+    refused = museum.locate(sent, venue="museum", max_risk=str(0.95 * risk))
+    assert (refused["located"], refused["reason"], refused["pose"]) == (False, "too_few_inliers", None)
+    assert refused["confidence"] == 0
+    assert refused["hints"] == ["look_elsewhere"]
+
+
+@pytest.mark.parametrize("value", ["0", "-0.1", "1.01", "nan", "much"])
+def test_a_risk_is_above_0_and_at_most_1(museum: Server, queries: list[View], value: str) -> None:
+    files = {"image": ("query.jpg", queries[0].jpeg(), "image/jpeg")}
+    answer = museum.client.post("/locate", files=files, data={"venue": "museum", "max_risk": value})
+    assert_problem(answer, 422)
+    assert "max_risk" in answer.text
+
+
 def test_the_camera_as_json_is_scaled_to_the_image(museum: Server, queries: list[View]) -> None:
     fx, fy, cx, cy = CAMERA.params
     double = [2 * fx, 2 * fy, 2 * cx + 0.5, 2 * cy + 0.5]
