@@ -25,6 +25,8 @@ export interface LocateFields {
   gravity?: string | [number, number, number];
   prior?: { position: { x: number; y: number; z: number }; radius_m: number };
   method?: "auto" | "rgbd" | "vdm" | "anchor";
+  /** Above 0, at most 1: refuse a pose whose confidence is below 1 - max_risk. */
+  max_risk?: number;
   axes?: Axes;
   device_pose?: Pose;
   /** Further frames of a burst or a rig, their motion and, where they differ, their cameras: one entry for each. */
