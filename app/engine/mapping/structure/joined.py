@@ -183,8 +183,9 @@ class _Adjustment:
         if floor is None:
             self._report(lambda: self.colmap.bundle_adjustment(model, options))
         else:
+            images = len(model.reg_image_ids())
             adjust_with_floor(
-                self.colmap, model, options, floor, lambda adjuster: self._report(adjuster.solve)
+                self.colmap, model, options, floor, lambda: self.progress.report(STAGE, images, images)
             )
 
     def _report(self, solve: Callable[[], Any]) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from app.engine.mapping.structure.floor import held
 from app.engine.mapping.structure.joined import rejoined
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.progress import NoProgress
+from app.errors import CancelledBuildError
 from tests.engine.mapping.structure.floor.corridor_walk import CAMERA, DOORS, DOWN, FRAMES, Corridor
 
 pytest.importorskip("pycolmap")
@@ -41,17 +45,17 @@ def end_error_m(corridor: Corridor, part: Reconstruction) -> float:
 
 def test_a_path_that_bent_is_led_back_by_the_floor() -> None:
     corridor = Corridor(seen_through=FEW)
-    free, held = (adjusted(corridor, down) for down in (None, DOWN))
+    free, on_floor = (adjusted(corridor, down) for down in (None, DOWN))
     assert end_error_m(corridor, free) > 0.5
-    assert end_error_m(corridor, held) < 0.6 * end_error_m(corridor, free)
+    assert end_error_m(corridor, on_floor) < 0.6 * end_error_m(corridor, free)
 
 
 def test_a_floor_with_steps_is_not_levelled() -> None:
     """Levelled by the scale, it would let the camera rise."""
     corridor = Corridor(seen_through=12, rise_m=0.15)
-    free, held = (adjusted(corridor, down) for down in (None, DOWN))
+    free, on_floor = (adjusted(corridor, down) for down in (None, DOWN))
     assert corridor.slide_of(free) == pytest.approx(1.0, abs=0.01)
-    assert {row: pose.matrix.tolist() for row, pose in held.poses.items()} == {
+    assert {row: pose.matrix.tolist() for row, pose in on_floor.poses.items()} == {
         row: pose.matrix.tolist() for row, pose in free.poses.items()
     }
 
@@ -59,3 +63,38 @@ def test_a_floor_with_steps_is_not_levelled() -> None:
 def test_where_no_floor_is_seen_nothing_is_held() -> None:
     walls = Corridor(floor_share=0.0)
     assert walls.slide_of(adjusted(walls, DOWN)) == walls.slide_of(adjusted(walls, None))
+
+
+class _Stops(NoProgress):
+    """Stops a build at its first report after an adjustment with a floor has begun."""
+
+    def __init__(self) -> None:
+        self.is_stopping = False
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        del stage, done, total
+        if self.is_stopping:
+            raise CancelledBuildError("stopped")
+
+
+def test_a_build_that_is_stopped_ends_an_adjustment_with_a_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    stops = _Stops()
+    begin = held._add_level
+
+    def begun(*given: Any) -> tuple[int, int]:
+        stops.is_stopping = True
+        return begin(*given)
+
+    monkeypatch.setattr(held, "_add_level", begun)
+    corridor = Corridor(seen_through=FEW)
+    poses = {frame: corridor.slid_pose(frame, SLIDE) for frame in range(FRAMES)}
+    with pytest.raises(CancelledBuildError, match="stopped"):
+        rejoined(
+            corridor.matches(),
+            poses,
+            CAMERA,
+            is_calibrated=True,
+            scratch=None,
+            progress=stops,
+            down=DOWN,
+        )
