@@ -121,12 +121,12 @@ def map_result(
 ) -> LocateResult:
     """Return the result of an answer by a map version, for what is known of the query's camera."""
     reason, pose = found.reason, found.world_from_camera
+    if pose is not None and is_too_risky(found.confidence, request):
+        reason, pose = "too_few_inliers", None
     z_up, has_scale, plan_reason = version.z_up, version.has_scale, version.plan_reason
     gravity_checked = None if request.gravity is None else pose is not None and z_up
     if gravity_checked and contradicts_gravity(pose, request.gravity):
         reason, pose = "ambiguous", None
-    if pose is not None and is_too_risky(found.confidence, request):
-        reason, pose = "too_few_inliers", None
     # The heights of floors are in metres.
     floors = floors if has_scale else []
     floor = floor_of(floors, pose) if pose is not None else None
