@@ -56,7 +56,7 @@ class EstimateOptions:
     min_joined_share_on_floor: float = limit(
         0.8,
         "The same of a path above a level floor, at one height.",
-        chosen="By hand, on the ground floor of `roomfix evaluate-video`: 85 % of its pictures, right within 10 cm; its "
+        chosen="By hand, on the ground floor of `roomfix evaluate-video`: 85 % of its pictures, within 10 cm; its "
         "bent forms were off the floor by 5 to 15 % of the camera's height.",
     )
     warned_unsteadiness: float = limit(
