@@ -39,6 +39,11 @@ class FloorOptions:
         "Least height of the camera above the floor, relative to the median depth of the features.",
         chosen="By hand: in a hall, where things are 5 m away, 1.5 m.",
     )
+    most_height: float = limit(
+        2.0,
+        "Largest height of the camera above the floor, relative to the median depth of the features.",
+        chosen="By hand: what is farther below than everything ahead is not walked on.",
+    )
     bandwidth: float = limit(
         0.012,
         "Standard deviation of the kernel by which the layer is found, of the height's logarithm.",
@@ -189,7 +194,7 @@ def _level_floor(walk: _Walk, up: Array, depth: float, *, is_exact: bool) -> Flo
     """Return the floor with a known direction of up; where this is not exact yet, its layers are blurred."""
     cameras, heights = walk.places @ up, walk.points @ up
     below = [float(np.median(cameras[own])) - heights[numbers] for own, numbers in walk.stretches]
-    usual = _layer(np.concatenate(below), OPTIONS.least_height * depth, 2.0 * depth)
+    usual = _layer(np.concatenate(below), OPTIONS.least_height * depth, OPTIONS.most_height * depth)
     if usual is None:
         return None
     levels, held, rows, rough = list[float](), list[float](), list[Rows](), list[Array]()
