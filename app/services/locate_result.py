@@ -121,7 +121,7 @@ def map_result(
 ) -> LocateResult:
     """Return the result of an answer by a map version, for what is known of the query's camera."""
     reason, pose = found.reason, found.world_from_camera
-    if pose is not None and is_too_risky(found.confidence, request):
+    if pose is not None and _is_too_risky(found.confidence, request):
         reason, pose = "too_few_inliers", None
     z_up, has_scale, plan_reason = version.z_up, version.has_scale, version.plan_reason
     gravity_checked = None if request.gravity is None else pose is not None and z_up
@@ -179,7 +179,7 @@ def _hints(found: Localization, reason: Reason | None, camera: QueryCamera) -> t
     return hints if isinstance(camera.camera, Camera) else (*hints, "send_camera")
 
 
-def is_too_risky(confidence: float, request: LocateRequest) -> bool:
+def _is_too_risky(confidence: float, request: LocateRequest) -> bool:
     """Return whether an answer is less sure than a request wants it."""
     return confidence < 1.0 - request.max_risk
 
@@ -189,7 +189,7 @@ def anchor_result(
 ) -> LocateResult:
     """Return the result of an answer by anchors; outside the floor, or less sure than wanted, it is none."""
     place, reason = None, found.reason
-    if reason is None and is_too_risky(found.confidence, request):
+    if reason is None and _is_too_risky(found.confidence, request):
         reason = "too_few_inliers"
     elif found.plan_from_phone is not None and found.floor_id is not None:
         place = place_on_floor(floors, found.floor_id, found.plan_from_phone)

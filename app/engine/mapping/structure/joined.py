@@ -168,6 +168,7 @@ class _Adjustment:
         """Adjust so many times, where a floor is given with its points on its level."""
         triangulation = self.options.get_triangulation()
         for _ in range(rounds):
+            # A floor names its points by their rows, which new and merged points would change.
             if floor is None:
                 self.mapper.complete_and_merge_tracks(triangulation)
                 self.mapper.retriangulate(triangulation)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,9 +73,14 @@ def noisy_matches(frames: int, noise_px: float, seed: int) -> MatchedPictures:
         pixels = CAMERA.project(true_pose(frame).inverse().apply(wall[own]))
         noisy = (pixels + rng.normal(0, noise_px, pixels.shape)).astype(np.float32)
         features.append(LocalFeatures(noisy, np.zeros((len(own), 1), np.float32)))
+    return MatchedPictures(tuple(features), matches_beside(rows))
+
+
+def matches_beside(rows: Sequence[NDArray[np.intp]]) -> dict[Pair, NDArray[np.intp]]:
+    """Return the matches of each picture with the next three, by the rows of the points that each one sees."""
     matches: dict[Pair, NDArray[np.intp]] = {}
-    for i in range(frames):
-        for j in range(i + 1, min(frames, i + 4)):
+    for i in range(len(rows)):
+        for j in range(i + 1, min(len(rows), i + 4)):
             _, a, b = np.intersect1d(rows[i], rows[j], return_indices=True)
             matches[i, j] = np.stack([a, b], axis=1)
-    return MatchedPictures(tuple(features), matches)
+    return matches

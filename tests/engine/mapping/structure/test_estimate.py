@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from app.engine.mapping.structure import estimate
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
 from app.engine.mapping.structure.estimate import estimate_poses
 from app.engine.mapping.structure.floor.levels import find_floor
@@ -27,6 +28,7 @@ from app.engine.mapping.structure.scale_options import (
     PlanPlace,
     Scale,
 )
+from app.engine.mapping.structure.sequence import Path3D
 from app.engine.mapping.structure.up import DownDirection, down_by_sensor, find_down
 from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError, InvalidScanError
@@ -205,7 +207,11 @@ def test_the_floor_is_found_below_photos(
 
 @pytest.mark.parametrize(
     ("source", "height_m", "said"),
-    [("marker", 1.4, None), ("marker", 4.6, "scale, which are metres"), ("depth", 0.3, "check depth_scale")],
+    [
+        ("marker", 1.4, None),
+        ("marker", 4.6, "check the numbers of scale, which are metres"),
+        ("depth", 0.3, "check depth_scale"),
+    ],
 )
 def test_a_camera_that_was_held_high_or_low_raises_doubts(
     part: Reconstruction, down: DownDirection | None, source: str, height_m: float, said: str | None
@@ -214,13 +220,34 @@ def test_a_camera_that_was_held_high_or_low_raises_doubts(
     floor = find_floor(part, down.down)
     assert floor is not None
     scale = FoundScale(metres_per_unit=height_m / floor.height, source=source)
-    doubts = doubts_of(scale, floor)
-    assert [said in sentence and f"{height_m:g} m" in sentence for sentence in doubts if said] == [
-        True
-    ] * len(doubts)
-    assert bool(doubts) == (said is not None)
+    expected = (
+        [] if said is None else [f"By this scale the camera was held {height_m:g} m above the floor: {said}."]
+    )
+    assert doubts_of(scale, floor) == expected
     assert doubts_of(replace(scale, source="camera_height"), floor) == []
     assert doubts_of(scale, None) == doubts_of(None, floor) == []
+
+
+def test_the_report_says_how_high_the_camera_was_held_and_a_warning_how_unsteadily(
+    part: Reconstruction, chosen: ChosenPictures, down: DownDirection | None
+) -> None:
+    assert down is not None
+    floor = find_floor(part, down.down)
+    assert floor is not None
+    scale = FoundScale(metres_per_unit=1.37 / floor.height, source="marker")
+    path = Path3D([part], None, joined=2)
+    unsteady = replace(floor, held=np.linspace(0.9, 1.1, 11))
+    found = estimate._report(chosen, path, down, unsteady, scale)["floor"]
+    assert found == {
+        "points": len(floor.points),
+        "camera_height_m": 1.37,
+        "camera_height_varies_by": pytest.approx(0.16),
+    }
+    assert estimate._report(chosen, path, down, floor, None)["floor"]["camera_height_m"] is None
+    (said,) = estimate._warnings(chosen, path, unsteady, scale)
+    assert "varies by 16% along the path" in said
+    for steady, joined in ((floor, 2), (unsteady, 1)):
+        assert estimate._warnings(chosen, Path3D([part], None, joined=joined), steady, scale) == ()
 
 
 @pytest.mark.parametrize("height_m", [145.0, 0.002])
@@ -293,6 +320,26 @@ def test_a_marker_that_is_not_there_is_missed(
     blank = np.full((240, 320), 128, np.uint8)
     with pytest.raises(InvalidScanError, match="No marker was seen"):
         find_scale(KnownMarker(0.1), part, chosen, None, lambda _: blank, executor, NoProgress())
+
+
+def test_without_a_floor_a_height_gives_no_scale(
+    part: Reconstruction, chosen: ChosenPictures, down: DownDirection | None, executor: ThreadPoolExecutor
+) -> None:
+    assert down is not None
+    floor = find_floor(part, down.down)
+    assert floor is not None
+    off_floor = part.observations[~np.isin(part.observations[:, 2], floor.points)]
+    walls = replace(part, observations=off_floor)
+    with pytest.raises(InvalidScanError, match="floor can't be found"):
+        find_scale(
+            KnownHeight(HEIGHT_M),
+            walls,
+            chosen,
+            down,
+            lambda _: np.zeros((9, 9), np.uint8),
+            executor,
+            NoProgress(),
+        )
 
 
 def test_without_up_a_height_gives_no_scale(

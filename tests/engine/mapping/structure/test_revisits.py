@@ -16,6 +16,7 @@ from app.engine.mapping.structure.matches import MatchedPictures, Pair
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.mapping.structure.revisits import Revisits, find_revisits
 from app.engine.mapping.structure.sequence import reconstruct_sequence
+from app.engine.mapping.structure.up import DownDirection
 from app.engine.mapping.structure.windows import reconstruct as windows
 from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError
@@ -179,6 +180,49 @@ def test_a_copy_of_a_place_does_not_fold_the_path(
     units = 2 * WALK_RADIUS_M / across
     scaled = {row: Pose(pose.rotation, units * pose.translation) for row, pose in whole.poses.items()}
     assert end_error_m(scaled) < 0.05
+
+
+def test_down_reaches_the_adjustment_in_the_frame_of_the_path(
+    wall: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    asked: list[tuple[float, float, float] | None] = []
+
+    def recorded(*given: Any, **options: Any) -> Reconstruction | None:
+        asked.append(options["down"])
+        return rejoined(*given, **options)
+
+    def down_of(part: Reconstruction) -> DownDirection:
+        x, y, z = (part.poses[0].rotation @ true_pose(0).rotation.T @ [0.0, 0.0, -1.0]).tolist()
+        return DownDirection((x, y, z), "sensor", {})
+
+    monkeypatch.setattr(path_of_sequence, "rejoined", recorded)
+    found = reconstruct_sequence(
+        sequence(wall, copies=False),
+        CAMERA,
+        range(FRAMES),
+        down_of,
+        is_calibrated=True,
+        scratch=None,
+        progress=NoProgress(),
+    )
+    assert asked
+    np.testing.assert_allclose(asked[-1], down_of(found.parts[0]).down, atol=0.02)
+
+
+def test_a_path_is_settled_where_the_same_pictures_hardly_moved(
+    structure: tuple[Reconstruction, MatchedPictures],
+) -> None:
+    part, _ = structure
+    turn = drifted_pose(40)
+    moved = {row: turn @ Pose(pose.rotation, 3 * pose.translation) for row, pose in part.poses.items()}
+    same = replace(part, poses=moved, points=turn.apply(3 * part.points))
+    assert path_of_sequence._is_settled(part, same)
+    assert not path_of_sequence._is_settled(None, part)
+    fewer = {row: pose for row, pose in moved.items() if row}
+    assert not path_of_sequence._is_settled(part, replace(same, poses=fewer))
+    true = {row: true_pose(row) for row in part.poses}
+    assert not path_of_sequence._is_settled(part, replace(part, poses=true))
 
 
 def test_a_path_that_is_bent_after_all_is_cut(wall: Array, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.mapping.structure.matches import MatchedPictures, Pair
+from app.engine.mapping.structure.matches import MatchedPictures
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
 from app.vision.features import LocalFeatures
+from tests.engine.mapping.structure.round_walk import matches_beside
 from tests.scenes import pose_at
 
 Array = NDArray[np.float64]
@@ -79,12 +80,7 @@ class Corridor:
             noisy = pixels + rng.normal(0, NOISE_PX, pixels.shape)
             features.append(LocalFeatures(noisy.astype(np.float32), np.zeros((len(own), 1), np.float32)))
             rows.append(own)
-        matches: dict[Pair, NDArray[np.intp]] = {}
-        for i in range(FRAMES):
-            for j in range(i + 1, min(FRAMES, i + 4)):
-                _, a, b = np.intersect1d(rows[i], rows[j], return_indices=True)
-                matches[i, j] = np.stack([a, b], axis=1)
-        return MatchedPictures(tuple(features), matches)
+        return MatchedPictures(tuple(features), matches_beside(rows))
 
     def _seen(self, points: Array, frame: int, may: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
         local = self.true_pose(frame).inverse().apply(points)
