@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from app.engine.mapping.structure.floor import held
-from app.engine.mapping.structure.joined import rejoined
+from app.engine.mapping.structure.floor.levels import find_floor
+from app.engine.mapping.structure.joined import OPTIONS, rejoined
+from app.engine.mapping.structure.matches import MatchedPictures
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError
@@ -63,6 +65,25 @@ def test_a_floor_with_steps_is_not_levelled() -> None:
 def test_where_no_floor_is_seen_nothing_is_held() -> None:
     walls = Corridor(floor_share=0.0)
     assert walls.slide_of(adjusted(walls, DOWN)) == walls.slide_of(adjusted(walls, None))
+
+
+def test_a_short_path_is_left_as_it_is() -> None:
+    """Two stretches of a floor can't bend against each other."""
+    corridor, frames = Corridor(), 55
+    whole = corridor.matches()
+    matches = {pair: rows for pair, rows in whole.matches.items() if pair[1] < frames}
+    matched = MatchedPictures(whole.features[:frames], matches)
+    poses = {frame: corridor.slid_pose(frame, SLIDE) for frame in range(frames)}
+    free, on_floor = (
+        rejoined(matched, poses, CAMERA, is_calibrated=True, scratch=None, progress=NoProgress(), down=down)
+        for down in (None, DOWN)
+    )
+    assert free is not None
+    assert on_floor is not None
+    floor = find_floor(free, DOWN)
+    assert floor is not None
+    assert len(floor.above) == OPTIONS.floor_stretches - 1
+    np.testing.assert_array_equal(on_floor.points, free.points)
 
 
 class _Stops(NoProgress):
