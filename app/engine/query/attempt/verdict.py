@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from app.engine.query.accuracy import accuracy_in_map
+from app.engine.query.attempt.few_inliers import OPTIONS as FEW
+from app.engine.query.attempt.few_inliers import looks_otherwise
 from app.engine.query.attempt.pose import Matcher, PoseSearch
 from app.engine.query.attempt.rival import Contest
 from app.engine.query.contradiction import OPTIONS as CONTRADICTION
@@ -14,7 +19,7 @@ from app.engine.query.intrinsics import CheckedCamera
 from app.engine.query.localization import Localization
 from app.engine.query.placed import with_camera
 from app.engine.query.second.look import SecondMatcher
-from app.engine.query.verification import confidence_with, evidence_of, judge
+from app.engine.query.verification import Reason, confidence_with, evidence_of, judge
 
 
 def conclude(
@@ -31,14 +36,13 @@ def conclude(
     """
     best, rival, inliers = contest.best, contest.rival, contest.best.inliers
     opened, query, camera = search.map, matcher.query, checked.camera
-    metadata = opened.artifact.metadata
     judged = opened.artifact, inliers, camera, best.pose, *sigmas
     own = accuracy_in_map(*judged)
     whole = accuracy_in_map(*judged, checked.centre_sigma_px) if checked.centre_sigma_px else own
-    accuracy, among = with_camera(whole, checked.systematic, checked.among, metadata)
+    accuracy, among = with_camera(whole, checked.systematic, checked.among, opened.artifact.metadata)
     if checked.trust == "contradicted":
         own = own.with_more(checked.systematic)
-    sigma_m = own.with_map_error(metadata).position_m
+    sigma_m = own.with_map_error(opened.artifact.metadata).position_m
     retrieval = opened.retrieval
     distance_m = retrieval.distance_m(best.pose)
     similarity = retrieval.similarity_elsewhere(contest.leading, search.settings.look_alikes, query.allowed)
@@ -58,8 +62,11 @@ def conclude(
         cells = cells_of(opened.artifact, visible, best.pose, camera, *seen, binary)
         evidence = replace(evidence, contradicted=cells.contradicted_share)
         reason = judge(evidence, sigma_m, search.limits)
+    is_few = evidence.inliers < FEW.max_inliers
     if reason is None and checked.trust == "disputed":
         reason = "ambiguous"
+    elif reason is None and is_few and looks_otherwise(search, matcher, best.pose, camera):
+        reason = "too_few_inliers"
     found = Localization(
         evidence=evidence,
         world_from_camera=best.pose,
@@ -73,7 +80,12 @@ def conclude(
         camera_trust=checked.trust,
         inliers=inliers,
     )
-    if reason is None:
-        return found
-    hints = view_hints(reason, inliers.points_px, query.size_px)
-    return replace(found.refused(reason), hints=(*camera_hints(checked.trust), *hints))
+    return found if reason is None else _refused(found, reason, inliers.points_px, query.size_px)
+
+
+def _refused(
+    found: Localization, reason: Reason, inlier_px: NDArray[np.float64], size_px: tuple[int, int]
+) -> Localization:
+    """Return an outcome without its pose, with what may help; the features that agreed were at pixels (n, 2)."""
+    hints = *camera_hints(found.camera_trust), *view_hints(reason, inlier_px, size_px)
+    return replace(found.refused(reason), hints=hints)
