@@ -19,6 +19,7 @@ from app.engine.query.camera_sources import camera_from_tags
 from app.errors import InvalidCameraError, InvalidImageError, InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
+from app.geometry.depth import DepthImage
 from app.geometry.focal import pinhole
 from app.geometry.se3 import Pose
 from app.importers.frames import DepthFormat, Frame, Scan
@@ -69,6 +70,10 @@ class ChosenPictures:
     total: int
     is_sequence: bool
     original_size: tuple[int, int]
+
+    def depth_of(self, row: int) -> DepthImage:
+        """Return the depth image (height, width) in metres of a picture."""
+        return self.scan.depth_m(self.scan.frames[row])
 
 
 def choose_pictures(

@@ -11,7 +11,9 @@ from typing import Any
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
+from app.engine.mapping.structure.depth.held import held_to_depth
 from app.engine.mapping.structure.floor.levels import Floor, find_floor, is_steady
+from app.engine.mapping.structure.joined import STAGE as ADJUST
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
 from app.engine.mapping.structure.reconstruction import (
@@ -117,7 +119,7 @@ def estimate_poses(
             f"The {len(scan.frames)} pictures that were chosen overlap too little to be connected: film more slowly, "
             "with the camera moving sideways and not only turning, past things with texture."
         )
-    whole = parts[0]
+    whole = _held_to_depth(parts[0], chosen, matched, progress)
     down = down_of(whole)
     floor = None if down is None else find_floor(whole, down.down)
     check_joined(path, _times_s(chosen), floor)
@@ -149,6 +151,21 @@ def check_joined(path: Path3D, times_s: Sequence[float], floor: Floor | None) ->
             f"{path.where_it_broke(times_s)} With {held:.0%} of them in {path.joined} joined parts the path may be "
             "bent: film the building in pieces, each a map of its own, or with a phone that records depth or poses."
         )
+
+
+def _held_to_depth(
+    part: Reconstruction, chosen: ChosenPictures, matched: MatchedPictures, progress: Progress
+) -> Reconstruction:
+    if not chosen.scan.has_depth:
+        return part
+    return held_to_depth(
+        part,
+        [features.keypoints_px for features in matched.features],
+        chosen.depth_of,
+        chosen.scan.camera,
+        is_calibrated=chosen.camera_source == "given",
+        report=lambda: progress.report(ADJUST, len(part.poses), len(part.poses)),
+    )
 
 
 def _path(

@@ -256,7 +256,7 @@ def _run(
 def part_of(model: Any, started_from: Camera) -> Reconstruction | None:
     """Return pycolmap's reconstruction in our terms, None where it found a camera that no lens has."""
     images = {int(image.name): image for image in model.images.values() if image.has_pose}
-    camera = _camera(next(iter(model.cameras.values())), started_from)
+    camera = camera_of(next(iter(model.cameras.values())), started_from)
     if camera is None:
         return None
     rows = {point_id: row for row, point_id in enumerate(model.points3D)}
@@ -268,19 +268,21 @@ def part_of(model: Any, started_from: Camera) -> Reconstruction | None:
     ]
     return Reconstruction(
         camera=camera,
-        poses={row: _pose(image) for row, image in sorted(images.items())},
+        poses={row: pose_of(image) for row, image in sorted(images.items())},
         points=np.array([point.xyz for point in model.points3D.values()], dtype=np.float64).reshape(-1, 3),
         observations=np.array(observations, dtype=np.intp).reshape(-1, 3),
         error_px=float(model.compute_mean_reprojection_error()),
     )
 
 
-def _pose(image: Any) -> Pose:
+def pose_of(image: Any) -> Pose:
+    """Return `scan_from_camera` of a picture of pycolmap's."""
     matrix = np.vstack([np.asarray(image.cam_from_world().matrix(), dtype=np.float64), [0, 0, 0, 1]])
     return Pose.from_matrix(matrix).inverse()
 
 
-def _camera(found: Any, started_from: Camera) -> Camera | None:
+def camera_of(found: Any, started_from: Camera) -> Camera | None:
+    """Return a camera of pycolmap's in our terms, None for one that no lens has."""
     if found.model.name != "SIMPLE_RADIAL":
         return started_from
     focal, cx, cy, k = (float(value) for value in found.params)

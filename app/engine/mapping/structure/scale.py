@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure.chosen import ChosenPictures, frame_time_s
+from app.engine.mapping.structure.depth.measured import depth_ratios
 from app.engine.mapping.structure.floor.levels import Floor, find_floor
 from app.engine.mapping.structure.markers import marker_sides
 from app.engine.mapping.structure.reconstruction import Reconstruction
@@ -28,7 +29,6 @@ from app.engine.mapping.structure.up import DownDirection
 from app.engine.progress import Progress
 from app.errors import DegenerateGeometryError, InvalidScanError
 from app.geometry.alignment import align_2d, world_from_scan_by_gravity
-from app.geometry.depth import sample_depth
 from app.geometry.se3 import Pose
 from app.limits import limit
 from app.vision.images import Gray
@@ -77,8 +77,12 @@ class ScaleOptions:
         "Height of the camera above the floor from which on a warning is given.",
         chosen="By hand: a tall person's raised hand; feet stated as metres give 5 m.",
     )
-    depth_pictures: int = limit(60, "Pictures whose depth gives the scale.", chosen="By hand: a second.")
     min_depths: int = limit(100, "Features with depth that a scale needs.", chosen="By hand.")
+    max_depth_deviation: float = limit(
+        0.1,
+        "Median relative deviation of measured depths from reconstructed ones above which a map is refused.",
+        chosen="By hand: a sensor is within 0.01; a path whose scale drifts was off by 0.16.",
+    )
 
 
 OPTIONS = ScaleOptions()
@@ -234,31 +238,22 @@ def _place(place: PlanPlace, part: Reconstruction, chosen: ChosenPictures, gray:
 
 
 def _by_depth(part: Reconstruction, chosen: ChosenPictures) -> FoundScale:
-    rows = list(part.poses)
-    step = max(1, -(-len(rows) // OPTIONS.depth_pictures))
-    ratios = np.concatenate([_depth_ratios(row, part, chosen) for row in rows[::step]])
-    if len(ratios) < OPTIONS.min_depths:
+    found = depth_ratios(part, chosen.depth_of)
+    if len(found.ratios) < OPTIONS.min_depths:
         raise InvalidScanError(
-            f"Only {len(ratios)} features of the pictures have depth: check depth_scale and that depth fits the colour "
-            "images."
+            f"Only {len(found.ratios)} features of the pictures have depth: check depth_scale and that depth fits the "
+            "colour images."
         )
-    middle = float(np.median(ratios))
-    spread = float(np.median(np.abs(ratios / middle - 1)))
+    if found.deviation > OPTIONS.max_depth_deviation:
+        raise InvalidScanError(
+            f"The depth images contradict the pictures: the depths of features differ by {found.deviation:.0%} from "
+            "where the pictures show them. Check that each depth image fits its colour image, in time and in place."
+        )
     return FoundScale(
-        metres_per_unit=middle,
+        metres_per_unit=found.metres_per_unit,
         source="depth",
-        figures={"features": len(ratios), "median_deviation": round(spread, 4)},
+        figures={"features": len(found.ratios), "median_deviation": round(found.deviation, 4)},
     )
-
-
-def _depth_ratios(row: int, part: Reconstruction, chosen: ChosenPictures) -> Array:
-    """Return the sensor's depth over the reconstructed one for the features of a picture."""
-    points = part.points[part.observations[part.observations[:, 0] == row, 2]]
-    in_camera = part.poses[row].inverse().apply(points)
-    pixels = part.camera.project(in_camera)
-    seen = np.isfinite(pixels).all(axis=1)
-    depth_m = sample_depth(chosen.scan.depth_m(chosen.scan.frames[row]), pixels[seen])
-    return np.asarray(depth_m[depth_m > 0] / in_camera[seen, 2][depth_m > 0], dtype=np.float64)
 
 
 def _needed(down: DownDirection | None, option: str) -> DownDirection:

@@ -264,6 +264,20 @@ def test_a_scale_in_another_unit_is_refused(
         doubts_of(scale, floor)
 
 
+def scale_by_depth(
+    part: Reconstruction, chosen: ChosenPictures, folder: Path, executor: ThreadPoolExecutor, later: int
+) -> FoundScale | None:
+    """Return the scale by the depth images of pictures that are so many later."""
+    room, frames = Room(seed=4), []
+    for row, frame in enumerate(chosen.scan.frames):
+        depth, pose = folder / f"{row}.png", poses()[(row + later) % COUNT]
+        depth.write_bytes(encode(np.rint(room.view(pose).depth_m * DEPTH_SCALE).astype(np.uint16), ".png"))
+        frames.append(replace(frame, depth=depth))
+    scan = replace(chosen.scan, frames=tuple(frames), has_depth=True, depth=DepthFormat(scale=DEPTH_SCALE))
+    own = replace(chosen, scan=scan)
+    return find_scale(None, part, own, None, lambda _: np.zeros((9, 9), np.uint8), executor, NoProgress())
+
+
 def test_the_scale_by_depth_images(
     part: Reconstruction,
     chosen: ChosenPictures,
@@ -271,25 +285,12 @@ def test_the_scale_by_depth_images(
     executor: ThreadPoolExecutor,
     true_from_scan: Alignment,
 ) -> None:
-    room, frames = Room(seed=4), []
-    for row, frame in enumerate(chosen.scan.frames):
-        depth = tmp_path / f"{row}.png"
-        raw = np.rint(room.view(poses()[row]).depth_m * DEPTH_SCALE).astype(np.uint16)
-        depth.write_bytes(encode(raw, ".png"))
-        frames.append(replace(frame, depth=depth))
-    scan = replace(chosen.scan, frames=tuple(frames), has_depth=True, depth=DepthFormat(scale=DEPTH_SCALE))
-    found = find_scale(
-        None,
-        part,
-        replace(chosen, scan=scan),
-        None,
-        lambda _: np.zeros((9, 9), np.uint8),
-        executor,
-        NoProgress(),
-    )
+    found = scale_by_depth(part, chosen, tmp_path, executor, 0)
     assert found is not None
     assert found.source == "depth"
     assert found.metres_per_unit == pytest.approx(true_from_scan.scale, rel=0.01)
+    with pytest.raises(InvalidScanError, match="contradict the pictures"):
+        scale_by_depth(part, chosen, tmp_path, executor, COUNT // 2)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.mapping.structure.floor.levels import Floor
+from app.engine.mapping.structure.solving import solve_in_steps
 from app.limits import limit
 
 Array = NDArray[np.float64]
@@ -31,14 +32,6 @@ class HeldOptions:
         0.01,
         "Standard deviation of the height of a floor's point, in heights of the camera; it counts as much as a pixel.",
         chosen="By hand: 1.5 cm, as the points scatter.",
-    )
-    iterations_at_once: int = limit(
-        8,
-        "Iterations of the solver between two reports.",
-        chosen="By hand: six seconds of a video of four minutes.",
-    )
-    times: int = limit(
-        6, "Most times that the solver is started.", chosen="By hand: 50 iterations, as pycolmap's own."
     )
 
 
@@ -63,13 +56,7 @@ def adjust_with_floor(
     config.add_image(image_id)
     config.set_constant_rig_from_world_pose(held.images[image_id].frame_id)
     config.set_constant_cam_intrinsics(camera_id)
-    # This adjuster holds Python's lock while it solves.
-    options.ceres.solver_options.max_num_iterations = OPTIONS.iterations_at_once
-    for _ in range(OPTIONS.times):
-        report()
-        found = colmap.create_default_bundle_adjuster(options, config, held).solve()
-        if found.termination_type == colmap.BundleAdjustmentTerminationType.CONVERGENCE:
-            break
+    solve_in_steps(colmap, held, options, config, report)
     _take_over(model, held)
 
 

@@ -1,0 +1,1 @@
+"""What depth images say of a path that was reconstructed from colour."""
