@@ -11,9 +11,8 @@ from typing import Any
 
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
-from app.engine.mapping.structure.depth.held import held_to_depth
+from app.engine.mapping.structure.depth.held import STAGE, held_to_depth
 from app.engine.mapping.structure.floor.levels import Floor, find_floor, is_steady
-from app.engine.mapping.structure.joined import STAGE as ADJUST
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
 from app.engine.mapping.structure.reconstruction import (
@@ -164,7 +163,7 @@ def _held_to_depth(
         chosen.depth_of,
         chosen.scan.camera,
         is_calibrated=chosen.camera_source == "given",
-        report=lambda: progress.report(ADJUST, len(part.poses), len(part.poses)),
+        report=lambda: progress.report(STAGE, len(part.poses), len(part.poses)),
     )
 
 

@@ -48,6 +48,7 @@ const BUILD_STAGES = {
   match_frames: "Matching pictures with each other",
   measure_motions: "Measuring how the camera moved",
   adjust_structure: "Adjusting the path and its points",
+  hold_to_depth: "Fitting the path to the depth images",
   find_marker: "Looking for the marker",
   find_scale: "Finding the scale",
   find_up: "Finding which way is up",

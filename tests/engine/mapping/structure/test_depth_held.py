@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +12,19 @@ from numpy.typing import NDArray
 
 from app.engine.mapping.structure.depth.held import OPTIONS, held_to_depth
 from app.engine.mapping.structure.depth.measured import depth_ratios
+from app.engine.mapping.structure.estimate import estimate_poses
 from app.engine.mapping.structure.reconstruction import Reconstruction
 from app.errors import CancelledBuildError
+from app.geometry.camera_hint import hint_of
 from app.geometry.depth import DepthImage
 from app.geometry.se3 import Pose
+from app.importers.frames import ScanOptions
+from app.importers.registry import open_scan, open_unposed
 from tests.engine.mapping.structure.floor.corridor_walk import CAMERA, DOORS, FRAMES, STEP_M, Corridor
+from tests.engine.mapping.structure.test_estimate import poses as walk
+from tests.rendered_maps import models
+from tests.scenes import CAMERA as ROOM_CAMERA
+from tests.scenes import Room, scan_files
 
 pytest.importorskip("pycolmap")
 CORRIDOR = Corridor()
@@ -106,3 +116,34 @@ def test_a_stop_is_heard(slid: Reconstruction, keypoints_px: list[NDArray[np.flo
 
     with pytest.raises(CancelledBuildError):
         held_to_depth(slid, keypoints_px, Depths(slid, keypoints_px), CAMERA, is_calibrated=True, report=stop)
+
+
+class Stages:
+    """A progress that keeps the names of its stages."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Keep the name."""
+        self.names.add(stage)
+
+
+def test_a_scan_with_depth_is_held_to_it(tmp_path: Path) -> None:
+    for path, data in scan_files([Room(seed=4).view(pose) for pose in walk()]).items():
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_bytes(data)
+    posed = ScanOptions(camera=hint_of(ROOM_CAMERA), scratch=tmp_path)
+    unposed, stages = open_unposed(tmp_path, "tum", replace(posed, estimate_poses=True)), Stages()
+    assert unposed is not None
+    with ThreadPoolExecutor(1) as executor:
+        found = estimate_poses(unposed, None, models(), executor, stages)
+    true = {frame.name: frame.scan_from_camera for frame in open_scan(tmp_path, "tum", posed).frames}
+    first, *_, last = found.scan.frames
+    own, walked = (
+        np.linalg.norm(b.translation - a.translation)
+        for a, b in ((first.scan_from_camera, last.scan_from_camera), (true[first.name], true[last.name]))
+    )
+    assert own == pytest.approx(walked, rel=0.02)
+    assert found.report["scale"]["median_deviation"] < 0.01
+    assert "hold_to_depth" in stages.names

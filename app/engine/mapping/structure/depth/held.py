@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 FAR_M = 1e4
 # Pixels of focal length down: the points' places across count for nothing.
 NO_FOCAL_PX = 1e-9
+STAGE = "hold_to_depth"
 # The cameras' numbers.
 COLOUR = 1
 DEPTH = 2

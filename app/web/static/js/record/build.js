@@ -8,7 +8,7 @@ import { isPassing } from "./sender.js";
 
 const EVERY_MS = 1000;
 const LOOKING = ["start", "unpack", "read", "measure_frames", "choose_frames", "find_features"];
-const CONNECTING = ["match_frames", "measure_motions", "reconstruct", "join_parts", "find_loops", "adjust_structure", "find_up", "find_marker", "find_scale"];
+const CONNECTING = ["match_frames", "measure_motions", "reconstruct", "join_parts", "find_loops", "adjust_structure", "hold_to_depth", "find_up", "find_marker", "find_scale"];
 
 /** Show a build until it has ended; returns it. `show(words, more)` says what happens, `isOn()` whether to go on. */
 export async function watchBuild(recording, show, isOn) {
