@@ -53,6 +53,9 @@ class ReconstructionOptions:
         "Largest absolute radial coefficient that calibration may find.",
         chosen="By hand: past phones' lenses.",
     )
+    compared_points: int = limit(
+        2000, "Points whose rays are compared.", chosen="By hand: tells the median within some percent."
+    )
     threads: int = limit(
         1,
         "Threads of the adjustment.",
@@ -90,6 +93,21 @@ def median_depth(part: Reconstruction) -> float:
         part.poses[row].inverse().apply(part.points[points[pictures == row]])[:, 2] for row in part.poses
     ]
     return float(np.median(np.concatenate(depths)))
+
+
+def median_angle_deg(part: Reconstruction) -> float:
+    """Return the median, over some of the points, of the largest angle between two of its rays."""
+    order = np.argsort(part.observations[:, 2], kind="stable")
+    pictures, _, points = part.observations[order].T
+    found, starts = np.unique(points, return_index=True)
+    ends = np.append(starts[1:], len(points))
+    every = max(1, len(found) // OPTIONS.compared_points)
+    cosines = []
+    for point, start, end in zip(found[::every], starts[::every], ends[::every], strict=True):
+        rays = np.array([part.poses[row].translation for row in pictures[start:end]]) - part.points[point]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        cosines.append((rays @ rays.T).min())
+    return float(np.degrees(np.arccos(np.clip(np.median(cosines), -1.0, 1.0))))
 
 
 def check_installed() -> None:

@@ -74,8 +74,9 @@ class Path3D:
         ]
         longest = sorted(sorted(gaps, key=lambda gap: gap[0] - gap[1])[:NAMED_GAPS])
         stretches = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in longest)
+        several = f"The path fell into {len(self.parts)} parts; the largest"
         return (
-            f"The path fell into {len(self.parts)} parts; the largest holds {len(known)} of {len(times_s)} chosen "
+            f"{several if len(self.parts) > 1 else 'The path'} holds {len(known)} of {len(times_s)} chosen "
             f"pictures and leaves out {stretches}. Film more slowly at doors and turns, step aside instead of turning "
             "on the spot, and keep things with texture in view."
         )

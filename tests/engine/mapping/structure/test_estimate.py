@@ -14,7 +14,7 @@ import pytest
 
 from app.engine.mapping.structure import estimate
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
-from app.engine.mapping.structure.estimate import estimate_poses
+from app.engine.mapping.structure.estimate import OPTIONS, estimate_poses
 from app.engine.mapping.structure.floor.levels import find_floor
 from app.engine.mapping.structure.markers import DICTIONARY
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
@@ -248,6 +248,16 @@ def test_the_report_says_how_high_the_camera_was_held_and_a_warning_how_unsteadi
     assert "varies by 16% along the path" in said
     for steady, joined in ((floor, 2), (unsteady, 1)):
         assert estimate._warnings(chosen, Path3D([part], None, joined=joined), steady, scale) == ()
+
+
+def test_a_camera_that_hardly_moves_is_warned_of(part: Reconstruction, chosen: ChosenPictures) -> None:
+    moved = {row: Pose(pose.rotation, 0.1 * pose.translation) for row, pose in part.poses.items()}
+    path, scale = Path3D([replace(part, poses=moved)], None), FoundScale(metres_per_unit=1.0, source="marker")
+    (said,) = estimate._warnings(chosen, path, None, scale)
+    assert "the camera hardly moved" in said
+    assert estimate._report(chosen, path, None, None, scale)["angle_deg"] < OPTIONS.warned_angle_deg
+    with_depth = replace(chosen, scan=replace(chosen.scan, has_depth=True))
+    assert estimate._warnings(with_depth, path, None, scale) == ()
 
 
 @pytest.mark.parametrize("height_m", [145.0, 0.002])
