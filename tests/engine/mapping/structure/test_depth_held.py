@@ -101,6 +101,9 @@ def test_a_path_whose_scale_drifts_is_led_back(
     # Points that one picture alone sees are not tied.
     assert np.bincount(part.observations[:, 2]).min() > 1
     assert 0.9 * len(slid.observations) < len(part.observations) < len(slid.observations)
+    # The noise of the features, less what the points follow of it.
+    noise_px = NOISE_PX * np.sqrt(np.pi / 2)
+    assert 0.9 * noise_px < part.error_px < noise_px
     assert reports
 
 

@@ -120,7 +120,7 @@ def held_to_depth(
         times=OPTIONS.times,
         report=report,
     )
-    return _adjusted(model, part, camera)
+    return _with_errors(_adjusted(model, part, camera), keypoints_px)
 
 
 def _tied(part: Reconstruction) -> Reconstruction:
@@ -203,3 +203,13 @@ def _adjusted(model: Any, part: Reconstruction, started_from: Camera) -> Reconst
     poses = {int(image.name): pose_of(image) for image in model.images.values() if image.name}
     points = np.array([model.points3D[number].xyz for number in range(1, len(part.points) + 1)])
     return replace(part, camera=camera, poses=dict(sorted(poses.items())), points=points)
+
+
+def _with_errors(part: Reconstruction, keypoints_px: Sequence[NDArray[np.floating]]) -> Reconstruction:
+    """Return a part with the mean reprojection error of its features, without those that lead to nowhere."""
+    errors = []
+    for row, pose in part.poses.items():
+        _, features, points = part.observations[part.observations[:, 0] == row].T
+        pixels = part.camera.project(pose.inverse().apply(part.points[points]))
+        errors.append(np.linalg.norm(pixels - keypoints_px[row][features], axis=1))
+    return replace(part, error_px=float(np.nanmean(np.concatenate(errors))))
