@@ -287,11 +287,8 @@ def _warnings(
     chosen: ChosenPictures, path: Path3D, floor: Floor | None, scale: FoundScale | None
 ) -> tuple[str, ...]:
     warnings = [] if scale is not None else [WITHOUT_SCALE]
-    if path.joined > 1 and floor is not None and floor.unsteadiness > OPTIONS.warned_unsteadiness:
-        warnings.append(
-            f"The camera's height above the floor varies by {floor.unsteadiness:.0%} along the path. Where it was held "
-            "at one height above a level floor, the map is bent: compare distances at both ends with the building."
-        )
+    if path.joined > 1 and not chosen.scan.has_depth:
+        warnings.extend(_bends(path.joined, floor))
     angle_deg = median_angle_deg(path.parts[0])
     if angle_deg < OPTIONS.warned_angle_deg and not chosen.scan.has_depth:
         warnings.append(
@@ -307,3 +304,19 @@ def _warnings(
         if chosen.is_sequence:
             warnings.append(path.where_it_broke(_times_s(chosen)))
     return tuple(warnings)
+
+
+def _bends(joined: int, floor: Floor | None) -> list[str]:
+    """Return what is said of a path of so many joined parts that its floor doesn't show to be straight."""
+    compare = "compare distances at both ends with the building."
+    if floor is None:
+        return [
+            f"The path was joined of {joined} parts, and too little of the floor is in view to hold it straight: it "
+            f"may be bent. Film the floor too, or {compare}"
+        ]
+    if floor.unsteadiness > OPTIONS.warned_unsteadiness:
+        return [
+            f"The camera's height above the floor varies by {floor.unsteadiness:.0%} along the path. Where it was held "
+            f"at one height above a level floor, the map is bent: {compare}"
+        ]
+    return []

@@ -246,8 +246,13 @@ def test_the_report_says_how_high_the_camera_was_held_and_a_warning_how_unsteadi
     assert estimate._report(chosen, path, down, floor, None)["floor"]["camera_height_m"] is None
     (said,) = estimate._warnings(chosen, path, unsteady, scale)
     assert "varies by 16% along the path" in said
-    for steady, joined in ((floor, 2), (unsteady, 1)):
+    (said,) = estimate._warnings(chosen, path, None, scale)
+    assert "joined of 2 parts, and too little of the floor is in view" in said
+    for steady, joined in ((floor, 2), (unsteady, 1), (None, 1)):
         assert estimate._warnings(chosen, Path3D([part], None, joined=joined), steady, scale) == ()
+    with_depth = replace(chosen, scan=replace(chosen.scan, has_depth=True))
+    for doubtful in (unsteady, None):
+        assert estimate._warnings(with_depth, path, doubtful, scale) == ()
 
 
 def test_a_camera_that_hardly_moves_is_warned_of(part: Reconstruction, chosen: ChosenPictures) -> None:
