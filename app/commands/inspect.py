@@ -13,6 +13,7 @@ from rich.table import Table
 
 from app.commands.console import JsonFlag, console, json_object, progress_bars
 from app.engine.mapping.options import parse_build_options
+from app.errors import RoomfixError
 from app.services.inspection.inspect_archive import inspect_sent
 from app.services.resources import cap_threads
 from app.settings import Settings
@@ -35,6 +36,10 @@ def inspect(
         tempfile.TemporaryDirectory(prefix="roomfix-inspect-") as folder,
     ):
         found = inspect_sent(scan, parsed, executor, progress, Path(folder))
+    if picture is not None and found["path_svg"] is None:
+        raise RoomfixError(
+            "Pictures without poses have no path yet, so there is no picture of it: leave out --picture."
+        )
     if picture is not None:
         picture.write_text(found["path_svg"], encoding="utf-8")
     if as_json:

@@ -203,6 +203,7 @@ def _depth_format(
             along_rays=options.depth_along_rays,
             shift_px=options.depth_shift_px,
             confidence=source.confidence,
+            is_stated=scale is not None or bool(of_floats),
         ),
         notes,
     )

@@ -49,7 +49,8 @@ class Frame:
 class DepthFormat:
     """How the depth files are to be read.
 
-    `scale` is in units per metre for images of integers, `float_scale` for images of floats. Without `camera` the
+    `scale` is in units per metre for images of integers, `float_scale` for images of floats; `is_stated` is false where
+    nothing but the format's usual unit says so. Without `camera` the
     depth is registered to the colour image, pixel by pixel; with it, the depth has a camera of its own, and
     `color_from_depth` moves points to the colour camera. `swap_bytes` exchanges the two bytes of each value of 16 bits;
     `along_rays` says that the values are distances along the rays, not along the optical axis; `shift_px` moves the
@@ -65,6 +66,7 @@ class DepthFormat:
     along_rays: bool = False
     shift_px: tuple[int, int] = (0, 0)
     confidence: Mapping[Path, Path] = field(default_factory=dict)
+    is_stated: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

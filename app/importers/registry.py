@@ -54,7 +54,7 @@ FORMATS: dict[str, Importer] = {
 }
 
 
-WITHOUT_POSES = "Only a build reads pictures without camera poses: it estimates them from the pictures."
+WITHOUT_POSES = "Camera poses are needed here: only builds and inspections read pictures without them."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

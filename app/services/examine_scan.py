@@ -17,8 +17,9 @@ from app.engine.mapping.options import BuildOptions, parse_build_options
 from app.engine.mapping.structure.estimate import EstimatedScan, estimate_poses
 from app.engine.progress import Progress
 from app.errors import InvalidScanError
-from app.importers.frames import Scan
+from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan, open_unposed
+from app.importers.unposed.scan import UnposedScan
 from app.services.resources import Resources
 
 WITHOUT_SCALE = "A map without scale can't be extended, nor can a scan without scale extend one: give scale."
@@ -79,18 +80,10 @@ def read_scan(
     """
     parsed = parse_build_options(options)
     given = replace(parsed.scan, scratch=scratch)
-    unposed = open_unposed(root, parsed.format, given)
+    unposed = unposed_scan(root, parsed, given)
     if unposed is not None:
-        lacks_scale = parsed.scale is None and not (unposed.listed and unposed.listed.has_depth)
-        if parsed.mode == "extend" and lacks_scale:
-            raise InvalidScanError(WITHOUT_SCALE)
         estimate = estimate_poses(unposed, parsed.scale, resources.models, resources.executor, progress)
         return ExaminedScan(scan=estimate.scan, options=parsed, examination=None, estimate=estimate)
-    if parsed.scale is not None:
-        raise InvalidScanError(
-            'The option scale is for pictures without poses, and this scan has poses: leave it out, or give "poses": '
-            '"estimate" to have them estimated from the pictures.'
-        )
     scan = open_scan(root, parsed.format, given)
     return examined_scan(
         root,
@@ -102,6 +95,26 @@ def read_scan(
         scratch=scratch,
         close=partial(close_loops, models=resources.models, executor=resources.executor, progress=progress),
     )
+
+
+def unposed_scan(root: Path, options: BuildOptions, given: ScanOptions) -> UnposedScan | None:
+    """Return the pictures of a folder whose poses a build would estimate, None for a scan with poses.
+
+    Raises `InvalidScanError` as `open_unposed`, and where the options don't fit: a `scale` beside poses, or none for a
+    map that is extended.
+    """
+    unposed = open_unposed(root, options.format, given)
+    if unposed is None:
+        if options.scale is None:
+            return None
+        raise InvalidScanError(
+            'The option scale is for pictures without poses, and this scan has poses: leave it out, or give "poses": '
+            '"estimate" to have them estimated from the pictures.'
+        )
+    lacks_scale = options.scale is None and not (unposed.listed and unposed.listed.has_depth)
+    if options.mode == "extend" and lacks_scale:
+        raise InvalidScanError(WITHOUT_SCALE)
+    return unposed
 
 
 def examined_scan(

@@ -39,7 +39,7 @@ def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:
     assert unposed is not None
     assert (unposed.format, unposed.video) == ("video", tmp_path / "walk.MP4")
     with pytest.raises(
-        InvalidScanError, match=r"walk\.MP4 is a video of 320 x 160 pixels, 1 s\. Only a build"
+        InvalidScanError, match=r"walk\.MP4 is a video of 320 x 160 pixels, 1 s\. Camera poses are needed"
     ):
         open_scan(tmp_path)
 

@@ -42,6 +42,9 @@ EXAMPLE: dict[str, Any] = {
         "supporting_frames": 89,
         "points": "from depth",
         "plan_positions": True,
+        "pictures": None,
+        "camera": None,
+        "scale": None,
     },
     "notes": [],
     "path_svg": '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 640 640"/>',
@@ -107,11 +110,25 @@ class LoopsBody(BaseModel):
 class PlannedBuildBody(BaseModel):
     """What a build with these options would do."""
 
-    would: str = Field(description="`build`, or `refuse` with what the examination found")
+    would: str = Field(
+        description="`build`, `refuse` with what the examination found, or `estimate_poses` of pictures without poses"
+    )
     keyframes: int | None = Field(description="By the pose rule, before blurred ones are left out")
     supporting_frames: int | None
     points: str
     plan_positions: bool = Field(description="Whether answers would have a place on the floor plan")
+    pictures: int | None = Field(
+        None, description="Pictures whose poses would be estimated; null for a scan with poses"
+    )
+    camera: str | None = Field(
+        None,
+        description="What is known of their camera: `given`, `exif`, or `guess`, which is calibrated by the pictures",
+    )
+    scale: str | None = Field(
+        None,
+        description="What their scale would be taken from: `distance`, `marker`, `camera_height`, `correspondences` or "
+        "`depth`; null for none",
+    )
 
 
 class InspectionBody(BaseModel):
@@ -126,14 +143,16 @@ class InspectionBody(BaseModel):
     sensors: SensorsBody
     duration_s: float
     rate_hz: float | None
-    trajectory: TrajectoryBody
+    trajectory: TrajectoryBody | None = Field(description="null for pictures without poses")
     examination: ScanExamination | None
     loops: LoopsBody | None = Field(
         description="null without depth, without an examination, and where that found more than drift"
     )
     build: PlannedBuildBody
     notes: list[str]
-    path_svg: str = Field(description="The path from above; green is the start, dots are keyframes")
+    path_svg: str | None = Field(
+        description="The path from above; green is the start, dots are keyframes; null for pictures without poses"
+    )
 
 
 @router.post("/inspect", name="inspectScan", responses=problems(401, 404, 409, 413, 422, 503))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from app.engine.mapping.inspection.inspect import inspect_scan
+from app.engine.mapping.inspection.unposed import inspect_unposed
 from app.engine.mapping.options import BuildOptions
 from app.engine.progress import NoProgress, Progress
 from app.importers.archives.archive import names_in_archive
@@ -16,6 +17,7 @@ from app.importers.archives.archive_readers import ArchiveLimits
 from app.importers.recognition import recognised
 from app.importers.registry import find_scan, open_scan
 from app.importers.unpack_scan import unpack_scan
+from app.services.examine_scan import unposed_scan
 from app.services.resources import Resources
 from app.services.sent_scans.archive import archive_in
 
@@ -25,7 +27,8 @@ FOLDER_PREFIX = "inspect-"
 def inspect_archive(resources: Resources, options: BuildOptions, archive: BinaryIO | Path) -> dict[str, Any]:
     """Return the inspection of a scan's archive or recording for JSON; nothing of it stays.
 
-    Raises `InvalidScanError` for what no map can be made of; the sentence is that of a build.
+    Pictures without poses are chosen as by a build. Raises `InvalidScanError` for what no map can be made of; the
+    sentence is that of a build.
     """
     with tempfile.TemporaryDirectory(dir=resources.scratch_dir, prefix=FOLDER_PREFIX) as folder:
         packed = archive_in(Path(folder), archive)
@@ -45,9 +48,18 @@ def inspect_sent(
     names = _names(sent, limits)
     root = sent if sent.is_dir() else unpack_scan(sent, scratch / "scan", limits)
     given = replace(options, scan=replace(options.scan, scratch=scratch))
+    return {
+        "recognised": [item.as_dict() for item in recognised(names)],
+        **_inspected(root, given, executor, progress),
+    }
+
+
+def _inspected(root: Path, given: BuildOptions, executor: Executor, progress: Progress) -> dict[str, Any]:
+    unposed = unposed_scan(root, given, given.scan)
+    if unposed is not None:
+        return inspect_unposed(unposed, given, progress).as_dict()
     _, name = find_scan(root, given.format)
-    found = inspect_scan(open_scan(root, given.format, given.scan), name, given, executor, progress)
-    return {"recognised": [item.as_dict() for item in recognised(names)], **found.as_dict()}
+    return inspect_scan(open_scan(root, given.format, given.scan), name, given, executor, progress).as_dict()
 
 
 def _names(sent: Path, limits: ArchiveLimits | None) -> list[str]:

@@ -253,12 +253,12 @@ class Inspection(TypedDict):
     sensors: dict[str, Any]
     duration_s: float
     rate_hz: float | None
-    trajectory: dict[str, Any]
+    trajectory: dict[str, Any] | None
     examination: dict[str, Any] | None
     loops: dict[str, Any] | None
     build: dict[str, Any]
     notes: list[str]
-    path_svg: str
+    path_svg: str | None
 
 
 class PushedFrame(TypedDict):

@@ -215,12 +215,12 @@ export interface Inspection {
   sensors: Record<string, unknown>;
   duration_s: number;
   rate_hz: number | null;
-  trajectory: Record<string, unknown>;
+  trajectory: Record<string, unknown> | null;
   examination: Record<string, unknown> | null;
   loops: Record<string, unknown> | null;
   build: Record<string, unknown>;
   notes: string[];
-  path_svg: string;
+  path_svg: string | null;
 }
 
 /** A venue that the key may use; `map_version` is null before its first build. */

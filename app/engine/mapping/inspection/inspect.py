@@ -51,7 +51,7 @@ class Inspection:
                 "would": "refuse" if refused else "build",
                 "keyframes": self.keyframes,
                 "supporting_frames": self.supporting,
-                "points": "from depth" if self.figures.depth_size else "triangulated",
+                "points": "from depth" if self.figures.depth else "triangulated",
                 "plan_positions": self.figures.z_up,
             },
             "notes": list(self.notes),

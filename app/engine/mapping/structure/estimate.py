@@ -12,6 +12,7 @@ from typing import Any
 from app.engine.mapping.frame_images import frame_rgb
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
 from app.engine.mapping.structure.depth.held import STAGE, held_to_depth
+from app.engine.mapping.structure.depth.unit import doubts_of_unit
 from app.engine.mapping.structure.floor.levels import Floor, find_floor, is_steady
 from app.engine.mapping.structure.matches import MatchedPictures, match_pictures
 from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTION
@@ -101,11 +102,13 @@ def estimate_poses(
 
     Frames that could not be are discarded as `unconnected`. Its scale is that of the options, else of its depth images;
     without either it has none. Raises `InvalidScanError` where too few pictures are usable or overlap, where the scale
-    can't be found, and where pycolmap is not installed.
+    can't be found, before all where the depth images' unit is neither stated nor possible, and where pycolmap is not
+    installed.
     """
     check_installed()
     chosen = choose_pictures(unposed, frames_of(scale), RECONSTRUCTION.min_frames, progress)
     scan = chosen.scan
+    doubts = doubts_of_unit(scan) if scale is None and scan.has_depth else ()
     matched = match_pictures(chosen, models, executor, progress)
 
     @lru_cache(maxsize=OPTIONS.cached_pictures)
@@ -136,12 +139,12 @@ def estimate_poses(
         if not chosen.is_sequence or len(whole.poses) >= OPTIONS.refused_share * len(scan.frames):
             raise
         raise InvalidScanError(f"{path.where_it_broke(_times_s(chosen))} In the largest: {error}") from error
-    doubts = doubts_of(found, floor)
+    held_at = doubts_of(found, floor)
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,
         report=_report(chosen, path, down, floor, found),
-        warnings=(*_warnings(chosen, path, floor, found), *doubts),
+        warnings=(*doubts, *_warnings(chosen, path, floor, found), *held_at),
     )
 
 

@@ -87,6 +87,12 @@ def parse_scale(value: object) -> Scale | None:
     return KnownDistance(metres, _frame(value.get("frame")), (first, second))
 
 
+def kind_of(scale: Scale | None) -> str | None:
+    """Return what a scale is stated by: the first word of its name in the options; None for no scale."""
+    kinds = {KnownDistance: "distance", KnownMarker: "marker", KnownHeight: "camera_height"}
+    return None if scale is None else kinds.get(type(scale), "correspondences")
+
+
 def frames_of(scale: Scale | None) -> tuple[str, ...]:
     """Return the frames that a scale refers to: names, or seconds of a video."""
     if isinstance(scale, KnownDistance):
