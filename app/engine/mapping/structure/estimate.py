@@ -139,7 +139,7 @@ def estimate_poses(
         if not chosen.is_sequence or len(whole.poses) >= OPTIONS.refused_share * len(scan.frames):
             raise
         raise InvalidScanError(f"{path.where_it_broke(_times_s(chosen))} In the largest: {error}") from error
-    held_at = doubts_of(found, floor)
+    held_at = doubts_of(found, floor, median_depth(whole))
     posed = _posed(chosen, whole, down, found)
     return EstimatedScan(
         scan=posed,

@@ -77,6 +77,26 @@ class ScaleOptions:
         "Height of the camera above the floor from which on a warning is given.",
         chosen="By hand: a tall person's raised hand; feet stated as metres give 5 m.",
     )
+    max_distance_m: float = limit(
+        100.0,
+        "Median distance of the features from which on a scale is refused where no floor is seen.",
+        chosen="By hand: halls have 20 m; centimetres stated as metres make 200 m of a room.",
+    )
+    min_distance_m: float = limit(
+        0.05,
+        "Median distance of the features below which a scale is refused where no floor is seen.",
+        chosen="By hand: nobody films a room from so near; a distance measured on the drawing gives it.",
+    )
+    far_distance_m: float = limit(
+        30.0,
+        "Median distance of the features from which on a warning is given where no floor is seen.",
+        chosen="By hand: inches stated as metres make 80 m of a room.",
+    )
+    near_distance_m: float = limit(
+        0.3,
+        "Median distance of the features below which a warning is given where no floor is seen.",
+        chosen="By hand: a desk has 0.7 m.",
+    )
     min_depths: int = limit(100, "Features with depth that a scale needs.", chosen="By hand.")
     max_depth_deviation: float = limit(
         0.1,
@@ -127,13 +147,16 @@ def find_scale(
     return _by_depth(part, chosen) if chosen.scan.has_depth else None
 
 
-def doubts_of(scale: FoundScale | None, floor: Floor | None) -> list[str]:
+def doubts_of(scale: FoundScale | None, floor: Floor | None, depth: float) -> list[str]:
     """Return a sentence where the camera was held unusually high or low above the floor by this scale, else nothing.
 
-    Raises `InvalidScanError` where nobody holds a camera so.
+    Without a floor `depth`, the median one of the features in the path's unit, says whether a scale is usual. Raises
+    `InvalidScanError` where nobody holds a camera so, or films a building from so far.
     """
-    if scale is None or floor is None or scale.source == "camera_height":
+    if scale is None or scale.source == "camera_height":
         return []
+    if floor is None:
+        return _doubts_of_distance(scale, depth * scale.metres_per_unit)
     height_m = floor.height * scale.metres_per_unit
     check = "depth_scale" if scale.source == "depth" else "the numbers of scale, which are metres"
     sentence = f"By this scale the camera was held {height_m:.3g} m above the floor: check {check}."
@@ -141,6 +164,19 @@ def doubts_of(scale: FoundScale | None, floor: Floor | None) -> list[str]:
         raise InvalidScanError(sentence)
     is_usual = OPTIONS.low_camera_height_m <= height_m <= OPTIONS.high_camera_height_m
     return [] if is_usual else [sentence]
+
+
+def _doubts_of_distance(scale: FoundScale, distance_m: float) -> list[str]:
+    if scale.source == "depth" or OPTIONS.near_distance_m <= distance_m < OPTIONS.far_distance_m:
+        return []
+    than = "nearer" if distance_m < OPTIONS.near_distance_m else "farther"
+    sentence = (
+        f"By this scale half of what the pictures show is {than} than {distance_m:.3g} m: check the numbers of scale, "
+        "which are metres."
+    )
+    if not OPTIONS.min_distance_m <= distance_m < OPTIONS.max_distance_m:
+        raise InvalidScanError(sentence)
+    return [sentence]
 
 
 def _by_distance(

@@ -223,9 +223,9 @@ def test_a_camera_that_was_held_high_or_low_raises_doubts(
     expected = (
         [] if said is None else [f"By this scale the camera was held {height_m:g} m above the floor: {said}."]
     )
-    assert doubts_of(scale, floor) == expected
-    assert doubts_of(replace(scale, source="camera_height"), floor) == []
-    assert doubts_of(scale, None) == doubts_of(None, floor) == []
+    assert doubts_of(scale, floor, 1.0) == expected
+    assert doubts_of(replace(scale, source="camera_height"), floor, 1.0) == []
+    assert doubts_of(scale, None, 2.0 / scale.metres_per_unit) == doubts_of(None, floor, 1.0) == []
 
 
 def test_the_report_says_how_high_the_camera_was_held_and_a_warning_how_unsteadily(
@@ -276,7 +276,7 @@ def test_a_scale_in_another_unit_is_refused(
     with pytest.raises(
         InvalidScanError, match=f"held {height_m:g} m above the floor: check the numbers of scale"
     ):
-        doubts_of(scale, floor)
+        doubts_of(scale, floor, 1.0)
 
 
 def scale_by_depth(
