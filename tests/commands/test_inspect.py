@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
+from app.engine.mapping.inspection import unposed
 from tests.importers.test_unposed import write_video
+
+
+def told_of(video: Path) -> dict[str, Any]:
+    """Return what the command says as JSON."""
+    told: dict[str, Any] = json.loads(CliRunner().invoke(app, ["inspect", str(video), "--json"]).stdout)
+    return told
 
 
 def test_a_video_is_inspected(tmp_path: Path) -> None:
@@ -17,8 +27,22 @@ def test_a_video_is_inspected(tmp_path: Path) -> None:
     assert shown.exit_code == 0, shown.output
     assert "estimate_poses" in shown.output
     assert "has no scale" in " ".join(shown.output.split())
-    told = json.loads(CliRunner().invoke(app, ["inspect", str(video), "--json"]).stdout)
+    told = told_of(video)
     assert (told["format"], told["frames"]) == ("video", 40)
+
+
+def test_of_a_long_video_the_first_frames_are_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = write_video(tmp_path / "walk.mp4", frames=60, step_px=6)
+    whole = told_of(video)
+    assert (whole["frames"], whole["duration_s"], whole["rate_hz"]) == (60, 6.0, 10.0)
+    assert not any("looked at" in note for note in whole["notes"])
+    monkeypatch.setattr(unposed, "OPTIONS", replace(unposed.OPTIONS, frames=12))
+    begun = told_of(video)
+    assert begun["frames"] == 60
+    assert begun["build"]["pictures"] == pytest.approx(whole["build"]["pictures"], abs=10)
+    assert "The first 12 of 60 pictures were looked at." in begun["notes"]
 
 
 def test_there_is_no_picture_of_a_path_that_is_not_known(tmp_path: Path) -> None:

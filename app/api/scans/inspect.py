@@ -118,7 +118,8 @@ class PlannedBuildBody(BaseModel):
     points: str
     plan_positions: bool = Field(description="Whether answers would have a place on the floor plan")
     pictures: int | None = Field(
-        None, description="Pictures whose poses would be estimated; null for a scan with poses"
+        None,
+        description="About how many poses would be estimated, by the first pictures; null for a scan with poses",
     )
     camera: str | None = Field(
         None,

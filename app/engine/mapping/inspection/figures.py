@@ -85,8 +85,6 @@ def figures_of(scan: Scan, gravity: tuple[float, float, float] | None) -> ScanFi
     """Return the figures of a scan; `gravity` is the direction of down in its frame, if known."""
     positions = positions_of(scan, gravity)
     times_s = np.array([frame.timestamp_s for frame in scan.frames])
-    steps_s = np.diff(times_s)
-    steps_s = steps_s[steps_s > 0]
     x, y, z = (positions.max(axis=0) - positions.min(axis=0)).tolist()
     return ScanFigures(
         frames=len(scan.frames),
@@ -94,7 +92,7 @@ def figures_of(scan: Scan, gravity: tuple[float, float, float] | None) -> ScanFi
         camera=scan.camera,
         depth=depth_figures(scan),
         duration_s=float(times_s[-1] - times_s[0]),
-        rate_hz=float(1.0 / np.median(steps_s)) if len(steps_s) else None,
+        rate_hz=rate_hz(times_s),
         path_m=float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()),
         extent_m=(x, y, z),
         z_up=gravity is not None,
@@ -105,6 +103,13 @@ def positions_of(scan: Scan, gravity: tuple[float, float, float] | None) -> Arra
     """Return the cameras' positions (n, 3), in a frame whose z is up where gravity is known."""
     placed = Pose.identity() if gravity is None else world_from_scan_by_gravity(gravity)
     return placed.apply(np.stack([frame.scan_from_camera.translation for frame in scan.frames]))
+
+
+def rate_hz(times_s: Array) -> float | None:
+    """Return the median number of frames a second of frames at these times (n,), None where all are the same."""
+    steps_s = np.diff(times_s)
+    steps_s = steps_s[steps_s > 0]
+    return float(1.0 / np.median(steps_s)) if len(steps_s) else None
 
 
 def sensors_dict(camera: Camera, depth: DepthFigures | None) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
@@ -77,19 +78,26 @@ class ChosenPictures:
 
 
 def choose_pictures(
-    unposed: UnposedScan, wanted: Collection[str], min_frames: int, progress: Progress
+    unposed: UnposedScan,
+    wanted: Collection[str],
+    min_frames: int,
+    progress: Progress,
+    *,
+    most: int | None = None,
 ) -> ChosenPictures:
     """Return the pictures that are reconstructed; `wanted` are names of photos and frames, or seconds of a video, that
     have to be among them.
 
-    Raises `InvalidScanError` for a video that ends before its first picture, and for fewer than `min_frames` pictures.
+    With `most` only so many pictures from the first on are looked at. Raises `InvalidScanError` for a video that ends
+    before its first picture, and for fewer than `min_frames` pictures.
     """
     if unposed.video is not None:
-        chosen = _of_video(unposed, open_video(unposed.video), wanted, progress)
+        chosen = _of_video(unposed, open_video(unposed.video), wanted, most, progress)
     elif unposed.listed is not None:
-        chosen = _of_listed(unposed.listed, wanted, progress)
+        looked_at = replace(unposed.listed, frames=unposed.listed.frames[:most])
+        chosen = _of_listed(looked_at, wanted, progress)
     else:
-        chosen = _of_photos(unposed, progress)
+        chosen = _of_photos(replace(unposed, photos=unposed.photos[:most]), progress)
     if len(chosen.scan.frames) < min_frames:
         raise InvalidScanError(
             f"Of {chosen.total} pictures {len(chosen.scan.frames)} differ enough from each other to be used, and a map "
@@ -107,10 +115,12 @@ def frame_time_s(name: str) -> float | None:
 
 
 def _of_video(
-    unposed: UnposedScan, video: Video, wanted: Collection[str], progress: Progress
+    unposed: UnposedScan, video: Video, wanted: Collection[str], most: int | None, progress: Progress
 ) -> ChosenPictures:
     meter = MotionMeter.start()
-    for picture in _counted(video.pictures(upright=True), video.count, "measure_frames", progress):
+    for picture in _counted(
+        islice(video.pictures(upright=True), most), video.count, "measure_frames", progress
+    ):
         meter.add(_gray(picture))
     total = len(meter.steps)
     if not total:
@@ -123,7 +133,7 @@ def _of_video(
     numbers = set(choose_frames(meter.steps, meter.sharpness, forced))
     files, frames, size = FrameFiles(unposed.scratch), [], (0, 0)
     for number, picture in enumerate(
-        _counted(video.pictures(upright=True), total, "choose_frames", progress)
+        _counted(islice(video.pictures(upright=True), total), total, "choose_frames", progress)
     ):
         if number in numbers:
             small = _reduced(picture)
