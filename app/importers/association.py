@@ -131,6 +131,17 @@ class Trajectory:
             return Pose.from_quaternion(self.positions_m[nearest], self.quaternions[nearest])
         return self._between(near[0], near[1], time_s)
 
+    def pose_between(self, time_s: float, max_gap_s: float, max_difference_s: float) -> Pose | str:
+        """Return as `pose_at`, and interpolate between rows that are at most `max_gap_s` apart.
+
+        In a larger gap, before the first and after the last row only rows within `max_difference_s` count.
+        """
+        right = int(np.searchsorted(self.times_s, time_s))
+        is_inside = 0 < right < len(self.times_s)
+        if is_inside and self.times_s[right] - self.times_s[right - 1] <= max_gap_s:
+            return self.pose_at(time_s, max(max_gap_s, max_difference_s))
+        return self.pose_at(time_s, max_difference_s)
+
     def _between(self, i: int, j: int, time_s: float) -> Pose:
         fraction = (time_s - self.times_s[i]) / (self.times_s[j] - self.times_s[i])
         position = (1 - fraction) * self.positions_m[i] + fraction * self.positions_m[j]

@@ -162,15 +162,17 @@ def _camera(values: Mapping[str, Any], frame: Frame) -> Camera | None:
     size, where = color_size(frame.color), f"{FILE}: {values.get('file_path')}"
     if size is None:
         return None
-    model = str(values.get("camera_model", PERSPECTIVE[0]))
+    # Some tools write the names in small letters, or null for what they don't know.
+    stated = str(values.get("camera_model") or PERSPECTIVE[0])
+    model = stated.upper()
     if model not in (*PERSPECTIVE, FISHEYE):
         raise InvalidScanError(
-            f"{where}: camera_model {model!r} is not known; use one of {', '.join((*PERSPECTIVE, FISHEYE))}."
+            f"{where}: camera_model {stated!r} is not known; use one of {', '.join((*PERSPECTIVE, FISHEYE))}."
         )
     is_fisheye = model == FISHEYE or values.get("is_fisheye") is True
-    stated = {"w": size[0], "h": size[1], **values}
-    intrinsics = _intrinsics(stated, _FISHEYE_LENS if is_fisheye else _LENS, where)
-    width, height = (int(number_of(stated, key, where)) for key in ("w", "h"))
+    sized = {"w": size[0], "h": size[1], **values}
+    intrinsics = _intrinsics(sized, _FISHEYE_LENS if is_fisheye else _LENS, where)
+    width, height = (int(number_of(sized, key, where)) for key in ("w", "h"))
     with camera_stated_in(where):
         return Camera(*_model_of(intrinsics, is_fisheye, width, height))
 

@@ -87,6 +87,18 @@ def test_where_one_row_only_is_within_reach_it_is_taken() -> None:
     assert path.pose_at(0.5, 0.02) == "no_pose"
 
 
+def test_sparse_rows_are_interpolated_but_never_reach_beyond_their_ends() -> None:
+    path = trajectory([0.0, 0, 0, 0, 0, 0, 0, 1], [0.2, 2, 0, 0, 0, 0, 0, 1], [0.6, 6, 0, 0, 0, 0, 0, 1])
+    between = path.pose_between(0.15, 0.25, 0.02)
+    assert isinstance(between, Pose)
+    np.testing.assert_allclose(between.translation, [1.5, 0, 0])
+    # Before the first row, in a gap of 0.4 s, and after the last row, a tenth of a second from the nearest each time.
+    assert [path.pose_between(time_s, 0.25, 0.02) for time_s in (-0.1, 0.3, 0.7)] == ["no_pose"] * 3
+    near = path.pose_between(0.61, 0.25, 0.02)
+    assert isinstance(near, Pose)
+    assert near.translation.tolist() == [6, 0, 0]
+
+
 @pytest.mark.parametrize(
     "broken", [[float("nan"), 0, 0, 0, 0, 0, 1], [0, 0, float("inf"), 0, 0, 0, 1], [0] * 7]
 )

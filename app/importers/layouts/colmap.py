@@ -27,10 +27,14 @@ from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import EXPORTS
 
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "model", "colmap", "colmap/sparse/0")
-IMAGE_FOLDERS = ("images", "image", "rgb", "color", "input", "frames", "photos")
+# The last one is that of ScanNet++, whose model lies in `colmap`.
+IMAGE_FOLDERS = ("images", "image", "rgb", "color", "input", "frames", "photos", "resized_images")
 DEPTH_FOLDERS = ("depth", "depths", "depth_maps")
 DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".exr", ".npy", ".pgm")
 DEFAULT_DEPTH_SCALE = 1000.0
+# Tools for splats leave this beside a model whose depth images a network guessed.
+GUESSED_DEPTH = "depth_params.json"
+OF_GUESSED_DEPTH = f"By {GUESSED_DEPTH} the depth images hold guessed inverse distances: they were not read."
 NO_SCALE = "A COLMAP model has no scale of its own: poses and map are in its units."
 # The files hold no times: frames follow each other by name.
 FRAME_RATE_HZ = 30.0
@@ -70,7 +74,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             "lists no pictures" if unknown is None else f"has no camera {unknown.camera} for {unknown.name}"
         )
         raise InvalidScanError(f"The COLMAP model {fault}: {EXPORTS['colmap'].remedy}.")
-    depth_folder = folder.subfolder(*DEPTH_FOLDERS)
+    is_guessed = (model / GUESSED_DEPTH).is_file()
+    depth_folder = None if is_guessed else folder.subfolder(*DEPTH_FOLDERS)
     if depth_folder is not None and not holds_depth(folder):
         depth_folder = None
     frames = _frames(
@@ -82,7 +87,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         default_depth_scale=DEFAULT_DEPTH_SCALE,
         gravity=read_gravity(directory),
         has_depth=has_depth,
-        notes=() if has_depth else (NO_SCALE,),
+        notes=() if has_depth else (NO_SCALE, *((OF_GUESSED_DEPTH,) if is_guessed else ())),
     )
     return assemble_of_cameras(
         [item.frame for item in frames],

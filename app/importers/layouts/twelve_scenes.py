@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.errors import InvalidScanError
 from app.geometry.camera_hint import CameraHint
@@ -23,6 +24,7 @@ FRAME_FOLDERS = ("data", "sequence")
 DEFAULT_DEPTH_SCALE = 1000.0
 COLOR_KEY = "m_calibrationColorIntrinsic"
 DEPTH_KEY = "m_calibrationDepthIntrinsic"
+EXTRINSIC_KEYS = ("m_calibrationColorExtrinsic", "m_calibrationDepthExtrinsic")
 
 
 def detect(directory: Path) -> bool:
@@ -34,7 +36,7 @@ def detect(directory: Path) -> bool:
 def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan; both cameras are in one place, and poses are those of the colour camera.
 
-    Raises `InvalidScanError` for files that are missing or not this.
+    Raises `InvalidScanError` for files that are missing or not this, and for cameras that are stated to be apart.
     """
     path = _info(directory)
     if path is None:
@@ -47,6 +49,8 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
         if "m_depthShift" in values
         else None
     )
+    if found.has_depth and options.color_from_depth is None:
+        _check_extrinsics(values, path.name)
     source = ScanSource(
         camera=options.camera or _intrinsics(values, COLOR_KEY, path.name),
         depth_camera=_intrinsics(values, DEPTH_KEY, path.name) if found.has_depth else None,
@@ -72,9 +76,22 @@ def _entries(text: str) -> list[tuple[str, str]]:
     return [(key.strip(), value.strip()) for key, sign, value in lines if sign]
 
 
-def _intrinsics(values: dict[str, str], key: str, name: str) -> CameraHint:
+def _check_extrinsics(values: dict[str, str], name: str) -> None:
+    """Raise for colour and depth cameras that are stated to be apart, which both data sets never do."""
+    places = [_matrix(values, key, name) for key in EXTRINSIC_KEYS if key in values]
+    if any(not np.allclose(place, np.eye(4), atol=1e-4) for place in places):
+        raise InvalidScanError(
+            f"{name} says that colour and depth camera are apart: give depth_camera and color_from_depth."
+        )
+
+
+def _matrix(values: dict[str, str], key: str, name: str) -> NDArray[np.float64]:
     matrix = np.array(numbers(values.get(key, "").split(), f"{name}: {key}"))
     if len(matrix) != 16:
         raise InvalidScanError(f"{name}: {key} must be 16 numbers, a matrix of 4x4.")
-    K = matrix.reshape(4, 4)
+    return matrix.reshape(4, 4)
+
+
+def _intrinsics(values: dict[str, str], key: str, name: str) -> CameraHint:
+    K = _matrix(values, key, name)
     return CameraHint(values=(float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))

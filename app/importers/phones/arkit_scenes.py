@@ -34,6 +34,9 @@ CONFIDENCE = "confidence"
 TRAJECTORY = "lowres_wide.traj"
 DOWN = (0.0, 0.0, -1.0)
 DEFAULT_DEPTH_SCALE = 1000.0
+# The trajectory has ten poses a second, the pictures come up to 60 times: poses between two that are no further apart
+# than this, one lost on the way, are interpolated.
+MAX_POSE_GAP_S = 0.25
 _NAMED_BY_TIME = re.compile(r".*?(\d+\.\d+)\.(?:png|jpe?g)$", re.IGNORECASE)
 
 
@@ -59,14 +62,15 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
             continue
         name = folder.name_of(color)
         depth = folder.find(f"{DEPTH}/{color.stem}.png", "the scan") if has_depth else color
-        pose = trajectory.pose_at(float(match.group(1)), options.max_time_difference_s)
+        time_s = float(match.group(1))
+        pose = trajectory.pose_between(time_s, MAX_POSE_GAP_S, options.max_time_difference_s)
         if depth is None:
             missing = f"{DEPTH}/{color.stem}.png"
             discarded.add("no_depth", name, f"{missing} is missing; {folder.instead(missing)}")
         elif isinstance(pose, str):
             discarded.add(pose, name)
         else:
-            frames.append(Frame(name, float(match.group(1)), color, depth, pose))
+            frames.append(Frame(name, time_s, color, depth, pose))
     files, confidence = FrameFiles(options.scratch), confidence_files(folder, DEPTH, CONFIDENCE)
     cameras = [] if options.camera else _cameras(folder, f"{colors}_intrinsics", frames)
     source = ScanSource(

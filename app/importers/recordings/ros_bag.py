@@ -35,9 +35,11 @@ METADATA = "metadata.yaml"
 DEFAULT_DEPTH_SCALE = 1000.0
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 CAMERA = "sensor_msgs/msg/CameraInfo"
+# The only kind of poses that names the frame that it is the pose of.
+ODOMETRY = "nav_msgs/msg/Odometry"
 POSES = (
     "geometry_msgs/msg/PoseStamped",
-    "nav_msgs/msg/Odometry",
+    ODOMETRY,
     "geometry_msgs/msg/PoseWithCovarianceStamped",
 )
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -45,6 +47,9 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 COLOR_WORDS = ("color", "rgb", "image_raw", "image")
 DEPTH_WORDS = ("aligned", "registered", "depth_to_rgb", "depth")
 OTHER_WORDS = ("infra", "ir/", "/ir", "fisheye", "left", "right", "confidence", "mask")
+POSE_WORDS = ("camera", "pose", "odom")
+# Topics of poses that say where a robot is to go, or is told that it is.
+TOLD_POSES = ("goal", "initialpose", "initial_pose", "setpoint")
 # What librealsense records by itself: no poses, and depth that is not aligned although all frames have one name.
 _VIEWER = re.compile(r"/device_\d+/sensor_\d+/")
 OF_VIEWER = (
@@ -54,8 +59,8 @@ OF_VIEWER = (
 )
 # A recording that was split has parts with numbers behind their names.
 _PART = re.compile(r"_\d+\.\w+(?:\.zstd?)?$")
-# Poses are interpolated between rows that are as far apart as this.
-MAX_POSE_GAP_S = 0.2
+# Poses are interpolated between rows that are no further apart: slow trackers send five a second, with jitter.
+MAX_POSE_GAP_S = 0.25
 
 
 @dataclass(slots=True)
@@ -69,7 +74,7 @@ class _Stream:
 
 
 @dataclass(slots=True)
-class _Topics:
+class Topics:
     """The topics that are read; None where the bag has none of a kind."""
 
     color: str
@@ -90,7 +95,7 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """
     files, discarded = FrameFiles(options.scratch), Discarded()
     with _opened(directory, options.scratch) as reader:
-        topics = _chosen_topics(reader)
+        topics = chosen_topics(reader)
         color, depth, rows, transforms, frame = _read(reader, topics, files)
     camera = options.camera or color.camera
     if camera is None:
@@ -156,7 +161,8 @@ def _plain(directory: Path, bags: list[Path], scratch: Path | None) -> Iterator[
         yield [*(path for path in bags if path not in packed), *unpack_files(packed, Path(folder))]
 
 
-def _chosen_topics(reader: Any) -> _Topics:
+def chosen_topics(reader: Any) -> Topics:
+    """Return which of a bag's topics are read; odometry comes before poses that don't say of which frame they are."""
     if any(_VIEWER.match(connection.topic) for connection in reader.connections):
         raise InvalidScanError(OF_VIEWER)
     # A topic may have been recorded without a message; a bag without an index counts none of any.
@@ -168,11 +174,12 @@ def _chosen_topics(reader: Any) -> _Topics:
     if not color:
         there = ", ".join(sorted(kinds)[:8])
         raise InvalidScanError(f"The bag has no topic with colour images; its topics are {there or 'none'}.")
-    poses = [topic for topic, kind in kinds.items() if kind in POSES]
-    return _Topics(
+    poses = [topic for topic, kind in kinds.items() if kind in POSES and not _has(topic, TOLD_POSES)]
+    odometry = [topic for topic in poses if kinds[topic] == ODOMETRY]
+    return Topics(
         color=_best(color, COLOR_WORDS),
         depth=_best(depth, DEPTH_WORDS) if depth else None,
-        poses=_best(poses, ("camera", "pose", "odom")) if poses else None,
+        poses=_best(odometry or poses, POSE_WORDS) if poses else None,
     )
 
 
@@ -194,7 +201,7 @@ def _best(topics: list[str], words: tuple[str, ...]) -> str:
 
 
 def _read(
-    reader: Any, topics: _Topics, files: FrameFiles
+    reader: Any, topics: Topics, files: FrameFiles
 ) -> tuple[_Stream, _Stream | None, list[list[float]], Transforms, str]:
     color, depth = _Stream(), _Stream()
     rows: list[list[float]] = []
@@ -241,7 +248,7 @@ def _encoding(message: Any) -> str:
     return str(message.encoding if hasattr(message, "encoding") else message.format)
 
 
-def _add_camera(topic: str, message: Any, topics: _Topics, color: _Stream, depth: _Stream) -> None:
+def _add_camera(topic: str, message: Any, topics: Topics, color: _Stream, depth: _Stream) -> None:
     """Keep the intrinsics for the stream with the same namespace."""
     namespace = f"{topic.rpartition('/')[0]}/"
     for of_stream, stream in ((topics.color, color), (topics.depth, depth)):
@@ -265,7 +272,7 @@ def _frames(
     frames = []
     for i, time_s, partner in zip(chosen, times_s.tolist(), partners.tolist(), strict=True):
         name = f"{color.paths[i].parent.name}/{color.paths[i].stem}"
-        pose = trajectory.pose_at(time_s, MAX_POSE_GAP_S)
+        pose = trajectory.pose_between(time_s, MAX_POSE_GAP_S, options.max_time_difference_s)
         if depth is not None and partner < 0:
             discarded.add("no_depth", name)
         elif isinstance(pose, str):

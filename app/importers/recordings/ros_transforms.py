@@ -13,9 +13,9 @@ from app.geometry.se3 import Pose
 from app.importers.association import Trajectory
 from app.importers.frames import ScanOptions
 
-# Frames that don't move with the robot, the best first: with loop closure, without it.
-FIXED_FRAMES = ("map", "world", "odom", "vicon", "mocap")
 _MAX_CHAIN = 30
+# A transform on /tf that was sent so often and stayed the same is one that never changes.
+_MIN_REPEATS = 2
 
 
 @dataclass(slots=True)
@@ -39,38 +39,57 @@ class Transforms:
             rows = self.moving.setdefault(child, (parent, []))[1]
             rows.append([time_s, *pose.translation, *pose.quaternion])
 
-    def place(self, ancestor: str, frame: str) -> Pose | None:
-        """Return `ancestor_from_frame` by fixed transforms alone, None where they don't lead from one to the other."""
-        ancestor, current = ancestor.lstrip("/"), frame.lstrip("/")
-        found = Pose.identity()
-        for _ in range(_MAX_CHAIN):
-            if current == ancestor:
-                return found
-            if current not in self.fixed:
-                return None
-            current, pose = self.fixed[current]
-            found = pose @ found
+    def place(self, reference: str, frame: str) -> Pose | None:
+        """Return `reference_from_frame` by transforms that never change, None where they don't join the two."""
+        joined, ways = self._way_up(reference), self._way_up(frame)
+        for ancestor, ancestor_from_frame in ways.items():
+            if ancestor in joined:
+                return joined[ancestor].inverse() @ ancestor_from_frame
         return None
+
+    def _way_up(self, frame: str) -> dict[str, Pose]:
+        """Return a frame and its ancestors by transforms that never change, each with `ancestor_from_frame`."""
+        current, found = frame.lstrip("/"), Pose.identity()
+        ways = {current: found}
+        for _ in range(_MAX_CHAIN):
+            link = self._unchanging(current)
+            if link is None:
+                break
+            current, pose = link
+            found = pose @ found
+            ways[current] = found
+        return ways
+
+    def _unchanging(self, frame: str) -> tuple[str, Pose] | None:
+        """Return a frame's parent and its place there if that never changes.
+
+        Publishers of ROS 1 send such transforms again and again on /tf.
+        """
+        if frame in self.fixed or frame not in self.moving:
+            return self.fixed.get(frame)
+        parent, rows = self.moving[frame]
+        values = np.array(rows)[:, 1:]
+        if len(values) < _MIN_REPEATS or np.ptp(values, axis=0).max() > 0:
+            return None
+        return parent, Pose.from_quaternion(rows[0][1:4], rows[0][4:8])
 
     def trajectory_of(
         self, camera_frame: str, rows: list[list[float]], posed_frame: str, topic: str | None
     ) -> Trajectory:
         """Return `scan_from_camera` over time, from a topic's poses (n, 8) of a frame, else from transforms.
 
-        A topic that names no frame is taken to give the camera's poses. Raises `InvalidScanError` where neither
-        gives any.
+        A topic that names no frame is taken to give the camera's poses, unless transforms lead to the camera. Raises
+        `InvalidScanError` where neither gives any.
         """
-        if rows:
+        chain = self._moving_chain(camera_frame.lstrip("/"))
+        if rows and (posed_frame or not chain):
             place = self.place(posed_frame, camera_frame) if posed_frame else Pose.identity()
-            if place is None and posed_frame.lstrip("/") in self.moving:
-                place = None
             if place is None:
                 raise InvalidScanError(
                     f"The poses of {topic} are those of {posed_frame}, and no static transform of the bag leads from "
                     f"there to the colour camera's frame {camera_frame}: record /tf_static too."
                 )
             return _moved(rows, place)
-        chain = self._moving_chain(camera_frame.lstrip("/"))
         if not chain:
             raise InvalidScanError(
                 "The bag has no poses: record a topic of nav_msgs/Odometry or geometry_msgs/PoseStamped, or /tf from "
@@ -97,14 +116,10 @@ class Transforms:
         self, options: ScanOptions, color: str, depth: str, camera: CameraHint | None
     ) -> ScanOptions:
         """Return the options with the depth camera's intrinsics and its place, where fixed transforms say it."""
-        roots = {frame for frame, _ in self.fixed.values()}
-        for root in sorted(roots):
-            a, b = self.place(root, color), self.place(root, depth)
-            if a is not None and b is not None and camera is not None:
-                return replace(
-                    options, depth_camera=options.depth_camera or camera, color_from_depth=a.inverse() @ b
-                )
-        return options
+        place = self.place(color, depth)
+        if place is None or camera is None:
+            return options
+        return replace(options, depth_camera=options.depth_camera or camera, color_from_depth=place)
 
 
 def pose_of(message: Any) -> tuple[Pose, str]:

@@ -68,6 +68,7 @@ NERFSTUDIO: dict[str, Change] = {
     "NeRFCapture": both(each_frame(as_nerf_capture), top(integer_depth_scale=0.001)),
     "camera in each frame": camera_in_each_frame,
     "a simple model": top(camera_model="SIMPLE_RADIAL", k1=0.0, k2=0.0, k3=0.0),
+    "a model in small letters": top(camera_model="pinhole"),
     "in a folder beside the pictures": both(each_frame(leading_out), beside),
     "split": lambda folder: (folder / "transforms.json").rename(folder / "transforms_train.json"),
 }
@@ -186,6 +187,29 @@ def test_lines_of_points_in_a_colmap_model(tmp_path: Path, points: str | None) -
     assert_is(open_scan(folder), tiny_scan())
 
 
+def test_depth_that_a_network_guessed_is_not_read_beside_a_colmap_model(tmp_path: Path) -> None:
+    folder = layouts.colmap_binary(tiny_scan(), tmp_path)
+    assert open_scan(folder).has_depth
+    (folder / "sparse/0/depth_params.json").write_text(json.dumps({"000000": {"scale": 0.7, "offset": 0.1}}))
+    scan = open_scan(folder)
+    assert_is(scan, tiny_scan())
+    assert not scan.has_depth
+    assert any("inverse distances" in note for note in scan.notes)
+
+
+def test_a_colmap_model_of_scannet_plus_plus(tmp_path: Path) -> None:
+    folder = layouts.colmap_text(tiny_scan(), tmp_path / "scene") / "dslr"
+    folder.mkdir()
+    shutil.move(folder.parent / "images", folder / "resized_images")
+    shutil.move(folder.parent / "sparse/0", folder / "colmap")
+    shutil.rmtree(folder.parent / "depth")
+    # Its list for nerfstudio names the pictures without their folder.
+    frames = [{"file_path": f"{i:06d}.jpg", "transform_matrix": np.eye(4).tolist()} for i in range(FRAMES)]
+    (folder / "nerfstudio").mkdir()
+    (folder / "nerfstudio/transforms.json").write_text(json.dumps({"frames": frames}))
+    assert_is(open_scan(tmp_path), tiny_scan())
+
+
 def test_of_several_colmap_models_the_largest_is_read(tmp_path: Path) -> None:
     folder = layouts.colmap_text(tiny_scan(), tmp_path)
     shutil.move(folder / "sparse/0", folder / "sparse/1")
@@ -274,6 +298,19 @@ def test_scannet_as_tools_write_it(tmp_path: Path, change: Change) -> None:
     folder = layouts.scannet(tiny_scan(), tmp_path / "scan")
     change(folder)
     assert_is(open_scan(folder), tiny_scan())
+
+
+@pytest.mark.parametrize("key", ["m_calibrationColorExtrinsic", "m_calibrationDepthExtrinsic"])
+def test_cameras_of_12_scenes_that_are_apart_are_not_taken_to_be_in_one_place(
+    tmp_path: Path, key: str
+) -> None:
+    folder = layouts.twelve_scenes(tiny_scan(), tmp_path)
+    info = (folder / "info.txt").read_text()
+    (folder / "info.txt").write_text(f"{info}\n{key} = 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n")
+    assert_is(open_scan(folder), tiny_scan())
+    (folder / "info.txt").write_text(f"{info}\n{key} = 1 0 0 0.025 0 1 0 0 0 0 1 0 0 0 0 1\n")
+    with pytest.raises(InvalidScanError, match="colour and depth camera are apart"):
+        open_scan(folder)
 
 
 def test_a_depth_camera_of_kapture_is_where_its_rig_says(tmp_path: Path) -> None:

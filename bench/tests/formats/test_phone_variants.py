@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidScanError
+from app.geometry.se3 import Pose
 from app.importers.registry import find_scan, open_scan
 from app.importers.unpack_scan import unpack_scan
 from bench.formats import phones
@@ -175,6 +177,23 @@ def test_arkitscenes_with_larger_pictures(tmp_path: Path, size: str) -> None:
     for end in ("", "_intrinsics"):
         shutil.move(folder / f"lowres_wide{end}", folder / f"{size}{end}")
     assert_is(open_scan(folder), tiny_scan())
+
+
+def test_arkitscenes_with_more_pictures_than_poses(tmp_path: Path) -> None:
+    """The original recordings have 60 pictures a second and ten poses: those between are interpolated, not rounded."""
+    at_rest = tiny_scan()
+    frames = tuple(
+        replace(frame, time_s=i / 60, scan_from_camera=Pose(np.eye(3), np.array([i / 100, 0.0, 0.0])))
+        for i, frame in enumerate((*at_rest.frames, *at_rest.frames))
+    )
+    folder = phones.arkit_scenes(replace(at_rest, frames=frames), tmp_path)
+    path = folder / "lowres_wide.traj"
+    path.write_text("\n".join(path.read_text().splitlines()[:7:6]) + "\n")
+    scan = open_scan(folder)
+    x = [frame.scan_from_camera.translation[0] for frame in scan.frames]
+    # Seven up to the second pose, and one within the tolerance behind it.
+    np.testing.assert_allclose(x, [*(i / 100 for i in range(7)), 0.06], atol=1e-3)
+    assert len(scan.discarded["no_pose"]) == 2
 
 
 def test_new_versions_of_polycam_state_no_size_of_corrected_pictures(tmp_path: Path) -> None:
