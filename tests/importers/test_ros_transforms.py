@@ -77,3 +77,12 @@ def test_transforms_to_the_camera_come_before_poses_of_an_unnamed_frame() -> Non
     pose = moving.trajectory_of(CAMERA, rows(ON_LINK, ON_LINK), "", "/amcl_pose").pose_at(1.0, 0.0)
     assert isinstance(pose, Pose)
     np.testing.assert_allclose(pose.matrix, ON_BASE.matrix, atol=1e-9)
+
+
+def test_where_the_robot_was_lost_there_are_no_poses_though_its_mount_is_sent_on() -> None:
+    lost = [[time_s, *row[1:]] for time_s, row in zip((0.0, 0.1, 5.0), WAY, strict=True)]
+    mount = [[i / 10, *ON_BASE.translation, *ON_BASE.quaternion] for i in range(51)]
+    moving = Transforms(moving={CAMERA: ("base_link", mount), "base_link": ("odom", lost)})
+    trajectory = moving.trajectory_of(CAMERA, [], "", None)
+    assert trajectory.times_s.tolist() == [0.0, 0.1, 5.0]
+    assert trajectory.pose_between(2.0, 0.25, 0.02) == "no_pose"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from app.errors import InvalidPoseError, InvalidScanError
 from app.geometry.camera import Camera
-from app.geometry.se3 import Pose, rotation_from_quaternion
+from app.geometry.se3 import Pose, attitude_difference_rad, rotation_from_quaternion
 from app.importers.archives.archive import extract_archive
 from app.importers.assembly import Discarded, ScanSource, check_pose_ratio
 from app.importers.depth_presence import holds_depth
@@ -41,6 +41,9 @@ DEPTH_FOLDERS = ("depth", "Depth")
 EXPORTED_SUFFIXES = (".exr", ".tiff", ".png", ".npy")
 DEFAULT_DEPTH_SCALE = 1000.0
 DEFAULT_FPS = 60.0
+# A first pose turned by less than this is none: no phone is held so exactly.
+NO_TURN_RAD = 1e-3
+DOWN_UNKNOWN = "The recording counts its poses from its first picture: which way is down is thus not known."
 # Depth of LiDAR and of the Face ID camera as the app records them, held sideways; old versions don't state the size.
 DEPTH_SIZES = ((256, 192), (640, 480), (960, 720))
 
@@ -77,21 +80,45 @@ def open_scan(directory: Path, options: ScanOptions) -> Scan:
     """Return the scan of a recording.
 
     Depth of another size than the colour images has the same field of view; what has low confidence is left out.
-    Without any depth the frames have none. Gravity is the world's -y, as ARKit measures it. Raises `InvalidScanError`
-    for files that are missing or not this.
+    Without any depth the frames have none. Gravity is the world's -y, as ARKit measures it, unless the app has turned
+    the world to the first picture. Raises `InvalidScanError` for files that are missing or not this.
     """
     files, discarded = FrameFiles(options.scratch), Discarded()
     recording = _opened(directory, files)
     has_depth = holds_depth(recording.folder)
     frames = _frames(recording, files, discarded, has_depth)
     cameras = [_camera(recording.metadata, frame) for frame in frames] if options.camera is None else []
+    is_turned = _is_turned_to_first_picture(recording.metadata)
     source = ScanSource(
         depth_scale=None,
         default_depth_scale=DEFAULT_DEPTH_SCALE,
-        gravity=ARKIT_DOWN,
+        gravity=None if is_turned else ARKIT_DOWN,
+        notes=(DOWN_UNKNOWN,) if is_turned else (),
         has_depth=has_depth,
     )
     return assemble_of_cameras(frames, cameras, discarded, source, options, files=files)
+
+
+def _is_turned_to_first_picture(metadata: Mapping[str, Any]) -> bool:
+    """Return whether the first pose has no rotation, or the app states one that leads from its world to ARKit's.
+
+    Versions differ: some count poses from the first picture, others leave ARKit's as they are.
+    """
+    poses, stated = metadata.get("poses"), metadata.get("initPose")
+    first = _pose(poses[0]) if isinstance(poses, list) and poses else None
+    unturned = pose_of_arkit(np.eye(4))
+    if first is None or unturned is None:
+        return False
+    initial = _pose(stated) if isinstance(stated, list) and len(stated) == 7 else None
+    # A stated pose that the first one has as well was not taken out of it.
+    is_taken_out = (
+        initial is not None and not _are_alike(initial, unturned) and not _are_alike(initial, first)
+    )
+    return is_taken_out or _are_alike(first, unturned)
+
+
+def _are_alike(a: Pose, b: Pose) -> bool:
+    return attitude_difference_rad(a, b) < NO_TURN_RAD
 
 
 def _is_unpacked(directory: Path) -> bool:

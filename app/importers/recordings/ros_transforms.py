@@ -101,12 +101,13 @@ class Transforms:
         """Return what leads from a fixed frame to `frame`, outermost first; empty if nothing in it moves."""
         chain: list[Pose | list[list[float]]] = []
         for _ in range(_MAX_CHAIN):
-            if frame in self.moving:
+            link = self._unchanging(frame)
+            if link is not None:
+                parent, pose = link
+                chain.insert(0, pose)
+            elif frame in self.moving:
                 parent, rows = self.moving[frame]
                 chain.insert(0, rows)
-            elif frame in self.fixed:
-                parent, pose = self.fixed[frame]
-                chain.insert(0, pose)
             else:
                 break
             frame = parent

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sqlite3
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -35,6 +36,11 @@ from app.importers.unpacked import FrameFiles
 SUFFIX = ".db"
 DEFAULT_DEPTH_SCALE = 1000.0
 EXPORT = "export it with rtabmap-export --images --poses_camera, and send that folder"
+NOT_OPTIMIZED = "The database holds no optimized poses; those of the odometry were read, with their drift."
+NOT_JOINED = (
+    "Of its {count} maps, which nothing joins, the largest was read: open the database in RTAB-Map and save it to have "
+    "them joined."
+)
 # Header of a serialized camera: version (3), type, width, height, numbers in K, D, R, P and the local transform.
 _HEADER = struct.Struct("<11i")
 _MONO = 0
@@ -131,11 +137,16 @@ def _poses(connection: sqlite3.Connection) -> tuple[dict[int, NDArray[np.float64
     optimized = _optimized_poses(connection)
     if optimized:
         return optimized, ()
-    rows = connection.execute("SELECT id, pose FROM Node WHERE pose IS NOT NULL")
-    poses = {int(number): _matrix(pose) for number, pose in rows if isinstance(pose, bytes)}
-    return poses, (
-        "The database holds no optimized poses; those of the odometry were read, with their drift.",
-    )
+    rows = connection.execute("SELECT id, map_id, pose FROM Node WHERE pose IS NOT NULL").fetchall()
+    # Each time that the odometry was lost a new map begins at its own origin.
+    sizes = Counter(map_id for _, map_id, _ in rows)
+    largest = max(sizes, key=lambda map_id: sizes[map_id], default=None)
+    poses = {
+        int(number): _matrix(pose)
+        for number, map_id, pose in rows
+        if isinstance(pose, bytes) and map_id == largest
+    }
+    return poses, (NOT_OPTIMIZED, *((NOT_JOINED.format(count=len(sizes)),) if len(sizes) > 1 else ()))
 
 
 def _optimized_poses(connection: sqlite3.Connection) -> dict[int, NDArray[np.float64]]:

@@ -7,6 +7,7 @@ import shutil
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -122,6 +123,31 @@ def test_a_recording_of_the_face_id_camera_has_no_way(tmp_path: Path) -> None:
     edited(tmp_path / "still/metadata", lambda content: content.update(poses=[[0.0] * 7] * FRAMES))
     with pytest.raises(InvalidScanError, match=r"All poses of the recording are the same.*LiDAR"):
         open_scan(tmp_path / "still")
+
+
+NO_TURN = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("initial", [None, NO_TURN, "first", [0.6, 0.0, 0.0, 0.8, 0.1, 0.0, 0.0]])
+@pytest.mark.parametrize("from_first", [True, False])
+def test_record3d_knows_down_unless_its_poses_count_from_the_first_picture(
+    tmp_path: Path, initial: object, from_first: bool
+) -> None:
+    path = phones.record3d_plain(tiny_scan(), tmp_path / "scan")
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "unpacked")
+
+    def change(content: dict[str, Any]) -> None:
+        poses = content["poses"]
+        if from_first:
+            poses[0][:4] = NO_TURN[:4]
+        content["initPose"] = poses[0] if initial == "first" else initial
+
+    edited(tmp_path / "unpacked/metadata", change)
+    scan = open_scan(tmp_path / "unpacked")
+    is_known = not from_first and initial in (None, NO_TURN, "first")
+    assert scan.gravity == ((0.0, -1.0, 0.0) if is_known else None)
+    assert any("down is thus not known" in note for note in scan.notes) != is_known
 
 
 def test_pictures_of_record3d_that_were_turned_are_refused(tmp_path: Path) -> None:

@@ -157,6 +157,20 @@ def test_depth_of_another_frame_without_a_camera_is_not_taken_for_aligned(tmp_pa
         open_scan(unpack_scan(path, tmp_path / "unpacked"))
 
 
+def test_of_maps_of_rtabmap_that_nothing_joins_the_largest_is_read(tmp_path: Path) -> None:
+    path = recordings.rtabmap(tiny_scan(), tmp_path / "scan")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE Node SET map_id = 1 WHERE id > 2")
+    joined = open_scan(unpack_scan(path, tmp_path / "joined"))
+    assert_is(joined, tiny_scan())
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE Admin SET opt_ids = NULL, opt_poses = NULL")
+    scan = open_scan(unpack_scan(path, tmp_path / "apart"))
+    assert [frame.name[-6:] for frame in scan.frames] == ["000003", "000004", "000005"]
+    assert len(scan.discarded["no_pose"]) == 2
+    assert any("Of its 2 maps" in note for note in scan.notes)
+
+
 @pytest.mark.parametrize("size", [(), (WIDTH, HEIGHT)])
 def test_calibrations_of_older_versions_of_rtabmap(tmp_path: Path, size: tuple[int, ...]) -> None:
     expected = tiny_scan()
