@@ -54,6 +54,11 @@ class CameraOptions:
         "Largest absolute value of a distortion coefficient.",
         chosen="By hand: above that of any real lens, and above what can be undistorted in a stable way.",
     )
+    max_side_px: int = limit(
+        100_000,
+        "Largest width and height of a camera's image.",
+        chosen="By hand: ten times that of the largest sensor; what is larger is a damaged file.",
+    )
     max_aspect_difference_ratio: float = limit(
         0.02,
         "Largest relative difference of aspect ratios at which one image is a resampled copy of the other.",
@@ -126,6 +131,10 @@ class Camera:
             raise InvalidCameraError("Camera parameters must be finite numbers.")
         if self.width < 1 or self.height < 1:
             raise InvalidCameraError("A camera's width and height are at least one pixel.")
+        if max(self.width, self.height) > OPTIONS.max_side_px:
+            raise InvalidCameraError(
+                f"A camera's width and height are at most {OPTIONS.max_side_px:,} pixels."
+            )
         self._check_plausible()
 
     def _check_plausible(self) -> None:

@@ -32,6 +32,11 @@ class AssemblyOptions:
         "A scan with this ratio of invalid poses, or a larger one, is refused.",
         chosen="By hand: leaving out most of a scan would hide that its columns are read in the wrong order.",
     )
+    max_position: float = limit(
+        1e11,
+        "A coordinate beyond this, in whatever unit positions have, is no place.",
+        chosen="By hand: ten times the circumference of Earth in millimetres.",
+    )
     min_median_depth_m: float = limit(
         0.05,
         "Float depth whose median is nearer is not in metres.",
@@ -116,6 +121,7 @@ def assemble_scan(
     """
     if not source.has_depth:
         frames, source = _without_depth(frames, source, options)
+    frames = _placed(frames, discarded)
     readable: list[tuple[Frame, Size, DepthHeader]] = []
     for frame in sorted(frames, key=lambda f: f.timestamp_s):
         color, depth_header = color_size(frame.color), read_depth_header(frame.depth)
@@ -142,6 +148,19 @@ def assemble_scan(
         has_depth=source.has_depth,
         keeps=source.keeps,
     )
+
+
+def _placed(frames: Sequence[Frame], discarded: Discarded) -> list[Frame]:
+    """Return the frames whose position is one on Earth in whatever unit; a damaged number may be any other."""
+    placed = []
+    for frame in frames:
+        if np.abs(frame.scan_from_camera.translation).max() <= OPTIONS.max_position:
+            placed.append(frame)
+        else:
+            discarded.add("invalid_pose", frame.name)
+    wrong = len(frames) - len(placed)
+    check_pose_ratio(wrong, len(frames), f"that of {discarded.names['invalid_pose'][-1]}" if wrong else "")
+    return placed
 
 
 def _without_depth(
@@ -180,6 +199,10 @@ def _depth_format(
     options: ScanOptions,
 ) -> tuple[DepthFormat, tuple[str, ...]]:
     scale = options.depth_scale or source.depth_scale
+    if scale is not None and not 0 < scale < np.inf:
+        raise InvalidScanError(
+            f"The scan's files state {scale:g} units of depth per metre: give depth_scale in the options."
+        )
     of_floats = [frame for frame, _, header in readable if header.is_float]
     float_scale, notes = _float_scale(of_floats, scale) if of_floats else (1.0, ())
     given = (options.depth_camera or source.depth_camera) if source.has_depth else None

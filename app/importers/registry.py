@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Protocol
 
 from app.errors import InvalidScanError
@@ -216,6 +216,8 @@ def _files_below(directory: Path) -> list[str]:
 
 def _nothing_found(directory: Path) -> str:
     names = sorted(child.name for child in directory.iterdir())
+    if names and all(PurePath(name).suffix.lower() in pictures.PHOTO_SUFFIXES for name in names):
+        return f"A map of photos needs {pictures.MIN_PHOTOS} or more of one place; there are {len(names)}."
     there = ", ".join(names[: OPTIONS.shown]) + (", ..." if len(names) > OPTIONS.shown else "")
     others = ", ".join(name for name in FORMATS if name not in ("tum", "7scenes"))
     return (

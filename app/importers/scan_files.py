@@ -128,6 +128,14 @@ def numbers(cells: list[str], where: str) -> list[float]:
         raise InvalidScanError(f"{where}: {' '.join(cells)[:80]!r} must be numbers.") from None
 
 
+def whole_numbers(cells: list[str], where: str) -> list[int]:
+    """Return the cells as whole numbers; raises `InvalidScanError` naming `where`."""
+    values = numbers(cells, where)
+    if not all(value.is_integer() for value in values):
+        raise InvalidScanError(f"{where}: {' '.join(cells)[:80]!r} must be whole numbers.")
+    return [int(value) for value in values]
+
+
 @dataclass(frozen=True, slots=True)
 class CameraFile:
     """What `camera.txt` states: the camera, maybe a depth scale."""

@@ -235,7 +235,9 @@ def test_nerfstudio_refusals(tmp_path: Path, change: Callable[[dict[str, Any]], 
         open_scan(folder)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "[" * 100_000, '{"frames": NaN}'])
+@pytest.mark.parametrize(
+    "text", ["{", "[]", "[" * 100_000, '{"frames": NaN}', '{"frames": [], "fl_x": ' + "9" * 400 + "}"]
+)
 def test_json_that_is_not_this(tmp_path: Path, text: str) -> None:
     (tmp_path / "transforms.json").write_text(text)
     with pytest.raises(InvalidScanError, match=r"transforms\.json"):

@@ -17,7 +17,7 @@ from app.importers.frames import ScanOptions
 from app.importers.recognition import recognised
 from app.importers.registry import open_scan, open_unposed
 from app.importers.unposed.recording import RecordingWriter
-from tests.importers.scans import INTRINSICS, write_seven_scenes, write_tum
+from tests.importers.scans import INTRINSICS, write_color, write_seven_scenes, write_tum
 
 ESTIMATE = ScanOptions(estimate_poses=True)
 
@@ -84,6 +84,26 @@ def test_photos_in_one_folder_need_no_option(tmp_path: Path) -> None:
     assert [path.name for path in unposed.photos] == ["a.JPG", "b.jpg", "c.png"]
     with pytest.raises(InvalidScanError, match="None of the 3 photos can be used: 3 unreadable_file"):
         choose_pictures(unposed, (), 8, NoProgress())
+
+
+def test_photos_that_are_left_out_are_named_with_their_reason(tmp_path: Path) -> None:
+    for number in range(4):
+        write_color(tmp_path / f"{number}.png", 64 + 16 * (number == 3), 48)
+    (tmp_path / "4.png").write_bytes(b"<html>")
+    unposed = open_unposed(tmp_path, None, ScanOptions())
+    assert unposed is not None
+    with pytest.raises(InvalidScanError, match=r"Of 5 pictures 3 can be used") as raised:
+        choose_pictures(unposed, (), 8, NoProgress())
+    assert "1 damaged or no pictures at all, 4.png first, 1 of another size than most, 3.png first" in str(
+        raised.value
+    )
+
+
+def test_two_photos_are_too_few(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b.JPG"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(InvalidScanError, match="A map of photos needs 3 or more of one place; there are 2"):
+        open_scan(tmp_path)
 
 
 @pytest.mark.parametrize(

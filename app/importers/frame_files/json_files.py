@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ def read_json_object(path: Path) -> dict[str, Any]:
 def number_of(values: Mapping[str, Any], key: str, where: str) -> float:
     """Return a number of a JSON object; raises `InvalidScanError` for anything else, NaN among it."""
     value = values.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    # An integer of JSON may have more digits than a float holds.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise InvalidScanError(f"{where}: {key} must be a number.")
     return float(value)
 

@@ -22,7 +22,7 @@ from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frame_files.one_camera import assemble_of_cameras
 from app.importers.frames import Frame, Scan, ScanOptions
-from app.importers.scan_files import numbers, read_gravity, read_text, rows
+from app.importers.scan_files import numbers, read_gravity, read_text, rows, whole_numbers
 from app.importers.unpacked import FrameFiles
 from app.importers.unread.exports import EXPORTS
 
@@ -174,8 +174,9 @@ def _text_cameras(text: str) -> dict[int, Camera]:
             raise InvalidScanError(
                 f"{where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS and a model that is known."
             )
-        number, width, height, *params = numbers([cells[0], *cells[2:]], where)
-        cameras[int(number)] = camera_of_colmap(cells[1], int(width), int(height), params, where)
+        number, width, height = whole_numbers([cells[0], *cells[2:4]], where)
+        params = numbers(cells[4:], where)
+        cameras[number] = camera_of_colmap(cells[1], width, height, params, where)
     return cameras
 
 
@@ -194,8 +195,9 @@ def _text_images(text: str) -> list[_Image]:
         where = f"images.txt line {number}"
         if len(cells) != 10:
             raise InvalidScanError(f"{where}: expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME.")
-        values = numbers(cells[1:9], where)
-        images.append(_Image(cells[9].rstrip(), int(values[7]), _pose(values[:7])))
+        pose = _pose(numbers(cells[1:8], where))
+        (camera,) = whole_numbers(cells[8:9], where)
+        images.append(_Image(cells[9].rstrip(), camera, pose))
         expects_points = True
     return images
 

@@ -21,7 +21,7 @@ from app.importers.folder import ScanFolder
 from app.importers.frame_files.colmap_cameras import MODELS, camera_of_colmap
 from app.importers.frames import Frame, Scan, ScanOptions
 from app.importers.rows.times import in_seconds
-from app.importers.scan_files import numbers, read_gravity, read_text, rows
+from app.importers.scan_files import numbers, read_gravity, read_text, rows, whole_numbers
 from app.importers.unpacked import FrameFiles
 
 SENSORS = "sensors/sensors.txt"
@@ -159,11 +159,18 @@ def _read(folder: ScanFolder) -> _Data:
         cameras=_cameras(_table(folder, SENSORS, 3)),
         poses=_poses(_table(folder, TRAJECTORIES, 9)),
         rigs=_rigs(_table(folder, RIGS, 9)) if (folder.path / RIGS).is_file() else {},
-        pictures={(cells[0], cells[1]): cells[2] for cells in _table(folder, CAMERA_RECORDS, 3)},
-        depths={(cells[0], cells[1]): cells[2] for cells in _table(folder, DEPTH_RECORDS, 3)}
-        if (folder.path / DEPTH_RECORDS).is_file()
-        else {},
+        pictures=_records(folder, CAMERA_RECORDS),
+        depths=_records(folder, DEPTH_RECORDS) if (folder.path / DEPTH_RECORDS).is_file() else {},
     )
+
+
+def _records(folder: ScanFolder, name: str) -> dict[tuple[str, str], str]:
+    """Return the files of a table by their time, a number as it is written, and their sensor."""
+    table = _table(folder, name, 3)
+    for time, *_ in table:
+        if not np.isfinite(numbers([time], name)).all():
+            raise InvalidScanError(f"{name}: the timestamp {time[:40]!r} must be a number.")
+    return {(cells[0], cells[1]): cells[2] for cells in table}
 
 
 def _table(folder: ScanFolder, name: str, columns: int) -> list[list[str]]:
@@ -186,9 +193,11 @@ def _cameras(table: list[list[str]]) -> dict[str, Camera]:
     for sensor, _, kind, *cells in table:
         if kind not in ("camera", "depth") or not cells or cells[0] not in dict(MODELS):
             continue
-        width, height, *params = numbers(cells[1:], f"{SENSORS}: {sensor}")
         where = f"{SENSORS}: {sensor}"
-        cameras[sensor] = camera_of_colmap(cells[0], int(width), int(height), params, where)
+        if len(cells) < 3:
+            raise InvalidScanError(f"{where}: expected MODEL, WIDTH, HEIGHT, PARAMS.")
+        width, height = whole_numbers(cells[1:3], where)
+        cameras[sensor] = camera_of_colmap(cells[0], width, height, numbers(cells[3:], where), where)
     return cameras
 
 

@@ -25,6 +25,10 @@ Points = NDArray[np.float64]
 DXF_UNITS_M = {1: 0.0254, 2: 0.3048, 4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0, 10: 0.9144, 14: 0.1}
 MARGIN_PX = 10
 LINE_PX = 2
+# In drawing units. By hand: ten times the circumference of Earth in millimetres.
+MAX_COORDINATE = 1e11
+# What stands behind the end of files that old programs wrote.
+_PADDING = b"\0\x1a \t\r\n"
 DRAWN = frozenset(
     {"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "SOLID", "TRACE", "3DFACE"}
 )
@@ -32,6 +36,9 @@ DRAWN = frozenset(
 
 def draw_dxf(data: bytes, order: DrawOrder) -> tuple[Image.Image, Drawn]:
     """Return the picture of a drawing's model space, y up; raises `InvalidImageError`, `InvalidInputError`."""
+    if not data.rstrip(_PADDING).endswith(b"EOF"):
+        # The library reads what there is of a drawing, and walls would be missing without notice.
+        raise InvalidImageError("The DXF is cut short, it has no EOF at its end: copy or export it again.")
     try:
         document, _ = recover.read(io.BytesIO(data))
     except (DXFError, OSError, ValueError, IndexError, KeyError, AttributeError, TypeError) as error:
@@ -84,6 +91,8 @@ def _polylines(entities: list[DXFEntity], tolerance: float) -> Iterator[Points]:
     for entity in entities:
         try:
             path = ezdxf.path.make_path(entity)
+            if not _is_drawable([tuple(p.xyz) for p in path.control_vertices()]):
+                continue
             points = np.array([(p.x, p.y) for p in path.flattening(max(tolerance, 1e-9))])
         except (DXFError, ValueError, TypeError, ZeroDivisionError):
             continue
@@ -93,6 +102,17 @@ def _polylines(entities: list[DXFEntity], tolerance: float) -> Iterator[Points]:
         if count > OPTIONS.max_dxf_lines:
             raise InvalidImageError(_too_many())
         yield points
+
+
+def _is_drawable(points: list[tuple[float, float, float]]) -> bool:
+    """Whether the points (n, 3) that a line is made of are numbers: a curve of others would be divided without end.
+
+    Raises `InvalidImageError` for coordinates that no building has.
+    """
+    largest = float(np.abs(points).max()) if points else 0.0
+    if np.isfinite(largest) and largest > MAX_COORDINATE:
+        raise InvalidImageError(f"The DXF has a coordinate of {largest:.3g}: it is damaged, export it again.")
+    return bool(np.isfinite(largest))
 
 
 def _too_many() -> str:

@@ -46,8 +46,13 @@ def check_pixels(
     """Raise `ImageTooLargeError`, which says the remedy, for a picture of too many pixels."""
     if not width * height <= max_pixels:
         raise ImageTooLargeError(
-            f"The plan has {width:,.0f} x {height:,.0f} pixels, the limit is {max_pixels:,} in all; {remedy}."
+            f"The plan has {_shown(width)} x {_shown(height)} pixels, the limit is {max_pixels:,} in all; {remedy}."
         )
+
+
+def _shown(side: float) -> str:
+    """Return a number of pixels with all its digits, unless they are too many to be read."""
+    return f"{side:,.0f}" if side < 1e9 else f"{side:.3g}"
 
 
 def _plain(image: Image.Image) -> Image.Image:

@@ -50,6 +50,19 @@ OTHER_WORDS = ("infra", "ir/", "/ir", "fisheye", "left", "right", "confidence", 
 POSE_WORDS = ("camera", "pose", "odom")
 # Topics of poses that say where a robot is to go, or is told that it is.
 TOLD_POSES = ("goal", "initialpose", "initial_pose", "setpoint")
+# What the library raises for damaged files: it takes their numbers and keys as they are.
+_DAMAGE = (
+    AssertionError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    TypeError,
+    ValueError,
+)
+# Characters that an error shows of the library's own, which may quote a whole file. By hand: two lines.
+_MAX_REASON_CHARACTERS = 200
 # What librealsense records by itself: no poses, and depth that is not aligned although all frames have one name.
 _VIEWER = re.compile(r"/device_\d+/sensor_\d+/")
 OF_VIEWER = (
@@ -144,8 +157,20 @@ def _opened(directory: Path, scratch: Path | None) -> Iterator[Any]:
             AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader,
         ):
             yield reader
-    except (AnyReaderError, AssertionError, ValueError, KeyError, OSError) as error:
-        raise InvalidScanError(f"{bags[0].name} can't be read as a ROS bag: {error}.") from None
+    except (AnyReaderError, *_DAMAGE) as error:
+        name, remedy = bags[0].name, ""
+        if has_metadata and bags[0].suffix.lower() != ".bag":
+            remedy = f": copy it again, or send it without {METADATA} if that is what is damaged"
+            name = f"{name} with its {METADATA}"
+        raise InvalidScanError(
+            f"{name} can't be read as a ROS bag ({_reason(error, directory)}){remedy}."
+        ) from None
+
+
+def _reason(error: BaseException, directory: Path) -> str:
+    """Return what the library says in one line, without the server's folder."""
+    text = " ".join(str(error).replace(f"{directory}/", "").split()).rstrip(".")
+    return text[:_MAX_REASON_CHARACTERS] or type(error).__name__
 
 
 @contextmanager

@@ -102,7 +102,7 @@ def _is_header(row: Row, time: str, columns: _Columns) -> bool:
 def _timestamp(cell: str, where: str) -> float:
     (time,) = numbers([cell.replace(",", ".")], where)
     if not np.isfinite(time):
-        raise InvalidScanError(f"{where}: the timestamp {cell!r} must be a number of seconds.")
+        raise InvalidScanError(f"{where}: the timestamp {cell[:40]!r} must be a number of seconds.")
     return time
 
 

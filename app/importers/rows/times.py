@@ -36,6 +36,11 @@ class TimeOptions:
         "A unit in which rows are farther apart is not the unit of the list.",
         chosen="By hand: a scan of fewer frames has no two that show one place.",
     )
+    max_ratio: float = limit(
+        100.0,
+        "A time of more than this ratio of the list's median is damaged.",
+        chosen="By hand: of evenly spaced rows the last has twice the median; units differ by 1000.",
+    )
     min_epoch_s: float = limit(
         3e8, "Seconds since 1970 are later than this.", chosen="By hand: 1979, before any digital camera."
     )
@@ -61,7 +66,7 @@ def in_seconds(times: Times) -> TimesInSeconds:
     Times that are too large for seconds are milli-, micro- or nanoseconds: of the units in which rows are apart as
     those of a scan are, the one in which they are seconds since 1970, else the largest.
     """
-    finite = times[np.isfinite(times)]
+    finite = _without_strays(times[np.isfinite(times)])
     largest = float(np.abs(finite).max()) if len(finite) else 0.0
     if largest < LARGEST_SECONDS:
         return TimesInSeconds(times)
@@ -79,6 +84,13 @@ def in_seconds(times: Times) -> TimesInSeconds:
     ]
     unit = next(iter([*since_1970, *fitting]), None)
     return TimesInSeconds(times) if unit is None else TimesInSeconds(times / UNITS_PER_S[unit], unit)
+
+
+def _without_strays(times: Times) -> Times:
+    """Return the times but those so far above the usual one that they are no times of this list: the unit of all rows
+    is not to hang on a damaged one."""
+    usual = float(np.median(np.abs(times))) if len(times) else 0.0
+    return times[np.abs(times) <= OPTIONS.max_ratio * usual] if usual > 0 else times
 
 
 def check_distinct(lists: dict[str, Times]) -> None:

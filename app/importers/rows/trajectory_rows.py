@@ -117,7 +117,7 @@ def _check_times(times: Array, lines: list[Row], cells: list[list[str]], name: s
     wrong = np.flatnonzero(~np.isfinite(times))
     if len(wrong):
         where, cell = f"{name} line {lines[wrong[0]].line}", cells[wrong[0]][0]
-        raise InvalidScanError(f"{where}: the timestamp {cell!r} must be a number of seconds.")
+        raise InvalidScanError(f"{where}: the timestamp {cell[:40]!r} must be a number of seconds.")
 
 
 def _check_quaternions(quaternions: Array, lines: list[Row], name: str) -> None:

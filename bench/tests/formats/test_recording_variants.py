@@ -194,3 +194,25 @@ def test_a_database_of_an_old_version_of_rtabmap_says_what_to_do(tmp_path: Path)
         InvalidScanError, match=r"older than those that are read .*newer RTAB-Map and save it, or"
     ):
         open_scan(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "<html>", "rosbag2_bagfile_information:\n  version: NaN\n", "a:\n b\n c: d:"]
+)
+def test_damaged_metadata_of_a_bag_is_named_in_one_line(tmp_path: Path, text: str) -> None:
+    folder = recordings.ros2_mcap(tiny_scan(), tmp_path / "scan")
+    (folder / "metadata.yaml").write_text(text)
+    with pytest.raises(InvalidScanError, match=r"scan\.mcap with its metadata\.yaml can't be read") as raised:
+        open_scan(folder)
+    assert str(tmp_path) not in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("offset", [12, 16])
+def test_lengths_of_a_damaged_bag_are_no_exception_of_memory(tmp_path: Path, offset: int) -> None:
+    folder = recordings.ros2_mcap(tiny_scan(), tmp_path / "scan")
+    data = bytearray((folder / "scan.mcap").read_bytes())
+    data[offset : offset + 4] = b"\xff" * 4
+    (folder / "scan.mcap").write_bytes(data)
+    with pytest.raises(InvalidScanError, match=r"scan\.mcap .*can't be read as a ROS bag"):
+        open_scan(folder)

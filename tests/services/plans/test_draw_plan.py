@@ -51,6 +51,33 @@ def test_a_small_file_that_draws_without_end_is_given_up(tmp_path: Path, name: s
     assert not any((tmp_path / "scratch").iterdir())
 
 
+def with_circle(folder: Path, height: str = "7.75", radius: str = "1.625") -> bytes:
+    """Return a DXF of a line and a circle, whose numbers are written as given."""
+    made = ezdxf.new()
+    made.modelspace().add_line((0, 0), (5, 5))
+    made.modelspace().add_circle((1, 1, 7.75), 1.625)
+    data = dxf(folder, document=made)
+    assert (data.count(b"\n7.75\n"), data.count(b"\n1.625\n")) == (1, 1)
+    return data.replace(b"\n7.75\n", f"\n{height}\n".encode()).replace(b"\n1.625\n", f"\n{radius}\n".encode())
+
+
+def test_a_cut_dxf_is_refused_and_padding_is_not(tmp_path: Path) -> None:
+    data, order = with_circle(tmp_path), DrawOrder(kind="dxf", units="m", meters_per_pixel=0.1)
+    whole = draw_plan(data + b"\r\n\x1a", order, tmp_path / "scratch")
+    assert whole.drawn.width_px > 50
+    for share in (0.5, 0.95):
+        with pytest.raises(InvalidImageError, match="cut short, it has no EOF"):
+            draw_plan(data[: int(share * len(data))], order, tmp_path / "scratch")
+
+
+def test_numbers_that_are_none_in_a_dxf_take_no_time(tmp_path: Path) -> None:
+    order = DrawOrder(kind="dxf", units="m", meters_per_pixel=0.1, timeout_s=20.0)
+    drawn = draw_plan(with_circle(tmp_path, height="nan"), order, tmp_path / "scratch")
+    assert drawn.drawn.width_px > 50
+    with pytest.raises(InvalidImageError, match=r"a coordinate of .*e\+20: it is damaged"):
+        draw_plan(with_circle(tmp_path, radius="1e20"), order, tmp_path / "scratch")
+
+
 @pytest.mark.parametrize(
     ("data", "kind"),
     [

@@ -76,6 +76,11 @@ class ExamineOptions:
 
 
 OPTIONS = ExamineOptions()
+BLANK_DEPTH = Finding(
+    code="blank_depth",
+    sentence="The depth images are blank where the pictures show anything: check depth_scale, the depth images and "
+    "those of their confidence, or send the scan without any depth image.",
+)
 
 
 def examine_scan(
@@ -122,6 +127,8 @@ def _judge(
     still = _frozen(evidence, scan, poses)
     if still and still[0].severity == "wrong":
         return _examined(evidence, None, None, still)
+    if scan.has_depth and not (evidence.first_m.any() or evidence.second_m.any()):
+        return _examined(evidence, None, None, [*still, BLANK_DEPTH])
     start = State(
         convention=options.convention,
         camera=scan.camera,

@@ -48,7 +48,8 @@ def path_picture(positions: Array, directions: Array, keyframes: Iterable[int]) 
 
 
 def _grid(middle: Array, extent: float, px_per_m: float) -> list[str]:
-    step = next((step for step in GRID_STEPS_M if extent / step <= MAX_GRID_LINES), GRID_STEPS_M[-1])
+    # A path longer than any building, by damaged poses, has as few lines as others.
+    step = next((step for step in GRID_STEPS_M if extent / step <= MAX_GRID_LINES), extent / MAX_GRID_LINES)
     parts = []
     half = SIDE_PX / 2 / px_per_m
     for axis in (0, 1):

@@ -57,6 +57,14 @@ OPTIONS = PictureOptions()
 STILL = Pose.identity()
 
 
+# Why photos are left out, as a sentence says it.
+IN_WORDS = {
+    "unreadable_file": "damaged or no pictures at all",
+    "poor_image": "black, white or without contrast",
+    "other_size": "of another size than most",
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChosenPictures:
     """A scan of the chosen frames, whose poses mean nothing yet.
@@ -99,11 +107,25 @@ def choose_pictures(
     else:
         chosen = _of_photos(replace(unposed, photos=unposed.photos[:most]), progress)
     if len(chosen.scan.frames) < min_frames:
-        raise InvalidScanError(
-            f"Of {chosen.total} pictures {len(chosen.scan.frames)} differ enough from each other to be used, and a map "
-            f"needs {min_frames}: walk through the place while filming, or take more photos."
-        )
+        raise InvalidScanError(_too_few(chosen, min_frames))
     return chosen
+
+
+def _too_few(chosen: ChosenPictures, min_frames: int) -> str:
+    """Return the sentence on too few pictures, which names what was left out for another reason than its view."""
+    count, left_out = len(chosen.scan.frames), chosen.scan.discarded
+    if not left_out:
+        return (
+            f"Of {chosen.total} pictures {count} differ enough from each other to be used, and a map needs "
+            f"{min_frames}: walk through the place while filming, or take more photos."
+        )
+    reasons = ", ".join(
+        f"{len(names)} {IN_WORDS.get(reason, reason)}, {names[0]} first" for reason, names in left_out.items()
+    )
+    return (
+        f"Of {chosen.total} pictures {count} can be used, and a map needs {min_frames}; left out are {reasons}: send "
+        "these anew, or take more photos."
+    )
 
 
 def frame_time_s(name: str) -> float | None:
@@ -194,7 +216,10 @@ def _of_photos(unposed: UnposedScan, progress: Progress) -> ChosenPictures:
         frame = _frame(path.name, times_s.get(path.name, float(number)), color, files.blank_depth(*size))
         frames.append((frame, size, (rgb.shape[1], rgb.shape[0])))
     if not frames:
-        raise InvalidScanError(f"None of the {len(unposed.photos)} photos can be used: {_counts(discarded)}.")
+        raise InvalidScanError(
+            f"None of the {len(unposed.photos)} photos can be used: {_counts(discarded)}, "
+            f"{unposed.photos[0].name} first."
+        )
     (size, original), _ = Counter((size, original) for _, size, original in frames).most_common(1)[0]
     kept = [frame for frame, own, _ in frames if own == size]
     others = [frame for frame, own, _ in frames if own != size]

@@ -71,3 +71,8 @@ def test_depth_aside_is_moved_back(shift: tuple[int, int], views: list[View], tm
     assert [finding.code for finding in found.wrong] == ["depth_shift"]
     assert found.remedy is not None
     assert found.remedy["depth_shift_px"] == pytest.approx([-shift[0], -shift[1]], abs=2)
+
+
+def test_blank_depth_is_refused(views: list[View], tmp_path: Path) -> None:
+    found = examined(write(scan_files(with_depths(views, each(lambda depth_m: 0.0 * depth_m))), tmp_path))
+    assert ([finding.code for finding in found.wrong], found.remedy) == (["blank_depth"], None)
