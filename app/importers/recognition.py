@@ -43,9 +43,9 @@ PARTS: Mapping[str, tuple[Part, ...]] = {
         ("sensors/trajectories.txt", r"sensors/trajectories\.txt"),
     ),
     "colmap": (
-        ("cameras.txt or cameras.bin", r"(?:sparse/(?:0/)?)?cameras\.(?:txt|bin)"),
-        ("images.txt or images.bin", r"(?:sparse/(?:0/)?)?images\.(?:txt|bin)"),
-        ("images", r"(?:images?|rgb|color)/.+\.(?:jpe?g|png)"),
+        ("cameras.txt or cameras.bin", r"(?:sparse/(?:0/)?|colmap/)?cameras\.(?:txt|bin)"),
+        ("images.txt or images.bin", r"(?:sparse/(?:0/)?|colmap/)?images\.(?:txt|bin)"),
+        ("images", r"(?:images?|rgb|color|resized_images)/.+\.(?:jpe?g|png)"),
     ),
     "12scenes": (
         ("info.txt", r"_?info\.txt"),

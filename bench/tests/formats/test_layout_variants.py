@@ -17,6 +17,7 @@ from app.errors import InvalidScanError
 from app.geometry.camera import Camera
 from app.geometry.camera_hint import CameraHint
 from app.importers.frames import ScanOptions
+from app.importers.recognition import recognised
 from app.importers.registry import open_scan
 from bench.formats import layouts
 from bench.tests.formats.changes import CX, CY, FX, FY, Change, both, each_frame, edited, top
@@ -208,6 +209,8 @@ def test_a_colmap_model_of_scannet_plus_plus(tmp_path: Path) -> None:
     (folder / "nerfstudio").mkdir()
     (folder / "nerfstudio/transforms.json").write_text(json.dumps({"frames": frames}))
     assert_is(open_scan(tmp_path), tiny_scan())
+    (found,) = recognised(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*"))
+    assert (found.format, found.folder, found.missing) == ("colmap", "scene/dslr", ())
 
 
 def test_of_several_colmap_models_the_largest_is_read(tmp_path: Path) -> None:
