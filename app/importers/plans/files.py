@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -56,12 +57,26 @@ class PlanFiles:
 def json_object(name: str, data: bytes) -> Mapping[str, Any]:
     """Return the JSON object in a file's bytes; raises `InvalidInputError` that names the file."""
     try:
-        value = json.loads(data.decode("utf-8-sig"))
+        text = data.decode("utf-8-sig")
+        value = json.loads(text, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
     except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"{name} is not JSON: {error}.") from None
     if not isinstance(value, Mapping):
         raise InvalidInputError(f"{name} must hold a JSON object.")
     return value
+
+
+def _finite(digits: str) -> float:
+    """Return a number of JSON; raises `ValueError` for one that is none, as outlines would take it for a place."""
+    value = float(digits)
+    if not math.isfinite(value):
+        raise ValueError(f"{digits[:20]} is no number that can be used")
+    return value
+
+
+def _whole(digits: str) -> int:
+    _finite(digits)
+    return int(digits)
 
 
 def open_plan_files(path: Path) -> PlanFiles:

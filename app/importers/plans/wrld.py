@@ -186,7 +186,7 @@ def _landmarks(
             (shapely.Polygon(_metres(area["geometry"]["coordinates"][0], origin)), area["properties"]["name"])
             for area in areas
         ]
-    except (KeyError, TypeError, ValueError, IndexError):
+    except (KeyError, TypeError, ValueError, IndexError, shapely.errors.ShapelyError):
         raise InvalidInputError("A room or path of the indoor map has no valid GeoJSON geometry.") from None
     tree = shapely.STRtree(lines)
     loose: list[tuple[list[float], str]] = []
@@ -194,7 +194,7 @@ def _landmarks(
         for position in (path["geometry"]["coordinates"][0], path["geometry"]["coordinates"][-1]):
             near = tree.query(_point(position, origin), predicate="dwithin", distance=OPTIONS.same_point_m)
             if set(near.tolist()) <= {own}:
-                loose.append((position, path["properties"]["name"] or "Path"))
+                loose.append((position, path["properties"].get("name") or "Path"))
     for way in ways:
         loose.append((way["geometry"]["coordinates"][0], MODE_WORDS[way["properties"]["mode"]]))
     taken: set[str] = set()

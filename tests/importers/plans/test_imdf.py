@@ -209,7 +209,12 @@ def test_two_buildings_of_one_ordinal_share_a_floor(tmp_path: Path) -> None:
 DAMAGED: dict[str, tuple[str, Any, str]] = {
     "no levels": ("level", [], "no level"),
     "an ordinal of text": ("level", [entry("level", "x", None, ordinal="a")], "ordinal"),
-    "an ordinal that is no number": ("level", [entry("level", "x", None, ordinal=float("nan"))], "ordinal"),
+    "an ordinal that is no number": ("level", [entry("level", "x", None, ordinal="x")], "ordinal"),
+    "a number that is none": (
+        "level",
+        [entry("level", "x", None, ordinal=float("nan"))],
+        "level.geojson is not JSON",
+    ),
     "features of text": ("unit", ["a"], "FeatureCollection"),
     "a unit without outline": ("unit", [entry("unit", "x", None, level_id=GROUND)], "Unit x needs a Polygon"),
     "a unit of two points": (

@@ -180,6 +180,7 @@ DAMAGED = {
     ),
     "cut off": ("<osm><node id='1'", "no OSM XML"),
     "no number": ("<osm><node id='1' lat='x' lon='2'/></osm>", "no OSM XML"),
+    "NaN for a place": ("<osm><node id='1' lat='nan' lon='2'/></osm>", "no OSM XML"),
     "a tag outside": ("<osm><nd ref='1'/></osm>", "no OSM XML"),
     "no level": ("<osm><node id='1' lat='1' lon='2'><tag k='name' v='a'/></node></osm>", "has a level"),
     "far away": (

@@ -69,6 +69,9 @@ DAMAGED: dict[str, tuple[dict[str, Any], str]] = {
     "no level": ({k: v for k, v in files().items() if k != "l1.geojson"}, "no l1.geojson"),
     "not JSON": ({**files(), "l0.geojson": "{"}, "l0.geojson is not JSON"),
     "nested": ({**files(), "l0.geojson": "[" * 100_000}, "l0.geojson is not JSON"),
+    "a number that is none": ({**files(), "l0.geojson": '{"features": [NaN]}'}, "l0.geojson is not JSON"),
+    "too many digits": ({**files(), "main.json": '{"id": ' + "9" * 400 + "}"}, "main.json is not JSON"),
+    "beyond the largest number": ({**files(), "main.json": '{"id": 1e999}'}, "main.json is not JSON"),
     "a list": ({**files(), "main.json": []}, "JSON object"),
     "no location": (changed("main.json", "location", None), "location"),
     "words for a location": (changed("main.json", "location", {"coordinates": ["a", "b"]}), "location"),
@@ -112,3 +115,12 @@ def test_damaged_maps_are_refused_with_a_reason(tmp_path: Path, case: str) -> No
     values, hint = DAMAGED[case]
     with pytest.raises(InvalidInputError, match=hint):
         wrld.read(open_plan_files(write(tmp_path, values)))
+
+
+def test_outlines_of_one_place_are_refused(tmp_path: Path) -> None:
+    values = files()
+    for room in values["l0.geojson"]["features"]:
+        ring = room["geometry"]["coordinates"][0]
+        room["geometry"]["coordinates"] = [[ring[0]] * len(ring)]
+    with pytest.raises(InvalidInputError, match="valid GeoJSON geometry"):
+        wrld.read(open_plan_files(write(tmp_path / "outlines", values)))

@@ -86,4 +86,7 @@ def _shape(geometry: Any, what: str) -> shapely.Geometry:
 
 
 def _positions(coordinates: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([[float(x), float(y)] for x, y, *_ in coordinates], dtype=np.float64)
+    positions = np.array([[float(x), float(y)] for x, y, *_ in coordinates], dtype=np.float64)
+    if not np.isfinite(positions).all():
+        raise ValueError("a position needs numbers")
+    return positions

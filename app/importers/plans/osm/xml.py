@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
@@ -57,7 +58,10 @@ def _parsed(name: str, data: bytes) -> _Document:
         if tag in ("node", "way", "relation"):
             current = tag, attributes["id"]
             if tag == "node":
-                document.nodes[current[1]] = float(attributes["lon"]), float(attributes["lat"])
+                lon, lat = float(attributes["lon"]), float(attributes["lat"])
+                if not (math.isfinite(lon) and math.isfinite(lat)):
+                    raise ValueError(f"node {current[1]} has no place")
+                document.nodes[current[1]] = lon, lat
             elif tag == "way":
                 document.ways[current[1]] = []
             else:
