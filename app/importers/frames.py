@@ -49,13 +49,13 @@ class Frame:
 class DepthFormat:
     """How the depth files are to be read.
 
-    `scale` is in units per metre for images of integers, `float_scale` for images of floats; `is_stated` is false where
-    nothing but the format's usual unit says so. Without `camera` the
-    depth is registered to the colour image, pixel by pixel; with it, the depth has a camera of its own, and
-    `color_from_depth` moves points to the colour camera. `swap_bytes` exchanges the two bytes of each value of 16 bits;
-    `along_rays` says that the values are distances along the rays, not along the optical axis; `shift_px` moves the
-    registered depth to the right and down. `confidence` maps a depth file to the image of its pixels' confidence, in
-    the depth's own pixels; depth of low confidence, 0, is invalid.
+    `scale` is in units per metre for images of integers, `float_scale` for images of floats; `is_stated` is false
+    where nothing but the format's usual unit says so. Without `camera` the depth is registered to the colour image,
+    pixel by pixel; with it, the depth has a camera of its own, and `color_from_depth` moves points to the colour
+    camera. `swap_bytes` exchanges the two bytes of each value of 16 bits; `along_rays` says that the values are
+    distances along the rays, not along the optical axis; `shift_px` moves the registered depth to the right and
+    down. `confidence` maps a depth file to the image of its pixels' confidence, in the depth's own pixels; depth of
+    low confidence, 0, is invalid.
     """
 
     scale: float

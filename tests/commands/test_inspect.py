@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.engine.mapping.inspection import unposed
-from tests.importers.test_unposed import write_video
+from tests.importers.scans import write_video
 
 
 def told_of(video: Path) -> dict[str, Any]:
@@ -50,3 +50,13 @@ def test_there_is_no_picture_of_a_path_that_is_not_known(tmp_path: Path) -> None
     asked = CliRunner().invoke(app, ["inspect", str(video), "--picture", str(tmp_path / "path.svg")])
     assert asked.exit_code != 0
     assert not (tmp_path / "path.svg").exists()
+
+
+def test_of_a_long_video_a_start_that_stands_still_is_no_reason_to_refuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = write_video(tmp_path / "still.mp4", frames=40, step_px=0)
+    refused = CliRunner().invoke(app, ["inspect", str(still)])
+    assert "Of 40 pictures 1 differ enough" in str(refused.exception)
+    monkeypatch.setattr(unposed, "OPTIONS", replace(unposed.OPTIONS, frames=12))
+    assert told_of(still)["frames"] == 40

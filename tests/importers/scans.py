@@ -79,3 +79,14 @@ def write_seven_scenes(folder: Path, numbers: list[int] | None = None) -> Path:
         matrix[0, 3] = number / 100
         np.savetxt(stem.with_suffix(".pose.txt"), matrix, fmt="%.7e", delimiter="\t")
     return folder
+
+
+def write_video(path: Path, frames: int = 12, step_px: int = 8) -> Path:
+    """A video of a printed band that moves to the left."""
+    rng = np.random.default_rng(0)
+    band = np.kron(rng.integers(0, 255, (20, 100, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (320, 160))
+    for number in range(frames):
+        writer.write(band[:, number * step_px : number * step_px + 320])
+    writer.release()
+    return path

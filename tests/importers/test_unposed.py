@@ -17,20 +17,9 @@ from app.importers.frames import ScanOptions
 from app.importers.recognition import recognised
 from app.importers.registry import open_scan, open_unposed
 from app.importers.unposed.recording import RecordingWriter
-from tests.importers.scans import INTRINSICS, write_color, write_seven_scenes, write_tum
+from tests.importers.scans import INTRINSICS, write_color, write_seven_scenes, write_tum, write_video
 
 ESTIMATE = ScanOptions(estimate_poses=True)
-
-
-def write_video(path: Path, frames: int = 12, step_px: int = 8) -> Path:
-    """A video of a printed band that moves to the left."""
-    rng = np.random.default_rng(0)
-    band = np.kron(rng.integers(0, 255, (20, 100, 3)), np.ones((8, 8, 1))).astype(np.uint8)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (320, 160))
-    for number in range(frames):
-        writer.write(band[:, number * step_px : number * step_px + 320])
-    writer.release()
-    return path
 
 
 def test_a_lone_video_needs_no_option(tmp_path: Path) -> None:

@@ -116,17 +116,16 @@ class PlannedBuildBody(BaseModel):
     keyframes: int | None = Field(description="By the pose rule, before blurred ones are left out")
     supporting_frames: int | None
     points: str
-    plan_positions: bool = Field(description="Whether answers would have a place on the floor plan")
+    plan_positions: bool = Field(
+        description="Whether answers would have a place on the floor plan; of pictures without poses, if up is found"
+    )
     pictures: int | None = Field(
-        None,
         description="About how many poses would be estimated, by the first pictures; null for a scan with poses",
     )
     camera: str | None = Field(
-        None,
         description="What is known of their camera: `given`, `exif`, or `guess`, which is calibrated by the pictures",
     )
     scale: str | None = Field(
-        None,
         description="What their scale would be taken from: `distance`, `marker`, `camera_height`, `correspondences` or "
         "`depth`; null for none",
     )

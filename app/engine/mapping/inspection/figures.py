@@ -11,40 +11,10 @@ from numpy.typing import NDArray
 from app.geometry.alignment import world_from_scan_by_gravity
 from app.geometry.camera import Camera
 from app.geometry.se3 import Pose
+from app.importers.depth_figures import DepthFigures, depth_figures
 from app.importers.frames import Scan
-from app.limits import limit
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FigureOptions:
-    """How many frames are read for the figures."""
-
-    depth_images: int = limit(
-        10, "Depth images that are read for what the sensor reaches.", chosen="By hand: they take a second."
-    )
-
-
-OPTIONS = FigureOptions()
-
-
-@dataclass(frozen=True, slots=True)
-class DepthFigures:
-    """Width and height of depth images, the `share` of pixels that have depth, and percentiles 5, 50, 95 of it."""
-
-    size: tuple[int, int]
-    share: float
-    percentiles_m: tuple[float, float, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON, rounded."""
-        return {
-            "width": self.size[0],
-            "height": self.size[1],
-            "share_of_pixels": round(self.share, 3),
-            "percentiles_m": [round(value, 2) for value in self.percentiles_m],
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,18 +93,3 @@ def sensors_dict(camera: Camera, depth: DepthFigures | None) -> dict[str, Any]:
         },
         "depth": None if depth is None else depth.as_dict(),
     }
-
-
-def depth_figures(scan: Scan) -> DepthFigures | None:
-    """Return what some depth images of a scan, evenly spread, hold; None for a scan without depth."""
-    if not scan.has_depth:
-        return None
-    source = scan.depth.camera or scan.camera
-    size = source.width, source.height
-    step = max(1, len(scan.frames) // OPTIONS.depth_images)
-    depth_m = np.concatenate([scan.depth_m(frame).ravel() for frame in scan.frames[::step]])
-    known = depth_m[depth_m > 0]
-    if not len(known):
-        return DepthFigures(size, 0.0, (0.0, 0.0, 0.0))
-    low, middle, high = np.percentile(known, [5, 50, 95]).tolist()
-    return DepthFigures(size, len(known) / len(depth_m), (low, middle, high))

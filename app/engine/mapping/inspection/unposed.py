@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.engine.mapping.inspection.figures import DepthFigures, depth_figures, rate_hz, sensors_dict
+from app.engine.mapping.inspection.figures import rate_hz, sensors_dict
 from app.engine.mapping.options import BuildOptions
 from app.engine.mapping.structure.chosen import ChosenPictures, choose_pictures
 from app.engine.mapping.structure.depth.unit import doubts_of_unit
@@ -16,6 +16,7 @@ from app.engine.mapping.structure.reconstruction import OPTIONS as RECONSTRUCTIO
 from app.engine.mapping.structure.reconstruction import check_installed
 from app.engine.mapping.structure.scale_options import kind_of
 from app.engine.progress import Progress
+from app.importers.depth_figures import DepthFigures, depth_figures
 from app.importers.phones.video import open_video
 from app.importers.unposed.scan import UnposedScan
 from app.limits import limit
@@ -90,9 +91,10 @@ def inspect_unposed(unposed: UnposedScan, options: BuildOptions, progress: Progr
     check_installed()
     frames, duration_s, rate = _extent(unposed)
     most = OPTIONS.photos if unposed.photos else OPTIONS.frames
-    # What comes after the first pictures may differ more.
-    least = RECONSTRUCTION.min_frames if frames <= most else 1
-    chosen = choose_pictures(unposed, (), least, progress, most=most)
+    chosen = choose_pictures(unposed, (), RECONSTRUCTION.min_frames, progress, most=most)
+    if chosen.total < most:
+        # The header of a video may say more than is there.
+        frames = chosen.total
     depth = depth_figures(chosen.scan)
     scale = kind_of(options.scale) or (None if depth is None else "depth")
     notes = chosen.scan.notes
@@ -100,8 +102,8 @@ def inspect_unposed(unposed: UnposedScan, options: BuildOptions, progress: Progr
         notes = (*notes, f"The first {chosen.total} of {frames} pictures were looked at.")
     if scale is None:
         notes = (*notes, WITHOUT_SCALE)
-    elif scale == "depth":
-        notes = (*notes, *doubts_of_unit(chosen.scan))
+    elif scale == "depth" and depth is not None:
+        notes = (*notes, *doubts_of_unit(depth, chosen.scan.depth))
     return UnposedInspection(
         format=unposed.format,
         frames=max(frames, chosen.total),

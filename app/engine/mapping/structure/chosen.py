@@ -97,7 +97,7 @@ def choose_pictures(
     have to be among them.
 
     With `most` only so many pictures from the first on are looked at. Raises `InvalidScanError` for a video that ends
-    before its first picture, and for fewer than `min_frames` pictures.
+    before its first picture, and for fewer than `min_frames` pictures, unless there may be more after `most`.
     """
     if unposed.video is not None:
         chosen = _of_video(unposed, open_video(unposed.video), wanted, most, progress)
@@ -106,7 +106,7 @@ def choose_pictures(
         chosen = _of_listed(looked_at, wanted, progress)
     else:
         chosen = _of_photos(replace(unposed, photos=unposed.photos[:most]), progress)
-    if len(chosen.scan.frames) < min_frames:
+    if len(chosen.scan.frames) < min_frames and chosen.total != most:
         raise InvalidScanError(_too_few(chosen, min_frames))
     return chosen
 

@@ -32,6 +32,7 @@ from app.engine.maps.vision_models import VisionModels
 from app.engine.progress import Progress
 from app.errors import InvalidScanError
 from app.geometry.se3 import Pose
+from app.importers.depth_figures import depth_figures
 from app.importers.frames import Scan
 from app.importers.unposed.scan import UnposedScan
 from app.limits import limit
@@ -108,7 +109,8 @@ def estimate_poses(
     check_installed()
     chosen = choose_pictures(unposed, frames_of(scale), RECONSTRUCTION.min_frames, progress)
     scan = chosen.scan
-    doubts = doubts_of_unit(scan) if scale is None and scan.has_depth else ()
+    measured = depth_figures(scan) if scale is None else None
+    doubts = () if measured is None else doubts_of_unit(measured, scan.depth)
     matched = match_pictures(chosen, models, executor, progress)
 
     @lru_cache(maxsize=OPTIONS.cached_pictures)

@@ -15,6 +15,7 @@ from app.engine.mapping.structure.estimate import estimate_poses
 from app.engine.mapping.structure.scale_options import KnownMarker
 from app.engine.progress import NoProgress
 from app.errors import CancelledBuildError, InvalidScanError
+from app.importers.depth_figures import depth_figures
 from app.importers.frames import Scan, ScanOptions
 from app.importers.registry import open_scan
 from app.importers.unposed.scan import UnposedScan
@@ -42,6 +43,12 @@ def executor() -> Iterator[ThreadPoolExecutor]:
         yield threads
 
 
+def doubts(scan: Scan) -> tuple[str, ...]:
+    measured = depth_figures(scan)
+    assert measured is not None
+    return doubts_of_unit(measured, scan.depth)
+
+
 def read_by(scan: Scan, scale: float, is_stated: bool) -> Scan:
     return replace(scan, depth=replace(scan.depth, scale=scale, is_stated=is_stated))
 
@@ -56,23 +63,23 @@ def test_a_unit_is_stated_by_the_options_or_the_files(scan: Scan, tmp_path: Path
 
 @pytest.mark.parametrize("is_stated", [True, False])
 def test_depths_as_in_rooms_are_not_doubted(scan: Scan, is_stated: bool) -> None:
-    assert doubts_of_unit(read_by(scan, DEPTH_SCALE, is_stated)) == ()
+    assert doubts(read_by(scan, DEPTH_SCALE, is_stated)) == ()
 
 
 @pytest.mark.parametrize(("scale", "than"), [(NEARER, "nearer than 0."), (FARTHER, "farther than ")])
 def test_other_depths_are_doubted_and_refused_where_nobody_stated_the_unit(
     scan: Scan, scale: float, than: str
 ) -> None:
-    (said,) = doubts_of_unit(read_by(scan, scale, is_stated=True))
+    (said,) = doubts(read_by(scan, scale, is_stated=True))
     assert said.startswith(f"Check depth_scale: half of what the depth images measure is {than}")
     with pytest.raises(InvalidScanError, match="unit of the depth images is not stated"):
-        doubts_of_unit(read_by(scan, scale, is_stated=False))
+        doubts(read_by(scan, scale, is_stated=False))
 
 
 def test_blank_depth_images_have_no_unit(scan: Scan, monkeypatch: pytest.MonkeyPatch) -> None:
     blank = np.zeros((CAMERA.height, CAMERA.width), np.float32)
     monkeypatch.setattr(Scan, "depth_m", lambda *_: blank)
-    assert doubts_of_unit(read_by(scan, NEARER, is_stated=False)) == ()
+    assert doubts(read_by(scan, NEARER, is_stated=False)) == ()
 
 
 class UntilMatched:

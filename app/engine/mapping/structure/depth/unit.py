@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from app.errors import InvalidScanError
-from app.importers.frames import Scan
+from app.importers.depth_figures import DepthFigures
+from app.importers.frames import DepthFormat
 from app.limits import limit
 
 
@@ -15,7 +14,6 @@ from app.limits import limit
 class UnitOptions:
     """Depths that are doubted."""
 
-    depth_images: int = limit(10, "Depth images that are read.", chosen="By hand: they take a second.")
     near_m: float = limit(
         0.5,
         "Median depth in metres below which the unit of the depth images is doubted.",
@@ -31,20 +29,17 @@ class UnitOptions:
 OPTIONS = UnitOptions()
 
 
-def doubts_of_unit(scan: Scan) -> tuple[str, ...]:
+def doubts_of_unit(measured: DepthFigures, depth: DepthFormat) -> tuple[str, ...]:
     """Return a sentence where half of the depths are nearer or farther than a sensor in a room measures, else nothing.
 
     Raises `InvalidScanError` where the unit was not stated either.
     """
-    step = max(1, len(scan.frames) // OPTIONS.depth_images)
-    depth_m = np.concatenate([scan.depth_m(frame).ravel() for frame in scan.frames[::step]])
-    known = depth_m[depth_m > 0]
-    median_m = float(np.median(known)) if len(known) else OPTIONS.near_m
-    if OPTIONS.near_m <= median_m < OPTIONS.far_m:
+    median_m = measured.median_m
+    if measured.share == 0 or OPTIONS.near_m <= median_m < OPTIONS.far_m:
         return ()
     than = "nearer" if median_m < OPTIONS.near_m else "farther"
-    by = f"half of what the depth images measure is {than} than {median_m:.2g} m by {scan.depth.scale:g} per metre"
-    if scan.depth.is_stated:
+    by = f"half of what the depth images measure is {than} than {median_m:.2g} m by {depth.scale:g} per metre"
+    if depth.is_stated:
         return (f"Check depth_scale: {by}.",)
     raise InvalidScanError(
         f"The unit of the depth images is not stated, and {by}, which is usual for this format. Give depth_scale, "
