@@ -87,7 +87,8 @@ def test_a_scan_beside_its_model_is_read_and_the_model_left_out(tmp_path: Path) 
         (b"Rar!\x1a\x07\x01\x00" + bytes(900), "a RAR archive.*send a zip"),
         (b"\x28\xb5\x2f\xfd" + bytes(900), "compressed by zstd"),
         (b"PK\x07\x08PK\x03\x04" + bytes(900), "split: join the parts"),
-        (gzip.compress(b"#ROSBAG V2.0\n" + bytes(9000)), "holds no tar archive.*unpack it"),
+        # Without the present time, by which processes that collect tests would differ.
+        (gzip.compress(b"#ROSBAG V2.0\n" + bytes(9000), mtime=0), "holds no tar archive.*unpack it"),
         (bz2.compress(b"7 numbers" * 2000), "holds no tar archive.*unpack it"),
         (b"\x89PNG\r\n\x1a\n" + bytes(900), "a single picture: send three or more photos"),
         (b"\xff\xd8\xff\xe0" + bytes(900), "a single picture"),
